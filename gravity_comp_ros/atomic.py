@@ -1,0 +1,77 @@
+"""Files that are either old or new, never half."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import tempfile
+
+from gravity_comp_ros.errors import GravityCompError
+
+
+def write_atomically(path: Path, data: bytes, error: type[GravityCompError]) -> None:
+    """
+    Write `data` to `path` so that a reader, or a crash, sees the old file or the new one.
+
+    :raises error: if the folder is missing, the disk is full, or writing is not permitted;
+        the old file is then untouched.
+    """
+    with replacing(path, error) as temporary:
+        with temporary.open('wb') as stream:
+            stream.write(data)
+
+
+@contextmanager
+def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
+    """
+    Yield the path of a temporary file that replaces `path` when the block ends well.
+
+    The temporary file lies in the same folder, because a rename is atomic only within a file
+    system; it is flushed to disk before the rename, and removed if anything fails.
+
+    :raises error: as `write_atomically`.
+    """
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+        os.close(handle)
+    except OSError as problem:
+        raise error(_sentence(path, problem)) from problem
+    temporary = Path(name)
+    try:
+        yield temporary
+        _flush_to_disk(temporary, os.O_RDWR)
+        _keep_mode(path, temporary)
+        os.replace(temporary, path)
+        _flush_to_disk(path.parent, os.O_RDONLY)
+    except OSError as problem:
+        raise error(_sentence(path, problem)) from problem
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _flush_to_disk(path: Path, mode: int) -> None:
+    handle = os.open(path, mode)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _keep_mode(path: Path, temporary: Path) -> None:
+    """Give the new file the old one's permissions, or what the user's umask says."""
+    if path.exists():
+        temporary.chmod(path.stat().st_mode & 0o777)
+        return
+    umask = os.umask(0)
+    os.umask(umask)
+    temporary.chmod(0o666 & ~umask)
+
+
+def _sentence(path: Path, problem: OSError) -> str:
+    reason = problem.strerror or type(problem).__name__
+    return f'cannot write {path}: {reason.lower()}; nothing was changed'
+
+

@@ -1,0 +1,181 @@
+"""`JointSamples`: the one currency in which motion data travels through the package."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gravity_comp_ros.errors import DataError, ModelMismatchError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """
+    M immutable samples of N joints, from one or several runs.
+
+    `names` has N unique joint names; `t` (M,) is time in s, strictly increasing within a run;
+    `q` (M, N) in rad, `qd` (M, N) in rad/s and `tau` (M, N) in N·m (the torque that the drive
+    supplies: positive tau accelerates q upwards). `runs` (M,) numbers the run that each sample
+    belongs to, in non-decreasing order from 0; `run_labels` names the runs. Samples of a run
+    are in order of time. Arrays are finite and read-only.
+
+    :raises DataError: if shapes disagree, a value is not finite, names repeat, or time does
+        not increase within a run.
+    """
+
+    names: tuple[str, ...]
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    tau: FloatArray
+    runs: IntArray
+    run_labels: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        names = tuple(str(name) for name in self.names)
+        object.__setattr__(self, 'names', names)
+        object.__setattr__(self, 'run_labels', tuple(str(x) for x in self.run_labels))
+        _check_names(names)
+        for field in ('t', 'q', 'qd', 'tau'):
+            object.__setattr__(self, field, _frozen(getattr(self, field), np.float64))
+        object.__setattr__(self, 'runs', _frozen(self.runs, np.int64))
+        self._check_shapes()
+        self._check_values()
+
+    def _check_shapes(self) -> None:
+        m, n = self.t.shape[0] if self.t.ndim == 1 else -1, len(self.names)
+        for field, shape in (('t', (m,)), ('q', (m, n)), ('qd', (m, n)), ('tau', (m, n)),
+                             ('runs', (m,))):
+            found = getattr(self, field).shape
+            if m < 0 or found != shape:
+                raise DataError(
+                    f'samples: {field} has shape {found}; expected {shape} for '
+                    f'{n} joints')
+        if m and (self.runs[0] < 0 or np.any(np.diff(self.runs) < 0)
+                  or self.runs[-1] >= len(self.run_labels)):
+            raise DataError(
+                f'samples: run numbers must rise from 0 and stay under the '
+                f'{len(self.run_labels)} run labels')
+
+    def _check_values(self) -> None:
+        for field in ('t', 'q', 'qd', 'tau'):
+            values = getattr(self, field)
+            if not np.isfinite(values).all():
+                where = np.argwhere(~np.isfinite(values))[0]
+                joint = f' of joint {self.names[where[1]]}' if where.size > 1 else ''
+                raise DataError(f'samples: {field}{joint} is not finite at sample {where[0]}')
+        backwards = (np.diff(self.t) <= 0) & (np.diff(self.runs) == 0)
+        if backwards.any():
+            where = int(np.flatnonzero(backwards)[0]) + 1
+            raise DataError(f'samples: time does not increase at sample {where} '
+                            f'(run {self.run_labels[self.runs[where]]})')
+
+    @classmethod
+    def single_run(cls, names: Sequence[str], t: ArrayLike, q: ArrayLike, qd: ArrayLike,
+                   tau: ArrayLike, label: str = 'run') -> JointSamples:
+        """Return the samples of one run; arrays as in the class."""
+        t = np.asarray(t, dtype=np.float64)
+        return cls(tuple(names), t, np.asarray(q, dtype=np.float64),
+                   np.asarray(qd, dtype=np.float64), np.asarray(tau, dtype=np.float64),
+                   np.zeros(t.shape, dtype=np.int64), (label,))
+
+    @property
+    def n_samples(self) -> int:
+        return int(self.t.shape[0])
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.names)
+
+    @property
+    def n_runs(self) -> int:
+        return len(self.run_labels)
+
+    def __len__(self) -> int:
+        return self.n_samples
+
+    def select(self, keep: ArrayLike) -> JointSamples:
+        """
+        Return the samples that `keep` picks, in their order; all run labels stay.
+
+        :param keep: boolean mask (M,) or rising sample numbers.
+        """
+        keep = np.asarray(keep)
+        return JointSamples(self.names, self.t[keep], self.q[keep], self.qd[keep],
+                            self.tau[keep], self.runs[keep], self.run_labels)
+
+    def joints(self, names: Sequence[str]) -> JointSamples:
+        """
+        Return the same samples with exactly these joints, in this order.
+
+        :raises ModelMismatchError: if a name is not among the joints.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise ModelMismatchError(
+                f'no joint {", ".join(missing)} in the data; it has {", ".join(self.names)}')
+        order = [self.names.index(name) for name in names]
+        return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
+                            self.tau[:, order], self.runs, self.run_labels)
+
+    def run(self, number: int) -> JointSamples:
+        """Return the samples of one run, as a set with that single run."""
+        here = self.runs == number
+        return JointSamples(self.names, self.t[here], self.q[here], self.qd[here],
+                            self.tau[here], np.zeros(int(here.sum()), dtype=np.int64),
+                            (self.run_labels[number],))
+
+    def each_run(self) -> Iterator[JointSamples]:
+        """Yield every run in order, empty ones included."""
+        for number in range(self.n_runs):
+            yield self.run(number)
+
+
+def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
+    """
+    Return all samples of `parts` as one set; every run stays a run of its own.
+
+    Joints are matched by name: the first part gives the order.
+
+    :raises DataError: if there are no parts.
+    :raises ModelMismatchError: if the joint names of two parts differ.
+    """
+    parts = list(parts)
+    if not parts:
+        raise DataError('no samples to join')
+    names = parts[0].names
+    for part in parts[1:]:
+        if set(part.names) != set(names):
+            raise ModelMismatchError(
+                f'runs {parts[0].run_labels[0]} and {part.run_labels[0]} are of different '
+                f'robots: joints {", ".join(names)} against {", ".join(part.names)}')
+    parts = [part.joints(names) for part in parts]
+    first_run = np.cumsum([0] + [part.n_runs for part in parts[:-1]])
+    return JointSamples(
+        names, np.concatenate([p.t for p in parts]), np.concatenate([p.q for p in parts]),
+        np.concatenate([p.qd for p in parts]), np.concatenate([p.tau for p in parts]),
+        np.concatenate([p.runs + k for p, k in zip(parts, first_run)]),
+        tuple(label for p in parts for label in p.run_labels))
+
+
+def _check_names(names: tuple[str, ...]) -> None:
+    if not names:
+        raise DataError('samples: no joints')
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise DataError(f'samples: joint names repeat: {", ".join(repeated)}')
+
+
+def _frozen(values: ArrayLike, dtype: type) -> NDArray:
+    """Return a read-only array; a copy unless it is one already, so that no caller can edit."""
+    array = np.asarray(values, dtype=dtype)
+    if array.flags.writeable:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
