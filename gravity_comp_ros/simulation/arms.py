@@ -1,0 +1,233 @@
+"""Rigid-body arms: the KUKA LBR iiwa 7 R800 built from its tables, or any URDF."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, radians
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+import pinocchio as pin
+
+from gravity_comp_ros.errors import OptionError
+
+FloatArray = NDArray[np.float64]
+
+STANDARD_GRAVITY = 9.81
+
+# KUKA LBR iiwa 7 R800, from public robot descriptions (IFL-CAMP/iiwa_stack, BSD-2). One row a
+# joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
+_IIWA7_ORIGINS = (
+    ((0.0, 0.0, 0.15), (0.0, 0.0, 0.0)),
+    ((0.0, 0.0, 0.19), (pi / 2, 0.0, pi)),
+    ((0.0, 0.21, 0.0), (pi / 2, 0.0, pi)),
+    ((0.0, 0.0, 0.19), (pi / 2, 0.0, 0.0)),
+    ((0.0, 0.21, 0.0), (-pi / 2, pi, 0.0)),
+    ((0.0, 0.0607, 0.19), (pi / 2, 0.0, 0.0)),
+    ((0.0, 0.081, 0.0607), (-pi / 2, pi, 0.0)),
+)
+_IIWA7_LIMIT_DEG = (170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0)
+_IIWA7_SPEED_DEG = (98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0)
+# One row a link: mass in kg, centre of mass in m, and ixx, iyy, izz, ixy, ixz, iyz in kg m^2
+# about the centre of mass, all in the link's frame.
+_IIWA7_LINKS = (
+    (3.4525, (0.0, -0.03, 0.12), (0.02183, 0.007703, 0.02083, 0.0, 0.0, -0.003887)),
+    (3.4821, (0.0003, 0.059, 0.042), (0.02076, 0.02179, 0.00779, 0.0, -0.003626, 0.0)),
+    (4.05623, (0.0, 0.03, 0.13), (0.03204, 0.00972, 0.03042, 0.0, 0.0, 0.006227)),
+    (3.4822, (0.0, 0.067, 0.034), (0.02178, 0.02075, 0.007785, 0.0, 0.0, -0.003625)),
+    (2.1633, (0.0001, 0.021, 0.076), (0.01287, 0.005708, 0.01112, 0.0, 0.0, -0.003946)),
+    (2.3466, (0.0, 0.0006, 0.0004), (0.006509, 0.006259, 0.004527, 0.0, 0.0, 0.00031891)),
+    (3.129, (0.0, 0.0, 0.02), (0.01464, 0.01465, 0.002872, 0.0005912, 0.0, 0.0)),
+)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """
+    A fixed-base arm of N revolute joints with its rigid-body model.
+
+    `joints` has the N joint names in the model's order; `lower`, `upper` (N,) are position
+    limits in rad and `max_speed` (N,) speed limits in rad/s. `model` is never edited: the
+    functions of this module return new arms.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    model: pin.Model
+    lower: FloatArray
+    upper: FloatArray
+    max_speed: FloatArray
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joints)
+
+
+@dataclass(frozen=True)
+class Payload:
+    """
+    A rigid body held by the last link.
+
+    `mass` in kg; `com` is its centre of mass in m in the frame of the last joint's link;
+    `inertia` is ixx, iyy, izz, ixy, ixz, iyz in kg·m² about that centre, zero if not given.
+
+    :raises OptionError: if the mass is not positive or a value is not finite.
+    """
+
+    mass: float
+    com: tuple[float, float, float] = (0.0, 0.0, 0.1)
+    inertia: tuple[float, float, float, float, float, float] = (0.0,) * 6
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.mass) or self.mass <= 0:
+            raise OptionError(f'payload mass is {self.mass} kg; it must be positive')
+        if len(self.com) != 3 or len(self.inertia) != 6:
+            raise OptionError('payload: the centre of mass has 3 values, the inertia 6')
+        if not np.isfinite([*self.com, *self.inertia]).all():
+            raise OptionError('payload: centre of mass and inertia must be finite')
+        if np.linalg.eigvalsh(_inertia_matrix(self.inertia))[0] < -1e-12:
+            raise OptionError('payload: the inertia must not be negative in any direction')
+
+
+def iiwa7(names: Sequence[str] | None = None) -> Arm:
+    """
+    Return the KUKA LBR iiwa 7 R800, the arm that Yu 2022, Table 1 simulates.
+
+    :param names: seven joint names; `iiwa_joint_1` to `iiwa_joint_7` if not given.
+    :raises OptionError: if there are not seven names.
+    """
+    joints = tuple(names) if names else tuple(f'iiwa_joint_{n}' for n in range(1, 8))
+    if len(set(joints)) != 7:
+        raise OptionError(f'the iiwa 7 has 7 joints; {len(joints)} names given, or they repeat')
+    upper = np.radians(_IIWA7_LIMIT_DEG)
+    speed = np.radians(_IIWA7_SPEED_DEG)
+    model = pin.Model()
+    model.name = 'iiwa7'
+    parent = 0
+    for n, joint in enumerate(joints):
+        (xyz, rpy), (mass, com, inertia) = _IIWA7_ORIGINS[n], _IIWA7_LINKS[n]
+        parent = model.addJoint(
+            parent, pin.JointModelRZ(), pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)), joint)
+        model.appendBodyToJoint(
+            parent, pin.Inertia(mass, np.array(com), _inertia_matrix(inertia)),
+            pin.SE3.Identity())
+    return Arm('iiwa7', joints, model, -upper, upper, speed)
+
+
+def from_urdf(path: str | Path) -> Arm:
+    """
+    Return the arm that a URDF file describes; fixed joints are merged, meshes not needed.
+
+    A continuous joint gets limits of ±pi; a joint without a speed limit gets 100 deg/s.
+
+    :raises OptionError: if the file cannot be read, has no moving joint, or has a joint that
+        is not revolute: a prismatic joint's torque is not a sum of products of sines and
+        cosines of the joint angles, so no model of this package could hold it.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise OptionError(f'cannot read URDF {path}: {error}') from None
+    try:
+        model = pin.buildModelFromXML(text)
+    except (ValueError, RuntimeError) as error:
+        reason = ' '.join(str(error).split())
+        raise OptionError(f'{path} is not a URDF of a robot: {reason}') from None
+    joints = tuple(model.names)[1:]
+    if not joints:
+        raise OptionError(f'URDF {path} has no moving joint')
+    for number, joint in enumerate(joints, start=1):
+        _check_revolute(path, joint, model.joints[number])
+    lower, upper = np.full(len(joints), -pi), np.full(len(joints), pi)
+    speed = np.array(getattr(model, 'upperVelocityLimit', model.velocityLimit), dtype=float)
+    for n, joint_model in enumerate(list(model.joints)[1:]):
+        if joint_model.nq == 1:
+            lower[n] = model.lowerPositionLimit[joint_model.idx_q]
+            upper[n] = model.upperPositionLimit[joint_model.idx_q]
+    usable = np.isfinite(speed) & (speed > 0) & (speed < 1e3)
+    speed = np.where(usable, speed, radians(100.0))
+    unlimited = ~(upper > lower) | ~np.isfinite(upper - lower) | (upper - lower > 1e3)
+    return Arm(model.name or path.stem, joints, model, np.where(unlimited, -pi, lower),
+               np.where(unlimited, pi, upper), speed)
+
+
+def with_payload(arm: Arm, payload: Payload) -> Arm:
+    """Return the arm with a payload fixed to its last link."""
+    model = pin.Model(arm.model)
+    last = model.njoints - 1
+    model.appendBodyToJoint(
+        last, pin.Inertia(payload.mass, np.array(payload.com), _inertia_matrix(payload.inertia)),
+        pin.SE3.Identity())
+    return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
+
+
+def with_base_tilt(arm: Arm, roll: float, pitch: float) -> Arm:
+    """
+    Return the arm on a base that is turned by roll about x, then by pitch about y.
+
+    :param roll: rad.
+    :param pitch: rad.
+    """
+    model = pin.Model(arm.model)
+    base = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
+    model.gravity.linear = base.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
+
+
+def gravity_torque(arm: Arm, q: ArrayLike) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m that holds the arm at rest in M poses.
+
+    :param q: joint angles (M, N) in rad.
+    """
+    poses = _rows(arm, q)
+    data = arm.model.createData()
+    return np.array([pin.computeGeneralizedGravity(arm.model, data, _configuration(arm, pose))
+                     for pose in poses]).reshape(poses.shape)
+
+
+def inverse_dynamics(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m of the moving rigid arm (Yu 2022, Eq. (1)).
+
+    :param q: joint angles (M, N) in rad.
+    :param qd: joint speeds (M, N) in rad/s.
+    :param qdd: joint accelerations (M, N) in rad/s².
+    """
+    poses, speeds, accelerations = _rows(arm, q), _rows(arm, qd), _rows(arm, qdd)
+    data = arm.model.createData()
+    return np.array([pin.rnea(arm.model, data, _configuration(arm, pose), v, a)
+                     for pose, v, a in zip(poses, speeds, accelerations)]).reshape(poses.shape)
+
+
+def _rows(arm: Arm, values: ArrayLike) -> FloatArray:
+    rows = np.atleast_2d(np.asarray(values, dtype=np.float64))
+    if rows.ndim != 2 or rows.shape[1] != arm.n_joints:
+        raise OptionError(f'{arm.name} has {arm.n_joints} joints; got an array of {rows.shape}')
+    return rows
+
+
+def _configuration(arm: Arm, pose: FloatArray) -> FloatArray:
+    """Return Pinocchio's configuration: a continuous joint is held as its cosine and sine."""
+    if arm.model.nq == arm.model.nv:
+        return pose
+    return pin.integrate(arm.model, pin.neutral(arm.model), pose)
+
+
+def _check_revolute(path: Path, joint: str, model: pin.JointModel) -> None:
+    kind = model.shortname()
+    if kind.startswith('JointModelR'):
+        return
+    if kind.startswith('JointModelP'):
+        raise OptionError(
+            f'joint {joint} of {path} is prismatic: its torque does not follow the sines and '
+            f'cosines that the gravity model is made of; only revolute joints are possible')
+    raise OptionError(f'joint {joint} of {path} is a {kind}; only revolute joints are possible')
+
+
+def _inertia_matrix(values: Sequence[float]) -> FloatArray:
+    xx, yy, zz, xy, xz, yz = values
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -1,0 +1,206 @@
+"""Joint motions with their exact speeds and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gravity_comp_ros.errors import OptionError
+
+FloatArray = NDArray[np.float64]
+Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
+"""A path takes times (M,) in s and returns q, qd, qdd, each (M, N) in rad, rad/s, rad/s²."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    A motion sampled at M instants.
+
+    `t` (M,) in s; `q`, `qd`, `qdd` (M, N) in rad, rad/s and rad/s². `path` gives the same
+    three at any other time, so that something with a memory (friction, a delay) can be
+    integrated in finer steps than the samples.
+    """
+
+    name: str
+    t: FloatArray
+    q: FloatArray
+    qd: FloatArray
+    qdd: FloatArray
+    path: Path
+
+    @property
+    def n_joints(self) -> int:
+        return int(self.q.shape[1])
+
+
+@dataclass(frozen=True)
+class MultisineOptions:
+    """
+    What a multisine motion may do.
+
+    `max_speed` in rad/s bounds every joint, and a joint's own speed limit bounds it too.
+    The motion repeats after `period` s; each joint is a sum of `n_sines` harmonics of
+    1/period up to `band` Hz. It starts at rest and reaches full size after `ramp` s.
+
+    :raises OptionError: if a value is not positive or the band holds no harmonic.
+    """
+
+    max_speed: float = 0.1
+    period: float = 100.0
+    band: float = 0.1
+    n_sines: int = 5
+    ramp: float = 5.0
+
+    def __post_init__(self) -> None:
+        for field in ('max_speed', 'period', 'band', 'n_sines', 'ramp'):
+            value = getattr(self, field)
+            if not np.isfinite(value) or value <= 0:
+                raise OptionError(f'multisine: {field} is {value}; it must be positive')
+        if self.band * self.period < 1:
+            raise OptionError(
+                f'multisine: no harmonic of {1 / self.period:.3g} Hz within {self.band:.3g} Hz; '
+                f'raise band or period')
+
+
+def eq15(duration: float = 20.0, rate: float = 10.0, start: float = 0.0) -> Motion:
+    """
+    Return the test motion of Yu 2022, Eq. (15): seven joints, up to 3.1 rad/s.
+
+    :param duration: s. :param rate: Hz. :param start: time of the first sample in s.
+    """
+    amplitude = np.array([1.4, 1.4, 1.8, 1.3, 3.0, 2.0, 3.0])
+    omega = np.pi * np.array([0.25, 0.2, 0.167, 0.25, 0.33, 0.167, 0.2])
+    phase = np.array([0.0, 0.0, 0.0, -0.167 * np.pi, 0.0, 0.0, 0.0])
+    return sample('eq15', _sines(amplitude, omega, phase, np.zeros(7)), duration, rate, start)
+
+
+def eq17(duration: float = 100.0, rate: float = 5.0, start: float = 0.0) -> Motion:
+    """
+    Return the slow training motion of Yu 2022, Eq. (17): seven joints, up to 0.1125 rad/s.
+
+    :param duration: s. :param rate: Hz. :param start: time of the first sample in s.
+    """
+    amplitude = np.array([0.65, 0.25, 0.5, 0.9, 0.25, 0.4, 0.25])
+    omega = np.array([0.1, 0.2, 0.2, 0.125, 0.2, 0.25, 0.2])
+    cosine = np.array([0, 1, 0, 0, 0, 1, 0]) * np.pi / 2
+    phase = np.array([1.5, 0.2, 0.3, 0.2, 0.0, 0.4, 0.4]) + cosine
+    offset = np.array([0.0, 0.5, 0.0, 0.25, 0.0, 0.25, 0.0]) - amplitude * np.sin(phase)
+    offset[0] = 0.0  # Eq. (17) takes the value at t = 0 away from every joint but the first.
+    return sample('eq17', _sines(amplitude, omega, phase, offset), duration, rate, start)
+
+
+def random_poses(lower: ArrayLike, upper: ArrayLike, count: int, seed: int = 0,
+                 period: float = 2.0, start: float = 0.0) -> Motion:
+    """
+    Return `count` poses at rest, uniform between the limits, one every `period` s.
+
+    :param lower: lower limits (N,) in rad. :param upper: upper limits (N,) in rad.
+    :raises OptionError: if the count or the period is not positive.
+    """
+    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    if count < 1 or not period > 0:
+        raise OptionError(f'random poses: {count} poses every {period} s; both must be positive')
+    poses = np.random.default_rng(seed).uniform(low, high, size=(count, low.size))
+
+    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        number = np.floor((t - start) / period + 1e-9).astype(int)
+        q = poses[np.clip(number, 0, count - 1)]
+        return q, np.zeros_like(q), np.zeros_like(q)
+
+    t = start + period * np.arange(count)
+    return Motion('random', t, *path(t), path)
+
+
+def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: int = 0,
+              options: MultisineOptions = MultisineOptions(), duration: float = 100.0,
+              rate: float = 5.0, start: float = 0.0) -> Motion:
+    """
+    Return a seeded sum of sines that stays within position and speed limits for all time.
+
+    Amplitudes fall as one over the frequency, so that every sine adds the same speed. Each
+    joint is scaled to its speed bound, or to 95 % of its range if that comes first, and is
+    centred anywhere that its excursion leaves free. The same seed gives the same motion at
+    every rate, duration and start.
+
+    :param lower: lower limits (N,) in rad. :param upper: upper limits (N,) in rad.
+    :param speed_limit: the joints' own limits (N,) in rad/s.
+    """
+    low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    rng = np.random.default_rng(seed)
+    highest = int(np.floor(options.band * options.period + 1e-9))
+    shapes = []
+    for joint in range(low.size):
+        order = rng.permutation(np.arange(1, highest + 1))[:options.n_sines]
+        omega = 2 * np.pi * np.sort(order) / options.period
+        phase = rng.uniform(0, 2 * np.pi, size=omega.size)
+        shapes.append((1 / omega, omega, phase))
+    fine = np.arange(0.0, options.ramp + options.period, 0.02 / options.band)
+    unit_q, unit_qd, _ = _ramped_sums(shapes, options.ramp)(fine)
+    bound = np.minimum(options.max_speed, np.asarray(speed_limit, dtype=float))
+    # Between two steps of the fine grid the fastest sine turns by 0.126 rad, so that a peak
+    # is missed by at most 0.2 %.
+    by_speed = 0.998 * bound / np.abs(unit_qd).max(axis=0)
+    by_range = 0.95 * (high - low) / np.ptp(unit_q, axis=0)
+    scale = np.minimum(by_speed, by_range)
+    margin = 0.002 * scale * np.ptp(unit_q, axis=0)
+    lowest_centre = low - scale * unit_q.min(axis=0) + margin
+    highest_centre = high - scale * unit_q.max(axis=0) - margin
+    centre = rng.uniform(lowest_centre, highest_centre)
+    shape = _ramped_sums(shapes, options.ramp)
+
+    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        q, qd, qdd = shape(t)
+        return centre + scale * q, scale * qd, scale * qdd
+
+    return sample('multisine', path, duration, rate, start)
+
+
+def sample(name: str, path: Path, duration: float, rate: float, start: float = 0.0) -> Motion:
+    """
+    Return `path` at `rate` Hz for `duration` s: round(duration * rate) samples.
+
+    :raises OptionError: if duration or rate is not positive, or gives no sample.
+    """
+    for what, value in (('duration', duration), ('rate', rate)):
+        if not np.isfinite(value) or value <= 0:
+            raise OptionError(f'{what} is {value}; it must be positive')
+    if not np.isfinite(start):
+        raise OptionError(f'start is {start}; it must be finite')
+    count = int(round(duration * rate))
+    if count < 1:
+        raise OptionError(f'{duration} s at {rate} Hz gives no sample')
+    t = start + np.arange(count) / rate
+    return Motion(name, t, *path(t), path)
+
+
+def _sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
+           offset: FloatArray) -> Path:
+    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
+        return (amplitude * np.sin(angle) + offset, amplitude * omega * np.cos(angle),
+                -amplitude * omega ** 2 * np.sin(angle))
+    return path
+
+
+def _ramped_sums(shapes: list[tuple[FloatArray, FloatArray, FloatArray]], ramp: float) -> Path:
+    """Return one sum of sines a joint, grown from rest by a quintic step of `ramp` s."""
+    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        x = np.clip(np.asarray(t, dtype=float) / ramp, 0.0, 1.0)[:, None]
+        w = x ** 3 * (10 - 15 * x + 6 * x ** 2)
+        wd = 30 * x ** 2 * (1 - x) ** 2 / ramp
+        wdd = 60 * x * (1 - x) * (1 - 2 * x) / ramp ** 2
+        parts = [_sums(t, *shape) for shape in shapes]
+        s, sd, sdd = (np.stack(columns, axis=1) for columns in zip(*parts))
+        return w * s, w * sd + wd * s, w * sdd + 2 * wd * sd + wdd * s
+    return path
+
+
+def _sums(t: FloatArray, amplitude: FloatArray, omega: FloatArray,
+          phase: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
+    return (np.sin(angle) @ amplitude, np.cos(angle) @ (amplitude * omega),
+            -np.sin(angle) @ (amplitude * omega ** 2))
