@@ -1,0 +1,164 @@
+"""`gravity_comp VERB`: finds the verb's module, and is the one gate through which errors leave."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import importlib
+import io
+import os
+import sys
+import traceback
+from types import ModuleType
+from typing import NoReturn
+
+from gravity_comp_ros import __version__
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.printable import printable
+
+PROGRAM = 'gravity_comp'
+VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'replay')
+
+DESCRIPTION = """\
+Learn the torque that holds a robot arm up from recorded joint states, and judge it.
+"""
+EXAMPLE = """\
+the loop:
+  gravity_comp info run1.mcap                       what is in the recording, what is not
+  gravity_comp fit run1.mcap -o arm.json            learn the gravity model
+  gravity_comp compare run2.mcap --model arm.json   how wrong it is, joint by joint
+  gravity_comp replay run2.mcap --model arm.json -o out.mcap
+                                                    measured, predicted, residual to plot
+
+without a robot:
+  gravity_comp synth --help                         a simulated arm, recorded like a real one
+
+`gravity_comp VERB --help` has the options and examples of a verb.
+Exit status: 0 done, 1 failed with one line that says why, 2 wrong usage.
+With GRAVITY_COMP_DEBUG=1 a failure also shows its traceback.
+"""
+
+# Module -> what to install. Only the verb that needs a missing module fails.
+PACKAGES = {
+    'mcap': "pip install 'gravity_comp_ros[bags]'",
+    'mcap_ros2': "pip install 'gravity_comp_ros[bags]'",
+    'pinocchio': "pip install 'gravity_comp_ros[sim]' (in a ROS workspace: ros-jazzy-pinocchio)",
+    'rclpy': "pip install 'gravity_comp_ros[ros]', or source ROS 2 Jazzy",
+    'rich': 'pip install rich',
+    'rosbags': "pip install 'gravity_comp_ros[bags]'",
+    'scipy': 'pip install scipy',
+    'yaml': 'pip install PyYAML',
+}
+
+EXIT_INTERRUPTED = 130
+EXIT_PIPE_CLOSED = 141
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser that knows no abbreviations and shows nothing unprintable."""
+
+    def __init__(self, *args: object, **kwargs: object) -> None:
+        kwargs.setdefault('allow_abbrev', False)
+        kwargs.setdefault('formatter_class', argparse.RawDescriptionHelpFormatter)
+        super().__init__(*args, **kwargs)  # type: ignore[arg-type]
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2 and one line."""
+        self.exit(2, f'{self.prog}: {printable(message)} (see `{self.prog} --help`)\n')
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """
+    Run the program and return its exit status.
+
+    :param argv: arguments after the program's name; None for those of the process.
+    """
+    argv = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal that cannot show a character is no reason to fail.
+            stream.reconfigure(errors='replace')
+    verb = argv[0] if argv and argv[0] in VERBS else ''
+    who = f'{PROGRAM} {verb}'.rstrip()
+    try:
+        status = _run_verb(verb, argv[1:]) if verb else _overview(argv)
+        sys.stdout.flush()
+        return status
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else int(bool(leaving.code))
+    except KeyboardInterrupt:
+        return _fail(who, 'interrupted', EXIT_INTERRUPTED)
+    except BrokenPipeError:
+        # The reader (`| head`) has gone; Python must not complain of it at exit either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_PIPE_CLOSED
+    except Exception as error:
+        return _fail(who, _one_line(error))
+
+
+def _overview(argv: list[str]) -> int:
+    """Answer a call without a known verb: help, version, or what is wrong with it."""
+    parser = Parser(prog=PROGRAM, usage=f'{PROGRAM} VERB ...', description=DESCRIPTION,
+                    epilog=_verb_list() + '\n' + EXAMPLE)
+    parser.add_argument('--version', action='version', version=f'{PROGRAM} {__version__}')
+    parser.add_argument('verb', nargs='?', help=argparse.SUPPRESS)
+    known, _ = parser.parse_known_args(argv)
+    if known.verb is None and not argv:
+        parser.print_help(sys.stderr)
+        return 2
+    wrong = f'unknown verb {known.verb}' if known.verb else f'unknown option {argv[0]}'
+    parser.error(f'{wrong}; the verbs are {", ".join(VERBS)}')
+
+
+def _verb_list() -> str:
+    lines = ['verbs:']
+    for verb in VERBS:
+        try:
+            text = str(_module(verb).HELP)
+        except ImportError as error:
+            text = f'(not available here: {_one_line(error)})'
+        lines.append(f'  {verb:<9} {text}')
+    return '\n'.join(lines) + '\n'
+
+
+def _run_verb(verb: str, argv: list[str]) -> int:
+    module = _module(verb)
+    parser = Parser(prog=f'{PROGRAM} {verb}', description=module.HELP, epilog=module.EPILOG)
+    module.add_arguments(parser)
+    return int(module.run(parser.parse_args(argv)) or 0)
+
+
+def _module(verb: str) -> ModuleType:
+    return importlib.import_module(f'gravity_comp_ros.commands.{verb}')
+
+
+def _one_line(error: Exception) -> str:
+    """Return what to tell the user about `error`."""
+    if isinstance(error, GravityCompError):
+        return str(error)
+    if isinstance(error, ImportError):
+        missing = (error.name or '').split('.')[0]
+        if missing in PACKAGES:
+            return f'needs the Python module {missing}, which does not load here ({error}): ' \
+                   f'{PACKAGES[missing]}'
+    if isinstance(error, MemoryError):
+        return 'not enough memory: use fewer samples (--rate) or fewer joints (--joints)'
+    if isinstance(error, OSError) and error.strerror:
+        where = f': {os.fsdecode(error.filename)}' if error.filename is not None else ''
+        return f'{error.strerror}{where}'
+    return (f'internal error, please report it: {type(error).__name__}: {error} '
+            '(GRAVITY_COMP_DEBUG=1 shows where)')
+
+
+def _fail(who: str, message: str, status: int = 1) -> int:
+    if os.environ.get('GRAVITY_COMP_DEBUG') == '1':
+        traceback.print_exc()
+    try:
+        print(f'{who}: {printable(message)}', file=sys.stderr, flush=True)
+    except OSError:
+        pass  # nobody listens any more; the exit status still tells
+    return status
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,169 @@
+"""Arguments that several verbs share, and what they mean in terms of the core."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.samples import JointSamples
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.bag import ReadOptions
+    from gravity_comp_ros.gate import GateOptions
+
+
+def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
+    """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
+    name = 'bag' if nargs is None else 'bags'
+    parser.add_argument(
+        name, metavar='BAG', nargs=nargs, type=Path,
+        help='an MCAP file, a rosbag2 folder or a bare .db3 file; several bags are several runs')
+
+
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """Add --topic, --joints and --effort-scale; see `read_options`."""
+    group = parser.add_argument_group('reading')
+    group.add_argument('--topic', metavar='TOPIC',
+                       help='topic of the joint states (default: the only one in the bag)')
+    group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
+                       help='use these joints, in this order (default: all, as recorded)')
+    group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
+                       default=[], help='N·m per unit of effort, sign included, e.g. '
+                       'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
+
+
+def read_options(args: argparse.Namespace) -> ReadOptions:
+    """Return the `ReadOptions` that --topic, --joints and --effort-scale ask for."""
+    from gravity_comp_ros.bag import ReadOptions
+    merged: dict[str, float] = {}
+    for part in args.effort_scale:
+        merged.update(part)
+    return ReadOptions(topic=args.topic, joints=args.joints, effort_scale=merged)
+
+
+def add_gate(parser: argparse.ArgumentParser) -> None:
+    """Add --max-speed, --rate and --all-samples; see `gated`."""
+    group = parser.add_argument_group('slow-motion gate (gravity shows only in slow motion)')
+    group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
+                       help='fastest joint speed that a sample may have')
+    group.add_argument('--rate', metavar='HZ', type=positive, default=None,
+                       help='samples kept per second of slow motion, at most')
+    group.add_argument('--all-samples', action='store_true',
+                       help='use every sample, fast or slow')
+
+
+def gate_options(args: argparse.Namespace) -> GateOptions:
+    """Return the `GateOptions` that --max-speed and --rate ask for."""
+    from gravity_comp_ros.gate import GateOptions
+    given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
+    return GateOptions(**{key: value for key, value in given.items() if value is not None})
+
+
+@dataclass(frozen=True)
+class Gated:
+    """Samples that passed the gate, and what became of the others."""
+
+    samples: JointSamples
+    total: int
+    dropped: Mapping[str, int]
+    all_samples: bool
+
+    def to_json(self) -> dict[str, object]:
+        return {'total': self.total, 'kept': self.samples.n_samples,
+                'dropped': dict(self.dropped), 'all_samples': self.all_samples}
+
+    def sentence(self) -> str:
+        """Return one line on what was kept and why the rest was not."""
+        if self.all_samples:
+            return f'all {self.total} samples used, fast ones too'
+        why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
+        return (f'{self.samples.n_samples} of {self.total} samples pass the slow-motion gate'
+                + (f' ({why})' if why else ''))
+
+
+def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
+    """
+    Return the samples that the gate of `args` lets through.
+
+    :raises DataError: if none passes.
+    """
+    if args.all_samples:
+        return Gated(samples, samples.n_samples, {}, True)
+    from gravity_comp_ros.gate import slow_samples
+    options = gate_options(args)
+    result = slow_samples(samples, options)
+    if result.samples.n_samples == 0:
+        raise DataError(
+            f'none of the {samples.n_samples} samples is slow (every joint under '
+            f'{options.max_speed:g} rad/s): record slow motion, raise --max-speed, or pass '
+            '--all-samples')
+    return Gated(result.samples, samples.n_samples, dict(result.dropped), False)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add --json [FILE]: `args.json` is None, '-' for standard output, or a path."""
+    parser.add_argument(
+        '--json', metavar='FILE.json', nargs='?', const='-', default=None, type=_json_target,
+        help='print the result as JSON and nothing else; with a name, write it there')
+
+
+def _json_target(text: str) -> str:
+    # `--json BAG` would take the bag for the output and overwrite it.
+    if text != '-' and not text.endswith('.json'):
+        raise argparse.ArgumentTypeError(
+            f'{text} does not end in .json: name a .json file, or put --json after the bags')
+    return text
+
+
+def joint_list(text: str) -> tuple[str, ...]:
+    """Return the names in `A,B,...`."""
+    names = tuple(part.strip() for part in text.split(','))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f'an empty joint name in {text!r}')
+    if len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f'a joint is named twice in {text!r}')
+    return names
+
+
+def scales(text: str) -> dict[str, float]:
+    """Return the numbers in `JOINT=VALUE,...`."""
+    found: dict[str, float] = {}
+    for part in text.split(','):
+        name, equals, value = part.rpartition('=')
+        if not equals or not name.strip():
+            raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
+        number = finite(value)
+        if number == 0.0:
+            raise argparse.ArgumentTypeError(f'{part!r}: a scale of 0 leaves no torque')
+        found[name.strip()] = number
+    return found
+
+
+def finite(text: str) -> float:
+    """Return a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a number') from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is not a finite number')
+    return value
+
+
+def positive(text: str) -> float:
+    """Return a finite number above 0."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not above 0')
+    return value
+
+
+def names_shown(names: Sequence[str], most: int = 12) -> str:
+    """Return joint names in one line, cut after `most`."""
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more

@@ -1,0 +1,151 @@
+"""
+What the commands show: tables and notes on standard output, progress on standard error.
+
+Text that may come from a file goes through `safe`, so that neither rich's markup nor the
+terminal's own escapes in it are obeyed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+import json
+import math
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.printable import printable
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
+from rich.progress import TimeElapsedColumn
+from rich.table import Table
+
+ProgressCallback = Callable[[str, float], None]
+
+_WIDTH_WITHOUT_SCREEN = 110
+
+
+def safe(text: object) -> str:
+    """Return `text` as rich markup that shows it literally, on one line."""
+    shown = escape(printable(text))
+    # A trailing backslash would escape the markup that follows.
+    return shown + ' ' if shown.endswith('\\') else shown
+
+
+def console(stderr: bool = False) -> Console:
+    """Return a console on today's standard output (or error), wide enough off-screen."""
+    made = Console(stderr=stderr, highlight=False, emoji=False)
+    if not made.is_terminal and 'COLUMNS' not in os.environ:
+        made = Console(stderr=stderr, highlight=False, emoji=False,
+                       width=_WIDTH_WITHOUT_SCREEN)
+    return made
+
+
+def show(*things: Any) -> None:
+    """Print tables or lines of markup on standard output; escape file text with `safe`."""
+    out = console()
+    for thing in things:
+        out.print(thing, soft_wrap=isinstance(thing, str))
+
+
+def note(text: str) -> None:
+    """Print one plain line on standard error; nothing in it is markup."""
+    print(printable(text), file=sys.stderr, flush=True)
+
+
+def warn(text: str) -> None:
+    """Print one warning on standard error; nothing in it is markup."""
+    console(stderr=True).print(f'[yellow]warning:[/yellow] {safe(text)}', soft_wrap=True)
+
+
+def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
+          left: Sequence[str] = (), caption: str | None = None) -> Table:
+    """
+    Return a table; the first column and those in `left` are text, the rest numbers.
+
+    Titles and columns are markup of our own; every cell is escaped, unless it is a rich object.
+    """
+    made = Table(title=title, caption=caption, title_justify='left', caption_justify='left',
+                 box=box.SIMPLE_HEAD, title_style='bold', pad_edge=False)
+    for number, column in enumerate(columns):
+        is_text = number == 0 or column in left
+        made.add_column(column, justify='left' if is_text else 'right', no_wrap=not is_text,
+                        overflow='fold')
+    for row in rows:
+        made.add_row(*(cell if hasattr(cell, '__rich_console__') or hasattr(cell, '__rich__')
+                       else safe(cell) for cell in row))
+    return made
+
+
+@contextmanager
+def progress(quiet: bool = False) -> Iterator[ProgressCallback]:
+    """
+    Yield `report(stage, fraction)`, which shows progress on standard error.
+
+    On a screen it is a bar; elsewhere (a log) each new stage is one line; with `quiet` nothing.
+    """
+    err = console(stderr=True)
+    if quiet:
+        yield _silent
+    elif err.is_terminal:
+        with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
+                      TimeElapsedColumn(), console=err, transient=True) as bar:
+            task = bar.add_task('', total=1.0)
+
+            def report(stage: str, fraction: float) -> None:
+                bar.update(task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
+            yield report
+    else:
+        yield _StageLines()
+
+
+def _silent(stage: str, fraction: float) -> None:
+    """Show nothing."""
+
+
+class _StageLines:
+    """Progress for a log: one line for each new stage."""
+
+    def __init__(self) -> None:
+        self._last: str | None = None
+
+    def __call__(self, stage: str, fraction: float) -> None:
+        if stage != self._last:
+            self._last = stage
+            note(f'... {stage}')
+
+
+def emit_json(value: Mapping[str, Any], target: str) -> None:
+    """
+    Write `value` as JSON to the file `target` (old or new, never half), or to standard output.
+
+    Numbers that JSON cannot say (NaN, infinity) become null.
+
+    :param target: a path, or '-' for standard output.
+    """
+    text = json.dumps(_plain(value), indent=2, ensure_ascii=target == '-', allow_nan=False)
+    if target == '-':
+        print(text, flush=True)
+        return
+    from gravity_comp_ros.atomic import write_atomically
+    write_atomically(Path(target), (text + '\n').encode(), error=GravityCompError)
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` in JSON's own types; NumPy's scalars and arrays are unpacked."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if hasattr(value, 'tolist'):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    return str(value)
