@@ -1,0 +1,139 @@
+"""The simulated arms against published figures and hand-worked torques."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation import arms
+
+LINK = '<link name="{0}"><inertial><origin xyz="{1}"/><mass value="2"/>' \
+       '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+
+
+def pendulum(kind: str = 'revolute') -> str:
+    """Return a URDF of a 2 kg mass 0.5 m along x from a joint about +y."""
+    return (f'<robot name="pendulum"><link name="base"/>{LINK.format("rod", "0.5 0 0")}'
+            f'<joint name="swing" type="{kind}"><parent link="base"/><child link="rod"/>'
+            '<axis xyz="0 1 0"/><limit lower="-1" upper="2" velocity="3" effort="9"/></joint>'
+            '</robot>')
+
+
+def test_iiwa_gravity_has_the_published_size():
+    arm = arms.iiwa7()
+    q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20000, 7))
+    rms = np.sqrt((arms.gravity_torque(arm, q) ** 2).mean(axis=0))
+    published = [0, 58.20, 13.82, 18.40, 1.765, 1.791, 0]
+    np.testing.assert_allclose(rms, published, rtol=0.02, atol=1e-12)
+
+
+def test_iiwa_upright_needs_only_what_its_small_offsets_ask():
+    # Upright, only the centres of mass off the vertical matter: every com's y of the odd links
+    # lies across the axis of J2, which turns about the base's y.
+    arm = arms.iiwa7()
+    tau = arms.gravity_torque(arm, np.zeros((1, 7)))[0]
+    assert tau[0] == pytest.approx(0, abs=1e-12)
+    assert np.abs(tau).max() < 2
+
+
+def test_iiwa_centres_and_flange_are_where_the_data_sheet_has_them():
+    arm = arms.iiwa7()
+    data = arm.model.createData()
+    pin.forwardKinematics(arm.model, data, np.zeros(7))
+    heights = [data.oMi[k].translation[2] for k in (2, 4, 6)]
+    np.testing.assert_allclose(heights, [0.34, 0.74, 1.14], atol=1e-12)
+    assert data.oMi[7].translation[2] + 0.045 == pytest.approx(1.266, abs=5e-4)
+    axes = [data.oMi[k].rotation[:, 2] for k in range(1, 8)]
+    z, y = np.array([0, 0, 1]), np.array([0, 1, 0])
+    np.testing.assert_allclose(axes, [z, y, z, -y, z, y, z], atol=1e-12)
+
+
+def test_pendulum_torque_by_hand(tmp_path):
+    path = tmp_path / 'pendulum.urdf'
+    path.write_text(pendulum())
+    arm = arms.from_urdf(path)
+    assert arm.joints == ('swing',)
+    assert (arm.lower[0], arm.upper[0], arm.max_speed[0]) == (-1, 2, 3)
+    q = np.array([[0.0], [0.7]])
+    # Turning about +y lowers a mass on +x, so the drive must push the other way.
+    expected = -2 * 9.81 * 0.5 * np.cos(q)
+    np.testing.assert_allclose(arms.gravity_torque(arm, q), expected, atol=1e-12)
+    inertia = 0.01 + 2 * 0.5 ** 2
+    moving = arms.inverse_dynamics(arm, q, np.ones((2, 1)), np.full((2, 1), 3.0))
+    np.testing.assert_allclose(moving, expected + 3 * inertia, atol=1e-12)
+
+
+def test_continuous_joint_turns_like_a_revolute_one(tmp_path):
+    path = tmp_path / 'pendulum.urdf'
+    path.write_text(pendulum('continuous'))
+    arm = arms.from_urdf(path)
+    assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
+    q = np.array([[4.0]])
+    np.testing.assert_allclose(arms.gravity_torque(arm, q), -9.81 * np.cos(q), atol=1e-12)
+
+
+def test_prismatic_joint_is_refused_with_its_name_and_the_reason(tmp_path):
+    path = tmp_path / 'slide.urdf'
+    path.write_text(pendulum('prismatic'))
+    with pytest.raises(OptionError, match='swing .* is prismatic.*sines'):
+        arms.from_urdf(path)
+
+
+@pytest.mark.parametrize('text', ['', '<robot', '<robot name="x"><link name="a"/></robot>'])
+def test_not_a_robot_is_one_line(tmp_path, text):
+    path = tmp_path / 'x.urdf'
+    path.write_text(text)
+    with pytest.raises(OptionError) as error:
+        arms.from_urdf(path)
+    assert str(path) in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+def test_missing_urdf(tmp_path):
+    with pytest.raises(OptionError, match='cannot read URDF'):
+        arms.from_urdf(tmp_path / 'none.urdf')
+
+
+def test_payload_adds_its_own_weight_and_leaves_the_arm_alone(tmp_path):
+    path = tmp_path / 'pendulum.urdf'
+    path.write_text(pendulum())
+    bare = arms.from_urdf(path)
+    loaded = arms.with_payload(bare, arms.Payload(3.0, (0.0, 0.0, 0.2), (0.1, 0.2, 0.3, 0, 0, 0)))
+    q = np.array([[0.4]])
+    extra = arms.gravity_torque(loaded, q) - arms.gravity_torque(bare, q)
+    np.testing.assert_allclose(extra, -3 * 9.81 * 0.2 * np.sin(q), atol=1e-12)
+    np.testing.assert_allclose(arms.gravity_torque(bare, q), -9.81 * np.cos(q), atol=1e-12)
+    spun = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
+            - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
+    np.testing.assert_allclose(spun, 0.01 + 0.5 + 3 * 0.04 + 0.2, atol=1e-12)
+
+
+@pytest.mark.parametrize('bad', [
+    {'mass': 0.0}, {'mass': -1.0}, {'mass': float('nan')}, {'mass': 1.0, 'com': (0, 0)},
+    {'mass': 1.0, 'com': (0, 0, float('inf'))}, {'mass': 1.0, 'inertia': (-1, 0, 0, 0, 0, 0)}])
+def test_payload_that_cannot_be(bad):
+    with pytest.raises(OptionError, match='payload'):
+        arms.Payload(**bad)
+
+
+def test_tilt_wakes_the_base_joint():
+    arm = arms.iiwa7()
+    q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (50, 7))
+    tilted = arms.with_base_tilt(arm, 0.0, 0.1)
+    assert np.abs(arms.gravity_torque(arm, q)[:, 0]).max() < 1e-12
+    assert np.abs(arms.gravity_torque(tilted, q)[:, 0]).max() > 1
+    turned = arms.with_base_tilt(arm, np.pi, 0.0)  # hanging from the ceiling
+    np.testing.assert_allclose(arms.gravity_torque(turned, q), -arms.gravity_torque(arm, q),
+                               atol=1e-9)
+
+
+def test_names_of_the_iiwa():
+    assert arms.iiwa7().joints[6] == 'iiwa_joint_7'
+    assert arms.iiwa7('abcdefg').joints == tuple('abcdefg')
+    with pytest.raises(OptionError, match='7 joints'):
+        arms.iiwa7(['a'])
+
+
+def test_wrong_number_of_joints_in_the_poses():
+    with pytest.raises(OptionError, match='7 joints'):
+        arms.gravity_torque(arms.iiwa7(), np.zeros((3, 6)))

@@ -1,0 +1,116 @@
+"""Synthesised samples: noise of the asked size, payload in time, disturbances before noise."""
+
+import numpy as np
+import pytest
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
+from gravity_comp_ros.simulation.synthesise import Signals, synthesise, SynthesisOptions
+
+ARM = arms.iiwa7()
+
+
+def test_torque_without_noise_is_the_inverse_dynamics():
+    motion = motions.eq15(duration=3)
+    samples = synthesise(ARM, motion)
+    expected = arms.inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
+    np.testing.assert_array_equal(samples.tau, expected)
+    np.testing.assert_array_equal(samples.qd, motion.qd)
+    assert np.abs(samples.tau - arms.gravity_torque(ARM, motion.q)).max() > 1
+
+
+def test_static_samples_hold_gravity_alone_at_rest():
+    motion = motions.eq15(duration=3)
+    samples = synthesise(ARM, motion, SynthesisOptions(static=True))
+    np.testing.assert_array_equal(samples.tau, arms.gravity_torque(ARM, motion.q))
+    assert not samples.qd.any()
+
+
+def test_slow_motion_is_nearly_static():
+    motion = motions.eq17()
+    moving, still = (synthesise(ARM, motion, SynthesisOptions(static=s)) for s in (False, True))
+    difference = np.abs(moving.tau - still.tau).max(axis=0)
+    assert 0.01 < difference[1] < 0.5  # the inertia is really there
+
+
+def test_payload_at_a_time():
+    motion = motions.eq17(duration=20, start=100.0)
+    payload = arms.Payload(2.0)
+    bare = synthesise(ARM, motion)
+    full = synthesise(ARM, motion, SynthesisOptions(payload=payload))
+    part = synthesise(ARM, motion, SynthesisOptions(payload=payload, payload_at=110.0))
+    np.testing.assert_array_equal(part.tau[:50], bare.tau[:50])
+    np.testing.assert_array_equal(part.tau[50:], full.tau[50:])
+    assert np.abs(full.tau - bare.tau)[:, 1].max() > 5
+
+
+def test_noise_is_seeded_and_of_the_asked_size():
+    motion = motions.random_poses(ARM.lower, ARM.upper, 3000, seed=1)
+    clean = synthesise(ARM, motion)
+    noise = NoiseOptions(relative=0.01)
+    one, same, other = (synthesise(ARM, motion, SynthesisOptions(noise=noise, seed=seed))
+                        for seed in (4, 4, 5))
+    np.testing.assert_array_equal(one.tau, same.tau)
+    assert np.abs(one.tau - other.tau).max() > 0.1
+    ratio = (one.tau - clean.tau)[:, 1] / clean.tau[:, 1]
+    assert ratio.std() == pytest.approx(0.01, rel=0.05)
+    absolute = synthesise(ARM, motion, SynthesisOptions(noise=NoiseOptions(absolute=0.1)))
+    np.testing.assert_allclose((absolute.tau - clean.tau).std(axis=0), 0.1, rtol=0.06)
+
+
+def test_correlated_noise_has_its_size_and_time_at_any_spacing():
+    rng = np.random.default_rng(0)
+    t = np.cumsum(rng.uniform(0.05, 0.35, 40000))
+    noise = add_noise(t, np.zeros((t.size, 1)), NoiseOptions(absolute=0.5, correlation=1.0),
+                      np.random.default_rng(2))[:, 0]
+    assert noise.std() == pytest.approx(0.5, rel=0.05)
+    expected = np.exp(-np.diff(t)).mean()
+    assert np.mean(noise[1:] * noise[:-1]) / 0.25 == pytest.approx(expected, rel=0.05)
+
+
+class Offset:
+    """A sensor offset that also uses its own random stream."""
+
+    def __init__(self, size):
+        self.size = size
+
+    def apply(self, signals, motion, arm, rng):
+        rng.standard_normal(10)
+        return Signals(signals.q, signals.qd, signals.tau + self.size)
+
+
+class Gain:
+    """A gain error; with Offset it shows the order."""
+
+    def apply(self, signals, motion, arm, rng):
+        return Signals(signals.q, signals.qd, 2 * signals.tau)
+
+
+def test_disturbances_act_in_order_and_leave_the_noise_alone():
+    motion = motions.eq17(duration=5)
+    noise = NoiseOptions(absolute=0.1)
+    clean = synthesise(ARM, motion)
+    plain = synthesise(ARM, motion, SynthesisOptions(noise=noise))
+    both = synthesise(ARM, motion, SynthesisOptions(
+        noise=noise, disturbances=(Offset(3.0), Gain())))
+    added = plain.tau - clean.tau
+    np.testing.assert_allclose(both.tau, 2 * (clean.tau + 3.0) + added, atol=1e-12)
+
+
+def test_motion_for_another_arm_is_refused():
+    motion = motions.random_poses([-1, -1], [1, 1], 5)
+    with pytest.raises(OptionError, match='2 joints and iiwa7 has 7'):
+        synthesise(ARM, motion)
+
+
+@pytest.mark.parametrize('field', ['relative', 'absolute', 'correlation'])
+@pytest.mark.parametrize('value', [-1.0, float('nan'), float('inf')])
+def test_noise_that_cannot_be(field, value):
+    with pytest.raises(OptionError, match=field):
+        NoiseOptions(**{field: value})
+
+
+def test_payload_time_without_payload():
+    with pytest.raises(OptionError, match='needs a payload'):
+        SynthesisOptions(payload_at=3.0)
