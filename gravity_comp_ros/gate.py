@@ -1,0 +1,196 @@
+"""The slow-motion gate: which samples hold gravity alone, message by message or as a whole."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray, JointSamples
+
+FAST = 'fast'
+ACCELERATING = 'accelerating'
+RATE = 'rate'
+TIME = 'time'
+NOT_FINITE = 'not_finite'
+REASONS = (FAST, ACCELERATING, RATE, TIME, NOT_FINITE)
+
+
+def _check_positive(name: str, value: float | tuple[float, ...]) -> None:
+    numbers = value if isinstance(value, tuple) else (value,)
+    if not numbers or not all(math.isfinite(x) and x > 0 for x in numbers):
+        raise OptionError(f'gate: {name} is {value}; it must be positive')
+
+
+@dataclass(frozen=True)
+class GateOptions:
+    """
+    Thresholds of the gate.
+
+    `max_speed` in rad/s and `max_acceleration` in rad/s² are one number for all joints or one
+    per joint. Inertia only matters where speed changes quickly, so acceleration is not judged
+    unless a threshold is given; it is the mean over the last `acceleration_window` seconds or
+    more, because the difference of two neighbouring messages is mostly noise. Of the slow
+    samples one is kept in each interval of 1 / `rate_hz` seconds, all if it is None.
+
+    The default speed keeps the motions of Yu 2022, Eq. (17), (up to 0.12 rad/s) whole.
+
+    :raises OptionError: if a threshold, window or rate is not a positive number.
+    """
+
+    max_speed: float | tuple[float, ...] = 0.15
+    max_acceleration: float | tuple[float, ...] | None = None
+    rate_hz: float | None = 5.0
+    acceleration_window: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_positive('max_speed', self.max_speed)
+        _check_positive('acceleration_window', self.acceleration_window)
+        if self.max_acceleration is not None:
+            _check_positive('max_acceleration', self.max_acceleration)
+        if self.rate_hz is not None:
+            _check_positive('rate_hz', self.rate_hz)
+
+    def check_joints(self, n_joints: int) -> None:
+        """
+        Check that thresholds per joint fit the arm.
+
+        :raises OptionError: if there is another number of thresholds than `n_joints`.
+        """
+        for name in ('max_speed', 'max_acceleration'):
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) != n_joints:
+                raise OptionError(f'gate: {name} has {len(value)} values for {n_joints} joints; '
+                                  'give one for all or one per joint')
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """What the gate kept of `total` samples, and how many it dropped for which reason."""
+
+    samples: JointSamples
+    kept: int
+    total: int
+    dropped: dict[str, int]
+
+
+class Gate:
+    """
+    The gate message by message.
+
+    :param n_joints: the number N of joints.
+    :raises OptionError: if the options hold another number of thresholds.
+    """
+
+    def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
+        options.check_joints(n_joints)
+        self._options = options
+        self._max_speed = _per_joint(options.max_speed, n_joints)
+        self._max_acceleration = (None if options.max_acceleration is None
+                                  else _per_joint(options.max_acceleration, n_joints))
+        self._recent: deque[tuple[float, FloatArray]] = deque()
+        self._first = math.nan
+        self._last = -math.inf
+        self._last_slot = -1
+
+    def reset(self) -> None:
+        """Forget the past: the next sample starts a new run."""
+        self._recent.clear()
+        self._first = math.nan
+        self._last = -math.inf
+        self._last_slot = -1
+
+    def offer(self, t: float, q: FloatArray, qd: FloatArray) -> str | None:
+        """
+        Return None if the sample passes, else the reason why not, one of `REASONS`.
+
+        :param t: time in s.
+        :param q: positions (N,) in rad.
+        :param qd: velocities (N,) in rad/s.
+        """
+        if not (math.isfinite(t) and np.isfinite(q).all() and np.isfinite(qd).all()):
+            return NOT_FINITE
+        if t <= self._last:
+            return TIME
+        if math.isnan(self._first):
+            self._first = t
+        self._last = t
+        calm = self._max_acceleration is None or self._is_calm(t, qd, self._max_acceleration)
+        if (np.abs(qd) > self._max_speed).any():
+            return FAST
+        if not calm:
+            return ACCELERATING
+        if self._options.rate_hz is not None:
+            # Slots centred on multiples of the period: input at the very rate that is asked
+            # for passes whole although its stamps jitter.
+            slot = math.floor((t - self._first) * self._options.rate_hz + 0.5)
+            if slot <= self._last_slot:
+                return RATE
+            self._last_slot = slot
+        return None
+
+    def _is_calm(self, t: float, qd: FloatArray, limit: FloatArray) -> bool:
+        recent = self._recent
+        recent.append((t, np.array(qd, dtype=np.float64)))
+        horizon = t - self._options.acceleration_window
+        while len(recent) > 1 and recent[1][0] <= horizon:
+            recent.popleft()
+        then, qd_then = recent[0]
+        if then > horizon:
+            return True
+        return not (np.abs(qd - qd_then) / (t - then) > limit).any()
+
+
+def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
+    """
+    Return the samples that a `Gate`, reset at the start of every run, lets through.
+
+    :raises OptionError: if the options hold another number of thresholds than joints.
+    """
+    options.check_joints(samples.n_joints)
+    max_speed = _per_joint(options.max_speed, samples.n_joints)
+    fast = np.any(np.abs(samples.qd) > max_speed, axis=1)
+    jerky = np.zeros_like(fast)
+    kept = np.zeros_like(fast)
+    for run in range(samples.n_runs):
+        here = np.flatnonzero(samples.runs == run)
+        if here.size == 0:
+            continue
+        if options.max_acceleration is not None:
+            limit = _per_joint(options.max_acceleration, samples.n_joints)
+            jerky[here] = _accelerating(samples.t[here], samples.qd[here], limit,
+                                        options.acceleration_window)
+        slow = here[~(fast[here] | jerky[here])]
+        kept[_one_per_slot(slow, samples.t[slow], samples.t[here[0]], options.rate_hz)] = True
+    jerky &= ~fast
+    dropped = {FAST: int(fast.sum()), ACCELERATING: int(jerky.sum()),
+               RATE: int((~(fast | jerky | kept)).sum())}
+    return GateResult(samples.select(kept), int(kept.sum()), len(samples),
+                      {reason: count for reason, count in dropped.items() if count})
+
+
+def _one_per_slot(index: NDArray[np.intp], t: FloatArray, first: float,
+                  rate_hz: float | None) -> NDArray[np.intp]:
+    if rate_hz is None:
+        return index
+    slots = np.floor((t - first) * rate_hz + 0.5)
+    return index[np.unique(slots, return_index=True)[1]]
+
+
+def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
+                  window: float) -> NDArray[np.bool_]:
+    """Return which samples of a run exceed the mean acceleration `limit`."""
+    then = np.searchsorted(t, t - window, side='right') - 1
+    known = then >= 0
+    then = np.maximum(then, 0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        mean = np.abs(qd - qd[then]) / (t - t[then])[:, None]
+    return known & np.any(mean > limit, axis=1)
+
+
+def _per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), (n_joints,))

@@ -1,0 +1,119 @@
+"""The ring: bounded, in order of time, and diverse rather than recent."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from gravity_comp_ros.buffer import SampleRing
+from gravity_comp_ros.errors import DataError, OptionError
+
+
+def offer(ring, t, q, qd=0.0, tau=0.0):
+    ring.offer(t, np.full(1, q), np.full(1, qd), np.full(1, tau))
+
+
+def test_keeps_everything_until_it_is_full():
+    ring = SampleRing(['j'], 3)
+    for k in range(3):
+        offer(ring, k, 0.1 * k, tau=k)
+    samples = ring.samples()
+    np.testing.assert_array_equal(samples.t, [0, 1, 2])
+    np.testing.assert_array_equal(samples.tau[:, 0], [0, 1, 2])
+    assert ring.offered == 3 and samples.n_runs == 1
+
+
+def test_the_older_of_the_closest_pair_leaves():
+    ring = SampleRing(['j'], 3)
+    for t, q in enumerate([0.0, 0.1, 1.0]):
+        offer(ring, t, q)
+    offer(ring, 3, 2.0)
+    np.testing.assert_allclose(ring.samples().q[:, 0], [0.1, 1.0, 2.0])
+    offer(ring, 4, 1.9)
+    np.testing.assert_allclose(ring.samples().q[:, 0], [0.1, 1.0, 1.9])
+
+
+def test_both_directions_of_a_pose_are_kept():
+    ring = SampleRing(['j'], 2)
+    for t, (q, qd) in enumerate([(0.5, 0.1), (0.5, -0.1), (0.501, 0.1), (0.501, -0.1)]):
+        offer(ring, t, q, qd)
+    np.testing.assert_array_equal(np.sort(ring.samples().qd[:, 0]), [-0.1, 0.1])
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-4, 3e-3])
+def test_an_hour_of_standing_still_does_not_push_out_the_motion(noise):
+    rng = np.random.default_rng(3)
+    ring = SampleRing([f'j{k}' for k in range(7)], 300)
+    t = np.arange(500) / 5.0
+    motion = np.sin(np.outer(t, 0.05 * np.arange(1, 8)) + np.arange(7))
+    for k in range(500):
+        ring.offer(t[k], motion[k], np.zeros(7), np.zeros(7))
+    before = ring.samples().q
+    for k in range(18000):
+        ring.offer(100 + 0.2 * k, motion[-1] + noise * rng.standard_normal(7),
+                   np.zeros(7), np.zeros(7))
+    after = ring.samples().q
+    assert len(ring) == 300
+    survivors = sum((np.abs(before - row).max(axis=1) < 1e-12).any() for row in after)
+    assert survivors >= 295 if noise < 1e-3 else survivors >= 250
+    still = ring.coverage().span
+    assert np.all(still > 0.95 * (motion.max(axis=0) - motion.min(axis=0)))
+
+
+def test_a_creep_is_not_one_sample_carried_along():
+    ring = SampleRing(['j'], 100)
+    for k in range(1000):
+        offer(ring, 0.2 * k, 2e-4 * k)
+    assert ring.coverage().q_min[0] < 0.01 and ring.coverage().q_max[0] > 0.19
+    assert len(ring) == 100
+
+
+def test_time_going_back_starts_a_new_run():
+    ring = SampleRing(['j'], 10)
+    for t, q in [(5.0, 0.0), (6.0, 0.1), (1.0, 0.2), (2.0, 0.3)]:
+        offer(ring, t, q)
+    samples = ring.samples()
+    np.testing.assert_array_equal(samples.runs, [0, 0, 1, 1])
+    np.testing.assert_array_equal(samples.t, [5, 6, 1, 2])
+
+
+def test_coverage_of_nothing_and_of_something():
+    ring = SampleRing(['a', 'b'], 10)
+    assert ring.coverage().n_samples == 0 and ring.coverage().lacking(0.1) == ('a', 'b')
+    assert len(ring.samples()) == 0
+    ring.offer(0.0, np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
+    ring.offer(1.0, np.array([0.5, 1.05]), np.zeros(2), np.zeros(2))
+    np.testing.assert_allclose(ring.coverage().span, [0.5, 0.05])
+    assert ring.coverage().lacking(0.1) == ('b',)
+    ring.clear()
+    assert len(ring) == 0 and ring.offered == 0
+
+
+def test_bad_input_is_refused():
+    with pytest.raises(OptionError, match='at least 2'):
+        SampleRing(['j'], 1)
+    ring = SampleRing(['j'], 4)
+    with pytest.raises(DataError, match='not finite'):
+        offer(ring, 0.0, np.nan)
+    assert len(ring) == 0
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-0.1, 0.1)), max_size=60),
+       st.integers(2, 12))
+def test_the_ring_is_bounded_and_its_neighbours_are_right(poses, capacity):
+    ring = SampleRing(['j'], capacity)
+    for t, (q, qd) in enumerate(poses):
+        offer(ring, float(t), q, qd, tau=float(t))
+        assert len(ring) <= capacity
+    samples = ring.samples()
+    # A sample travels whole: what it says now is what was offered at its time.
+    for t, q, qd, tau in zip(samples.t, samples.q, samples.qd, samples.tau):
+        assert (q[0], qd[0], tau[0]) == (*poses[int(t)], t)
+    n = len(ring)
+    if n > 1:
+        gaps = ring._features[:n, None] - ring._features[None, :n]
+        distances = np.einsum('ijk,ijk->ij', gaps, gaps)
+        np.fill_diagonal(distances, np.inf)
+        np.testing.assert_allclose(ring._near[:n], distances.min(axis=1), rtol=1e-12)
+        np.testing.assert_array_equal(
+            distances[np.arange(n), ring._nearest[:n]], ring._near[:n])

@@ -1,0 +1,120 @@
+"""The gate: hand-worked decisions, and the same decision online and offline."""
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gate import (ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE,
+                                   slow_samples, TIME)
+from gravity_comp_ros.samples import concatenate, JointSamples
+
+
+def still(t, n=2, label='run'):
+    t = np.asarray(t, dtype=float)
+    return JointSamples.single_run([f'j{k}' for k in range(n)], t, np.zeros((t.size, n)),
+                                   np.zeros((t.size, n)), np.zeros((t.size, n)), label)
+
+
+def test_speed_of_any_joint_closes_the_gate():
+    gate = Gate(2, GateOptions(max_speed=(0.1, 0.2), rate_hz=None))
+    q = np.zeros(2)
+    assert gate.offer(0.0, q, np.array([0.1, 0.2])) is None
+    assert gate.offer(0.1, q, np.array([0.101, 0.0])) == FAST
+    assert gate.offer(0.2, q, np.array([0.0, -0.201])) == FAST
+    assert gate.offer(0.3, q, np.array([0.0, -0.2])) is None
+
+
+def test_time_and_values_that_make_no_sense():
+    gate = Gate(1)
+    q = np.zeros(1)
+    assert gate.offer(1.0, q, q) is None
+    assert gate.offer(1.0, q, q) == TIME
+    assert gate.offer(0.5, q, q) == TIME
+    assert gate.offer(float('nan'), q, q) == NOT_FINITE
+    assert gate.offer(2.0, np.array([np.inf]), q) == NOT_FINITE
+    assert gate.offer(2.0, q, np.array([np.nan])) == NOT_FINITE
+    gate.reset()
+    assert gate.offer(0.5, q, q) is None
+
+
+def test_rate_keeps_one_in_each_period():
+    result = slow_samples(still(np.arange(0, 10, 0.01)), GateOptions(rate_hz=5.0))
+    assert result.kept == 51 and result.total == 1000 and result.dropped == {RATE: 949}
+    assert np.all(np.diff(result.samples.t) > 0.09)
+
+
+def test_input_at_the_asked_rate_passes_whole_although_it_jitters():
+    rng = np.random.default_rng(1)
+    t = np.arange(500) / 5.0 + rng.uniform(-0.04, 0.04, 500)
+    assert slow_samples(still(t), GateOptions(rate_hz=5.0)).kept == 500
+
+
+def test_random_poses_pass_whole():
+    rng = np.random.default_rng(2)
+    t, q = np.arange(200) * 2.0, rng.uniform(-3, 3, (200, 7))
+    samples = JointSamples.single_run([f'j{k}' for k in range(7)], t, q, 0 * q, 0 * q)
+    result = slow_samples(samples, GateOptions(max_acceleration=0.1))
+    assert result.kept == 200 and result.dropped == {}
+
+
+def test_acceleration_is_the_mean_over_the_window():
+    t = np.arange(0, 1, 0.05)
+    qd = np.where(t < 0.5, 0.0, np.minimum((t - 0.5) * 0.5, 0.1))[:, None]
+    samples = JointSamples.single_run(['j'], t, 0 * qd, qd, 0 * qd)
+    options = GateOptions(max_acceleration=0.3, rate_hz=None)
+    result = slow_samples(samples, options)
+    # 0.5 rad/s² from 0.5 s to 0.7 s; the mean over 0.1 s exceeds 0.3 from 0.6 s to 0.7 s.
+    assert set(np.round(t, 2)) - set(np.round(result.samples.t, 2)) == {0.6, 0.65, 0.7}
+    assert result.dropped == {ACCELERATING: 3}
+
+
+@pytest.mark.parametrize('bad', [
+    {'max_speed': 0.0}, {'max_speed': float('nan')}, {'max_speed': ()}, {'rate_hz': -1.0},
+    {'max_acceleration': (1.0, -1.0)}, {'acceleration_window': 0.0}])
+def test_options_that_make_no_sense_are_refused(bad):
+    with pytest.raises(OptionError, match=next(iter(bad))):
+        GateOptions(**bad)
+
+
+def test_thresholds_for_another_arm_are_refused():
+    with pytest.raises(OptionError, match='3 values for 2 joints'):
+        Gate(2, GateOptions(max_speed=(0.1, 0.1, 0.1)))
+    with pytest.raises(OptionError, match='3 values for 2 joints'):
+        slow_samples(still([0.0]), GateOptions(max_speed=(0.1, 0.1, 0.1)))
+
+
+@st.composite
+def recordings(draw):
+    runs = []
+    for run in range(draw(st.integers(1, 3))):
+        steps = draw(st.lists(st.sampled_from([0.001, 0.01, 0.05, 0.2, 3.0]), max_size=40))
+        t = draw(st.sampled_from([0.0, 1.7e9])) + np.cumsum(steps)
+        seed = draw(st.integers(0, 2**31))
+        rng = np.random.default_rng(seed)
+        qd = rng.choice([0.0, 0.05, -0.1, 0.2], size=(t.size, 2), p=[0.5, 0.2, 0.2, 0.1])
+        runs.append(JointSamples.single_run(['a', 'b'], t, qd * 0, qd, qd * 0, f'r{run}'))
+    return concatenate(runs)
+
+
+@settings(max_examples=80, deadline=None)
+@given(recordings(), st.sampled_from([None, 1.0, 5.0, 100.0]),
+       st.sampled_from([None, 0.5, (2.0, 0.7)]), st.sampled_from([0.02, 0.1, 1.0]))
+def test_online_and_offline_decide_the_same(samples, rate, acceleration, window):
+    options = GateOptions(0.15, acceleration, rate, window)
+    gate, kept, dropped, run = Gate(2, options), [], {}, 0
+    for k in range(len(samples)):
+        if samples.runs[k] != run:
+            gate.reset()
+            run = samples.runs[k]
+        reason = gate.offer(float(samples.t[k]), samples.q[k], samples.qd[k])
+        if reason is None:
+            kept.append(k)
+        else:
+            dropped[reason] = dropped.get(reason, 0) + 1
+    result = slow_samples(samples, options)
+    np.testing.assert_array_equal(result.samples.t, samples.t[kept])
+    np.testing.assert_array_equal(result.samples.qd, samples.qd[kept])
+    assert result.dropped == dropped
+    assert result.kept == len(kept) == len(result.samples)
+    assert result.kept + sum(result.dropped.values()) == result.total == len(samples)
