@@ -1,0 +1,146 @@
+"""sensor_msgs/JointState to and from CDR, the bytes that ROS 2 sends and records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import struct
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+JOINT_STATE_HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'
+JOINT_STATE_DEFINITION = f"""\
+std_msgs/Header header
+
+string[] name
+float64[] position
+float64[] velocity
+float64[] effort
+
+{'=' * 80}
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+
+{'=' * 80}
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+_HEADER = 4  # bytes before the payload that name the encoding; alignment counts from their end
+
+
+@dataclass(frozen=True)
+class JointStateMessage:
+    """A decoded message: stamp in ns, K names, and arrays as long as the sender made them."""
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    position: FloatArray
+    velocity: FloatArray
+    effort: FloatArray
+
+
+class JointStateDecoder:
+    """
+    Decode JointState messages of one topic.
+
+    A publisher repeats its joint names in every message; the last block of names is kept so
+    that the same bytes are not decoded again.
+    """
+
+    def __init__(self) -> None:
+        self._block: bytes | None = None
+        self._order = ''
+        self._names: tuple[str, ...] = ()
+
+    def decode(self, data: bytes) -> JointStateMessage:
+        """
+        Return the message in `data`.
+
+        :raises ValueError: if the bytes are not a JointState in plain CDR.
+        """
+        if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
+            raise ValueError('not plain CDR')
+        order = '<' if data[1] == 1 else '>'
+        try:
+            seconds, nanoseconds, frame = struct.unpack_from(order + 'iII', data, _HEADER)
+            start = _aligned(_HEADER + 12 + frame, 4)
+            names, end = self._read_names(data, order, start)
+            position, end = _read_doubles(data, order, end)
+            velocity, end = _read_doubles(data, order, end)
+            effort, end = _read_doubles(data, order, end)
+        except struct.error:
+            raise ValueError('the message ends early') from None
+        return JointStateMessage(seconds * 10**9 + nanoseconds, names, position, velocity, effort)
+
+    def _read_names(self, data: bytes, order: str, start: int) -> tuple[tuple[str, ...], int]:
+        if self._block and order == self._order and data.startswith(self._block, start):
+            return self._names, start + len(self._block)
+        (count,) = struct.unpack_from(order + 'I', data, start)
+        names, end = [], start + 4
+        if count > len(data):
+            raise ValueError('more names than bytes')
+        for _ in range(count):
+            end = _aligned(end, 4)
+            (length,) = struct.unpack_from(order + 'I', data, end)
+            end += 4 + length
+            if end > len(data):
+                raise ValueError('a name ends after the message')
+            names.append(data[end - length:end].rstrip(b'\0').decode('utf-8'))
+        self._block, self._order, self._names = bytes(data[start:end]), order, tuple(names)
+        return self._names, end
+
+
+def encode(stamp_ns: int, names: Sequence[str], position: ArrayLike = (),
+           velocity: ArrayLike = (), effort: ArrayLike = (), frame_id: str = '') -> bytes:
+    """
+    Return a JointState as little-endian CDR.
+
+    :param stamp_ns: time in ns since the epoch, from 0 to 2**31 seconds.
+    """
+    seconds, nanoseconds = divmod(int(stamp_ns), 10**9)
+    out = bytearray(struct.pack('<BBHiI', 0, 1, 0, seconds, nanoseconds))
+    _put_string(out, frame_id)
+    _put_length(out, len(names))
+    for name in names:
+        _put_string(out, name)
+    for values in (position, velocity, effort):
+        array = np.asarray(values, dtype='<f8').ravel()
+        _put_length(out, array.size)
+        if array.size:
+            out += bytes(-(len(out) - _HEADER) % 8)
+            out += array.tobytes()
+    return bytes(out)
+
+
+def _put_length(out: bytearray, length: int) -> None:
+    out += bytes(-len(out) % 4)
+    out += struct.pack('<I', length)
+
+
+def _put_string(out: bytearray, text: str) -> None:
+    raw = text.encode('utf-8') + b'\0'
+    _put_length(out, len(raw))
+    out += raw
+
+
+def _read_doubles(data: bytes, order: str, start: int) -> tuple[FloatArray, int]:
+    start = _aligned(start, 4)
+    (count,) = struct.unpack_from(order + 'I', data, start)
+    start += 4
+    if count == 0:  # an empty sequence has no padding after its length
+        return np.empty(0), start
+    start = _aligned(start, 8)
+    if start + 8 * count > len(data):
+        raise ValueError('an array ends after the message')
+    return np.frombuffer(data, order + 'f8', count, start), start + 8 * count
+
+
+def _aligned(offset: int, size: int) -> int:
+    return offset + -(offset - _HEADER) % size

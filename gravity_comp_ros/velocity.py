@@ -1,0 +1,84 @@
+"""Joint speed from joint position, without delay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import savgol_filter
+
+from gravity_comp_ros.errors import DataError, OptionError
+
+FloatArray = NDArray[np.float64]
+
+_ORDER = 3
+
+
+@dataclass(frozen=True)
+class DifferentiationOptions:
+    """
+    How to differentiate: cubic fits over `window` s, none across a gap.
+
+    A gap is an interval longer than `gap` times the median interval. At low rates the window
+    grows to five samples.
+
+    :raises OptionError: if a value makes no sense.
+    """
+
+    window: float = 0.2
+    gap: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.window) or self.window <= 0:
+            raise OptionError(f'differentiation window is {self.window} s; it must be positive')
+        if not np.isfinite(self.gap) or self.gap <= 1:
+            raise OptionError(f'differentiation gap is {self.gap}; it must be above 1')
+
+
+def differentiate(t: ArrayLike, q: ArrayLike,
+                  options: DifferentiationOptions = DifferentiationOptions()) -> FloatArray:
+    """
+    Return the speed (M, N) in rad/s of positions `q` (M, N) in rad at times `t` (M,) in s.
+
+    Each stretch without a gap is brought to a regular grid and fitted by a sliding cubic
+    (Savitzky and Golay), which shifts nothing in time. A sample alone between two gaps has no
+    speed that could be known: its row is NaN.
+
+    :raises DataError: if shapes disagree or time does not increase.
+    """
+    times, positions = np.asarray(t, dtype=np.float64), np.asarray(q, dtype=np.float64)
+    if times.ndim != 1 or positions.ndim != 2 or len(times) != len(positions):
+        raise DataError(f'cannot differentiate q of shape {positions.shape} over t of shape '
+                        f'{times.shape}')
+    steps = np.diff(times)
+    if (steps <= 0).any():
+        raise DataError(f'cannot differentiate: time does not increase at sample '
+                        f'{int(np.argmax(steps <= 0)) + 1}')
+    speed = np.full_like(positions, np.nan)
+    if not steps.size:
+        return speed
+    step = float(np.median(steps))
+    ends = np.append(np.flatnonzero(steps > options.gap * step) + 1, len(times))
+    begin = 0
+    for end in ends:
+        speed[begin:end] = _stretch(times[begin:end], positions[begin:end], step, options.window)
+        begin = end
+    return speed
+
+
+def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
+    """Return the speed over one stretch without a gap."""
+    if len(t) < 2:
+        return np.full_like(q, np.nan)
+    count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
+    grid = np.linspace(t[0], t[-1], count)
+    spacing = grid[1] - grid[0]
+    regular = np.stack([np.interp(grid, t, column) for column in q.T], axis=1)
+    length = max(2 * int(round(window / (2 * spacing))) + 1, 5)
+    if count < 5:
+        slope = np.gradient(regular, spacing, axis=0)
+    else:
+        length = min(length, count if count % 2 else count - 1)
+        slope = savgol_filter(regular, length, _ORDER, deriv=1, delta=spacing, axis=0)
+    return np.stack([np.interp(t, grid, column) for column in slope.T], axis=1)
