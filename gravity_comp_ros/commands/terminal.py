@@ -24,6 +24,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
 
@@ -68,7 +69,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
     """
     Return a table; the first column and those in `left` are text, the rest numbers.
 
-    Titles and columns are markup of our own; every cell is escaped, unless it is a rich object.
+    Titles and columns are markup of our own; every cell is escaped, unless it is a `Text`.
     """
     made = Table(title=title, caption=caption, title_justify='left', caption_justify='left',
                  box=box.SIMPLE_HEAD, title_style='bold', pad_edge=False)
@@ -77,8 +78,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
         made.add_column(column, justify='left' if is_text else 'right', no_wrap=not is_text,
                         overflow='fold')
     for row in rows:
-        made.add_row(*(cell if hasattr(cell, '__rich_console__') or hasattr(cell, '__rich__')
-                       else safe(cell) for cell in row))
+        made.add_row(*(cell if isinstance(cell, Text) else safe(cell) for cell in row))
     return made
 
 

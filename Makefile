@@ -1,0 +1,44 @@
+# make demo, make test: each makes what it needs first. PYTHON=... names another Python.
+VENV ?= .venv
+VENV_OLDEST ?= .venv-oldest
+PYTEST_ARGS ?=
+export PYTHON
+# Numerical libraries gain nothing from threads on problems of this size, and lose a lot when
+# tests, node and fit share two cores.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export PYTHONUNBUFFERED = 1
+
+.PHONY: help demo test test-oldest lint venv clean
+
+help:
+	@echo 'make demo         learn an arm, hang 2 kg on it, relearn, over real ROS 2 messages'
+	@echo 'make test         lint, types and all tests'
+	@echo 'make test-oldest  all tests with the NumPy and SciPy of Ubuntu 24.04'
+	@echo 'make lint         ruff and mypy alone'
+	@echo 'make venv         only make $(VENV), with what the above need'
+	@echo 'make clean        remove what was built or installed here'
+	@echo
+	@echo 'PYTHON=python3.11 make test   names the Python to use (3.11 or 3.12)'
+
+demo: venv
+	@$(VENV)/bin/python -m gravity_comp_ros.demo
+
+test: lint
+	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+
+test-oldest:
+	@tools/make_venv.sh $(VENV_OLDEST) oldest
+	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST_ARGS)
+
+lint: venv
+	$(VENV)/bin/python -m ruff check
+	$(VENV)/bin/python -m mypy
+
+venv:
+	@tools/make_venv.sh $(VENV) newest
+
+clean:
+	rm -rf $(VENV) $(VENV_OLDEST) build install log *.egg-info demo-output test-artifacts
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,64 @@
+"""Install gravity_comp_ros, by colcon (ament_python) or by pip."""
+
+from glob import glob
+import os
+
+from setuptools import find_packages, setup
+
+NAME = 'gravity_comp_ros'
+
+
+def files(folder):
+    """Return data_files entries that carry `folder` and its subfolders to share/."""
+    found = []
+    for here, _, names in sorted(os.walk(folder)):
+        kept = [os.path.join(here, name) for name in sorted(names)
+                if not name.startswith('.') and not name.endswith('.pyc')]
+        if kept and '__pycache__' not in here:
+            found.append((os.path.join('share', NAME, here), kept))
+    return found
+
+
+SIM = ['pin>=2.7']
+BAGS = ['mcap>=1.1', 'zstandard>=0.21']
+ROS = [
+    'ros-jazzy-rclpy>=7.1',
+    'ros-jazzy-rmw-fastrtps-cpp>=8.4',
+    'ros-jazzy-common-interfaces>=5.3',
+]
+TEST = ['pytest>=7.4', 'hypothesis>=6.98', 'flake8>=7', 'flake8-import-order>=0.18',
+        'flake8-quotes>=3.3', 'pydocstyle>=6.3', 'rosbags>=0.10',
+        'colcon-common-extensions>=0.3', 'colcon-ros>=0.5']
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Gravity compensation learned from joint states, for ROS 2 arms',
+    author='gravity_comp_ros maintainers',
+    author_email='maintainers@example.org',
+    maintainer='gravity_comp_ros maintainers',
+    maintainer_email='maintainers@example.org',
+    license='Apache-2.0',
+    python_requires='>=3.11',
+    packages=find_packages(include=[NAME, NAME + '.*']),
+    package_data={NAME: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', ['resource/' + NAME]),
+        ('share/' + NAME, ['package.xml', *glob('LICENSE')]),
+        *files('config'),
+        *files('launch'),
+        *files('bags'),
+    ],
+    install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
+                      'rich>=13.3'],
+    extras_require={'bags': BAGS, 'ros': ROS, 'sim': SIM, 'test': TEST + BAGS + SIM},
+    zip_safe=False,
+    entry_points={
+        'console_scripts': [
+            'gravity_comp = gravity_comp_ros.cli:main',
+            'gravity_comp_node = gravity_comp_ros.node.main:main',
+        ],
+        # Effects that other packages bring register here as well.
+        'gravity_comp_ros.effects': [],
+    },
+)
