@@ -12,6 +12,7 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,106 @@
+"""
+How noisy each joint's torque is, learned from the residual.
+
+Torque sensors and motor currents have an absolute error and one that grows with the load, so
+
+    sigma_n(tau)^2 = a_n^2 + b_n^2 tau_n^2.
+
+Rows are weighted by 1 / sigma_n. tau here is the predicted torque: the measured one would make
+samples whose noise happened to be small look precise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from gravity_comp_ros.samples import FloatArray, IntArray
+
+# No joint is believed to be better than this share of the arm's largest torque: a joint that
+# measures exactly 0 (the first of a level arm) must not get an infinite weight.
+_FLOOR = 1e-4
+# Gain in log likelihood that the load-dependent part must bring to be believed.
+_EVIDENCE = 8.0
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Standard deviations: `absolute` a (N,) in N·m and `relative` b (N,), a fraction."""
+
+    absolute: FloatArray
+    relative: FloatArray
+
+    def sigma(self, predicted: FloatArray) -> FloatArray:
+        """Return sigma for predicted torques (M, N), in N·m."""
+        return np.sqrt(self.absolute ** 2 + (self.relative * predicted) ** 2)
+
+
+def floor(tau: FloatArray) -> float:
+    """Return the least standard deviation that is believed, N·m."""
+    return float(max(_FLOOR * np.sqrt((tau ** 2).mean(axis=0)).max(initial=0.0), 1e-9))
+
+
+def first_guess(tau: FloatArray) -> NoiseModel:
+    """Return 1 % of the largest joint's torque for every joint: coarse, and soon replaced."""
+    n = tau.shape[1]
+    return NoiseModel(np.full(n, 100.0 * floor(tau)), np.zeros(n))
+
+
+def estimate(residual: FloatArray, predicted: FloatArray, least: float,
+             used: FloatArray) -> NoiseModel:
+    """
+    Return the noise model of residuals (M, N).
+
+    :param used: degrees of freedom that the fit spent on each joint (N,).
+    :param least: `floor` of the measured torque.
+    """
+    m, n = residual.shape
+    absolute, relative = np.zeros(n), np.zeros(n)
+    for joint in range(n):
+        share = max((m - used[joint]) / m, 0.1)
+        absolute[joint], relative[joint] = _estimate_joint(
+            residual[:, joint] / np.sqrt(share), predicted[:, joint], least)
+    return NoiseModel(absolute, relative)
+
+
+def _estimate_joint(residual: FloatArray, predicted: FloatArray,
+                    least: float) -> tuple[float, float]:
+    constant = max(float(np.sqrt((residual ** 2).mean())), least)
+    load = float(np.sqrt((predicted ** 2).mean()))
+    if load <= least:
+        return constant, 0.0
+
+    def cost(logs: FloatArray) -> float:
+        variance = np.exp(2 * logs[0]) + (np.exp(logs[1]) * predicted) ** 2 + least ** 2
+        return float(0.5 * (np.log(variance) + residual ** 2 / variance).mean())
+
+    plain = 0.5 * (np.log(constant ** 2) + float((residual ** 2).mean()) / constant ** 2)
+    start = np.log([0.5 * constant, 0.5 * constant / load])
+    found = optimize.minimize(cost, start, method='Nelder-Mead',
+                              options={'xatol': 1e-2, 'fatol': 1e-5, 'maxiter': 200})
+    if len(residual) * (plain - found.fun) < _EVIDENCE:
+        return constant, 0.0
+    return max(float(np.exp(found.x[0])), least), float(np.exp(found.x[1]))
+
+
+def correlation_time(residual: FloatArray, runs: IntArray) -> float:
+    """
+    Return how many samples of a residual (M,) count as one: its integrated autocorrelation.
+
+    1 + 2 sum_k rho_k, summed until rho_k falls under its own standard error; samples of
+    different runs are independent.
+    """
+    total = len(residual)
+    parts = [residual[runs == run] for run in np.unique(runs)]
+    power = sum(float(p @ p) for p in parts)
+    if power <= 0.0 or total < 4:
+        return 1.0
+    time = 1.0
+    for lag in range(1, max(2, total // 4)):
+        rho = sum(float(p[lag:] @ p[:-lag]) for p in parts if len(p) > lag) / power
+        if rho < 2.0 / np.sqrt(total):
+            break
+        time += 2.0 * rho
+    return time

@@ -1,0 +1,28 @@
+"""
+The per-joint formulation of the paper: each joint's torque is a sparse sum of its own.
+
+tau_n = F beta_n over all 3^N features (Yu 2022, Eqs. 5-9). Right where it was trained; outside,
+nothing holds the joints' torques together, and the error can exceed the torque itself.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.gravity.design import TorqueDesign
+from gravity_comp_ros.gravity.factors import usable_for_torque
+from gravity_comp_ros.gravity.model import Expansion
+from gravity_comp_ros.gravity.sparse import fit_sparse, SparseFit, SparseOptions, SparseProblem
+from gravity_comp_ros.samples import JointSamples
+
+
+def fit_per_joint(samples: JointSamples,
+                  options: SparseOptions) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
+    """
+    Fit each joint's torque by itself.
+
+    :return: one expansion per joint in N·m, and the sparse fits behind them.
+    :raises FitError: if there are no samples.
+    """
+    usable = usable_for_torque(samples.q)
+    fits = [fit_sparse(SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]], usable),
+                       options) for joint in range(samples.n_joints)]
+    return tuple(Expansion(found.indices, found.x) for found in fits), fits

@@ -1,0 +1,28 @@
+"""
+The potential formulation: gravity is the gradient of ONE energy, and the energy is sparse.
+
+U = sum_k theta_k phi_k(q), tau_n = dU/dq_n. All joints share theta, so each joint's data tells
+about the others, and a torque that does no honest work (friction, an offset) cannot be
+represented: it stays in the residual, where it can be found.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.gravity.design import EnergyDesign
+from gravity_comp_ros.gravity.factors import usable_for_energy
+from gravity_comp_ros.gravity.model import Expansion
+from gravity_comp_ros.gravity.sparse import fit_sparse, SparseFit, SparseOptions, SparseProblem
+from gravity_comp_ros.samples import JointSamples
+
+
+def fit_potential(samples: JointSamples,
+                  options: SparseOptions) -> tuple[Expansion, list[SparseFit]]:
+    """
+    Fit one sparse potential energy to the torques of all joints.
+
+    :return: the energy in J, and the one sparse fit behind it.
+    :raises FitError: if there are no samples.
+    """
+    problem = SparseProblem(EnergyDesign, samples.q, samples.tau, usable_for_energy(samples.q))
+    found = fit_sparse(problem, options)
+    return Expansion(found.indices, found.x), [found]

@@ -1,0 +1,128 @@
+"""
+Model files: JSON with a format, a version and a checksum, written atomically.
+
+The checksum is the SHA-256 of the `model` object in canonical JSON (sorted keys, no spaces), so
+that a file that was cut, or edited by hand, is refused instead of moving an arm.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.errors import GravityCompError, ModelFileError
+from gravity_comp_ros.gravity.model import check_formulation, Coverage, Expansion, GravityModel
+
+FORMAT = 'gravity_comp_ros model'
+VERSION = 1
+# A model of ten joints with every feature is 2 MB; what is larger is something else.
+_MAX_BYTES = 64 * 2 ** 20
+
+
+def save_model(path: Path | str, model: GravityModel) -> None:
+    """
+    Write a model file; an existing one is replaced as a whole or not at all.
+
+    :raises ModelFileError: if it cannot be written.
+    """
+    body = _to_json(model)
+    document = {'format': FORMAT, 'version': VERSION, 'sha256': _checksum(body), 'model': body}
+    text = json.dumps(document, indent=1, allow_nan=False) + '\n'
+    write_atomically(Path(path), text.encode(), ModelFileError)
+
+
+def load_model(path: Path | str) -> GravityModel:
+    """
+    Read a model file.
+
+    :raises ModelFileError: if it is missing, no model file, of another version, or damaged.
+    """
+    path = Path(path)
+    document = _read(path)
+    if document.get('format') != FORMAT:
+        raise ModelFileError(f'{path} is not a model file of this package')
+    if document.get('version') != VERSION:
+        raise ModelFileError(f'{path} has version {document.get("version")!r}; this program '
+                             f'reads version {VERSION}')
+    body = document.get('model')
+    if not isinstance(body, dict) or document.get('sha256') != _checksum(body):
+        raise ModelFileError(f'{path} is damaged: its checksum does not match. Fit it again or '
+                             f'take a copy')
+    try:
+        return _from_json(body)
+    except ModelFileError as problem:
+        raise ModelFileError(f'{path}: {problem}') from problem
+    except (GravityCompError, KeyError, TypeError, ValueError) as problem:
+        raise ModelFileError(f'{path} is no valid model: {problem}') from problem
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise ModelFileError(f'{path} is too large to be a model file')
+        document = json.loads(path.read_bytes())
+    except OSError as problem:
+        reason = (problem.strerror or 'unreadable').lower()
+        raise ModelFileError(f'cannot read model {path}: {reason}') from problem
+    except (ValueError, RecursionError) as problem:
+        raise ModelFileError(f'{path} is not a model file, or it was cut short: not JSON'
+                             ) from problem
+    if not isinstance(document, dict):
+        raise ModelFileError(f'{path} is not a model file of this package')
+    return document
+
+
+def _checksum(body: dict[str, Any]) -> str:
+    canonical = json.dumps(body, sort_keys=True, separators=(',', ':'), allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _to_json(model: GravityModel) -> dict[str, Any]:
+    """Return the model as plain lists; an energy implies the torques, which are then left out."""
+    body: dict[str, Any] = {
+        'joints': list(model.joints),
+        'formulation': model.formulation,
+        'noise': model.noise.tolist(),
+        'coverage': {'q_min': model.coverage.q_min.tolist(),
+                     'q_max': model.coverage.q_max.tolist(),
+                     'n_samples': model.coverage.n_samples,
+                     'n_runs': model.coverage.n_runs},
+        'provenance': dict(model.provenance),
+    }
+    if model.energy is not None:
+        body['energy'] = _terms(model.energy)
+    else:
+        body['torques'] = [_terms(torque) for torque in model.torques]
+    # Through JSON and back, so that the checksum is of what a reader will see.
+    return dict(json.loads(json.dumps(body, allow_nan=False)))
+
+
+def _terms(expansion: Expansion) -> dict[str, list]:
+    return {'features': expansion.indices.tolist(), 'weights': expansion.weights.tolist()}
+
+
+def _from_json(body: dict[str, Any]) -> GravityModel:
+    joints = tuple(str(name) for name in body['joints'])
+    check_formulation(body['formulation'])
+    place = body['coverage']
+    coverage = Coverage(np.array(place['q_min'], dtype=np.float64),
+                        np.array(place['q_max'], dtype=np.float64),
+                        int(place['n_samples']), int(place['n_runs']))
+    noise = np.array(body['noise'], dtype=np.float64)
+    if 'energy' in body:
+        return GravityModel.from_energy(joints, body['formulation'],
+                                        _expansion(body['energy']), noise, coverage,
+                                        body['provenance'])
+    torques = tuple(_expansion(terms) for terms in body['torques'])
+    return GravityModel(joints, body['formulation'], torques, None, noise, coverage,
+                        body['provenance'])
+
+
+def _expansion(terms: dict[str, list]) -> Expansion:
+    return Expansion(np.array(terms['features'], dtype=np.int64),
+                     np.array(terms['weights'], dtype=np.float64))
