@@ -1,0 +1,77 @@
+"""Differentiated velocities: no delay, nothing across gaps, no amplified noise."""
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.velocity import DifferentiationOptions, differentiate
+
+
+@pytest.mark.parametrize(('rate', 'omega', 'error'), [
+    (1000, 2 * np.pi, 0.005), (125, 2 * np.pi, 0.005), (30, 4.0, 0.003), (5, 0.25, 0.001)])
+def test_sine_at_usual_rates(rate, omega, error):
+    t = np.arange(0, 20, 1 / rate)
+    speed = differentiate(t, np.sin(omega * t)[:, None])[:, 0]
+    wrong = np.abs(speed - omega * np.cos(omega * t)) / omega
+    inner = (t > 0.5) & (t < t[-1] - 0.5)
+    assert wrong[inner].max() < error
+    assert wrong.max() < 12 * error
+
+
+def test_no_delay():
+    t = np.arange(0, 20, 0.008)
+    speed = differentiate(t, np.sin(np.pi * t)[:, None])[:, 0] / np.pi
+    periods = slice(250, 250 + 8 * 250)
+    delayed = np.dot(speed[periods], np.sin(np.pi * t[periods])) / 1000
+    assert abs(delayed) < 1e-9  # a delay of one sample would give 0.025
+
+
+@settings(max_examples=40, deadline=None)
+@given(slope=st.floats(-3, 3), offset=st.floats(-3, 3), seed=st.integers(0, 1000),
+       count=st.integers(2, 60))
+def test_straight_line_is_exact_at_any_sampling(slope, offset, seed, count):
+    t = np.cumsum(np.random.default_rng(seed).uniform(0.5e-2, 1.5e-2, count))
+    speed = differentiate(t, (offset + slope * t)[:, None])
+    np.testing.assert_allclose(speed, slope, atol=1e-9)
+
+
+def test_noise_of_the_encoder_stays_small():
+    t = np.arange(0, 10, 0.001)
+    noise = 1e-4 * np.random.default_rng(0).standard_normal((t.size, 1))
+    assert differentiate(t, noise).std() < 0.001  # plain differences would give 0.14 rad/s
+
+
+def test_nothing_leaks_across_a_gap():
+    t = np.concatenate([np.arange(100), 1000 + np.arange(100)]) / 100
+    q = np.concatenate([t[:100], 50 - 2 * t[100:]])[:, None]
+    speed = differentiate(t, q)[:, 0]
+    np.testing.assert_allclose(speed[:100], 1, atol=1e-9)
+    np.testing.assert_allclose(speed[100:], -2, atol=1e-9)
+
+
+def test_sample_alone_between_gaps_is_unknown():
+    t = np.concatenate([np.arange(20) / 10, [50.0], 100 + np.arange(20) / 10])
+    speed = differentiate(t, t[:, None])[:, 0]
+    assert np.isnan(speed[20])
+    np.testing.assert_allclose(np.delete(speed, 20), 1)
+
+
+def test_too_short_for_a_speed():
+    assert np.isnan(differentiate([1.0], [[2.0]])).all()
+    assert differentiate([], np.empty((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(('t', 'q'), [
+    ([0.0, 1.0], [[1.0]]), ([0.0, 0.0], [[1.0], [2.0]]), ([1.0, 0.0], [[1.0], [2.0]]),
+    ([0.0, 1.0], [1.0, 2.0])])
+def test_wrong_input(t, q):
+    with pytest.raises(DataError, match='cannot differentiate'):
+        differentiate(t, q)
+
+
+@pytest.mark.parametrize('bad', [{'window': 0}, {'window': float('nan')}, {'gap': 1}])
+def test_wrong_options(bad):
+    with pytest.raises(OptionError):
+        DifferentiationOptions(**bad)
