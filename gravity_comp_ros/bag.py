@@ -7,15 +7,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gravity_comp_ros.bag_columns import Columns
 from gravity_comp_ros.bag_message import JOINT_STATE, JointStateDecoder
 from gravity_comp_ros.bag_storage import fingerprint, open_storage, Storage
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
 from gravity_comp_ros.velocity import differentiate
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -180,7 +179,8 @@ class _Reading:
             int(self.times[0]), fingerprint(path), tuple(self.notes))
         return Recording(samples, report)
 
-    def _keep(self, mask: Mask, reason: str) -> None:
+    def _keep(self, keep: ArrayLike, reason: str) -> None:
+        mask = np.asarray(keep, dtype=bool)
         lost = int(mask.size - np.count_nonzero(mask))
         if not lost:
             return

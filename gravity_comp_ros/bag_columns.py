@@ -7,10 +7,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.bag_message import JointStateMessage
 import numpy as np
 from numpy.typing import NDArray
-
-from gravity_comp_ros.bag_message import JointStateMessage
 
 FloatArray = NDArray[np.float64]
 
@@ -108,5 +107,5 @@ class Columns:
             rows = np.array(layout.rows)
             for array_out, flat in zip(out, (layout.position, layout.velocity, layout.effort)):
                 table = np.frombuffer(flat).reshape(len(rows), len(names))
-                array_out[np.ix_(rows, target)] = table[:, source]
+                array_out[rows[:, None], target] = table[:, source]
         return out

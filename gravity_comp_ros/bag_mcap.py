@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 import zlib
 
+from gravity_comp_ros.bag_storage import StoredTopic
+from gravity_comp_ros.errors import BagError
 from mcap.reader import SeekingReader
 from mcap.records import Footer, Message
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
-
-from gravity_comp_ros.bag_storage import StoredTopic
-from gravity_comp_ros.errors import BagError
 
 _MAGIC = b'\x89MCAP0\r\n'
 _FOOTER = 1 + 8 + 8 + 8 + 4  # opcode, length, summary start, summary offsets, checksum

@@ -8,15 +8,18 @@ import heapq
 from pathlib import Path
 from typing import BinaryIO
 
+from gravity_comp_ros.atomic import replacing
+from gravity_comp_ros.bag_message import (
+    encode,
+    JOINT_STATE,
+    JOINT_STATE_DEFINITION,
+    JOINT_STATE_HASH,
+)
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.samples import JointSamples
 from mcap.writer import CompressionType, Writer
 import numpy as np
 from numpy.typing import NDArray
-
-from gravity_comp_ros.atomic import replacing
-from gravity_comp_ros.bag_message import (
-    encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
-from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.samples import JointSamples
 
 FloatArray = NDArray[np.float64]
 
@@ -121,10 +124,11 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[NDAr
     counts = [0] * len(topics)
     for stamp, number, row in heapq.merge(*(_events(k, s) for k, s in enumerate(stamps))):
         topic = topics[number]
-        fields = (() if values is None else values[row]
-                  for values in (topic.position, topic.velocity, topic.effort))
-        writer.add_message(channels[number], stamp, encode(stamp, topic.joints, *fields), stamp,
-                           counts[number])
+        position, velocity, effort = (
+            () if values is None else values[row]
+            for values in (topic.position, topic.velocity, topic.effort))
+        data = encode(stamp, topic.joints, position, velocity, effort)
+        writer.add_message(channels[number], stamp, data, stamp, counts[number])
         counts[number] += 1
     writer.finish()
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import savgol_filter
-
-from gravity_comp_ros.errors import DataError, OptionError
 
 FloatArray = NDArray[np.float64]
 

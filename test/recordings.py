@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gravity_comp_ros.bag_message import encode, JOINT_STATE
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 from rosbags.typesys import get_typestore, Stores
-
-from gravity_comp_ros.bag_message import encode, JOINT_STATE
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 START_NS = 1_700_000_000 * 10**9

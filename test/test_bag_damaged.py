@@ -2,12 +2,11 @@
 
 import sqlite3
 
-import numpy as np
-import pytest
-
 from gravity_comp_ros.bag import read_bag, ReadOptions
 from gravity_comp_ros.bag_write import JointTopic, write_bag, WriteOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
+import numpy as np
+import pytest
 from recordings import add_other_topic, messages, motion, NAMES, write_folder
 
 T, Q, QD, TAU = motion()
@@ -27,9 +26,9 @@ def db3(tmp_path):
     return file
 
 
-def refusal(path, options=ReadOptions()):
+def refusal(path, options=None):
     with pytest.raises(GravityCompError) as error:
-        read_bag(path, options)
+        read_bag(path, options or ReadOptions())
     text = str(error.value)
     assert '\n' not in text and path.name in text
     return text
@@ -48,7 +47,7 @@ def test_truncated_mcap_says_so_and_how_much_is_left(mcap):
 
 def test_mcap_cut_anywhere_is_refused(mcap):
     whole = mcap.read_bytes()
-    for length in [*range(0, 40), *range(40, len(whole), 97), *range(len(whole) - 40, len(whole))]:
+    for length in [*range(40), *range(40, len(whole), 97), *range(len(whole) - 40, len(whole))]:
         mcap.write_bytes(whole[:length])
         refusal(mcap)
 

@@ -1,13 +1,16 @@
 """JointState in CDR against rosbags' own serialiser, and against damaged bytes."""
 
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from gravity_comp_ros.bag_message import (
+    encode,
+    JOINT_STATE,
+    JOINT_STATE_DEFINITION,
+    JOINT_STATE_HASH,
+    JointStateDecoder,
+)
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 from rosbags.typesys import get_typestore, Stores
-
-from gravity_comp_ros.bag_message import (
-    encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH, JointStateDecoder)
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 Header = STORE.types['std_msgs/msg/Header']

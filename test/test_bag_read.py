@@ -2,16 +2,14 @@
 
 import shutil
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-import numpy as np
-import pytest
-
 from gravity_comp_ros import bag
 from gravity_comp_ros.bag import read_bag, read_bags, ReadOptions
 from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.samples import JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
 from recordings import messages, motion, NAMES, START_NS, write_folder
 
 T, Q, QD, TAU = motion()

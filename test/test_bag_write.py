@@ -4,15 +4,14 @@ from pathlib import Path
 import subprocess
 import sys
 
+from gravity_comp_ros.bag_message import JOINT_STATE_DEFINITION
+from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.samples import concatenate, JointSamples
 from mcap.reader import make_reader
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
-
-from gravity_comp_ros.bag_message import JOINT_STATE_DEFINITION
-from gravity_comp_ros.bag_write import JointTopic, joint_states, write_bag, WriteOptions
-from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.samples import concatenate, JointSamples
 
 NAMES = ('a', 'b')
 T = np.array([0.0, 0.1, 0.2])

@@ -1,11 +1,10 @@
 """The simulated arms against published figures and hand-worked torques."""
 
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation import arms
 import numpy as np
 import pinocchio as pin
 import pytest
-
-from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation import arms
 
 LINK = '<link name="{0}"><inertial><origin xyz="{1}"/><mass value="2"/>' \
        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'

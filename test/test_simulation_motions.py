@@ -1,13 +1,11 @@
 """Motions: the paper's formulas, exact derivatives, limits kept for all time."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
-import numpy as np
-import pytest
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.motions import MultisineOptions
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
 
 LOW, HIGH, SPEED = np.array([-1.0, -2.0, 0.0]), np.array([1.0, 0.5, 3.0]), np.full(3, 1.5)
 

@@ -1,12 +1,11 @@
 """Synthesised samples: noise of the asked size, payload in time, disturbances before noise."""
 
-import numpy as np
-import pytest
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
 from gravity_comp_ros.simulation.synthesise import Signals, synthesise, SynthesisOptions
+import numpy as np
+import pytest
 
 ARM = arms.iiwa7()
 

@@ -1,12 +1,10 @@
 """Differentiated velocities: no delay, nothing across gaps, no amplified noise."""
 
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.velocity import differentiate, DifferentiationOptions
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-
-from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.velocity import DifferentiationOptions, differentiate
 
 
 @pytest.mark.parametrize(('rate', 'omega', 'error'), [

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from math import pi, radians
 from pathlib import Path
 
+from gravity_comp_ros.errors import OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
-
-from gravity_comp_ros.errors import OptionError
 
 FloatArray = NDArray[np.float64]
 

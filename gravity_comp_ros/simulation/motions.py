@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gravity_comp_ros.errors import OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from gravity_comp_ros.errors import OptionError
 
 FloatArray = NDArray[np.float64]
 Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
@@ -111,7 +110,7 @@ def random_poses(lower: ArrayLike, upper: ArrayLike, count: int, seed: int = 0,
         q = poses[np.clip(number, 0, count - 1)]
         return q, np.zeros_like(q), np.zeros_like(q)
 
-    t = start + period * np.arange(count)
+    t: FloatArray = start + period * np.arange(count, dtype=np.float64)
     return Motion('random', t, *path(t), path)
 
 
@@ -174,7 +173,7 @@ def sample(name: str, path: Path, duration: float, rate: float, start: float = 0
     count = int(round(duration * rate))
     if count < 1:
         raise OptionError(f'{duration} s at {rate} Hz gives no sample')
-    t = start + np.arange(count) / rate
+    t: FloatArray = start + np.arange(count, dtype=np.float64) / rate
     return Motion(name, t, *path(t), path)
 
 

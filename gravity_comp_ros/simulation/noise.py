@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.errors import OptionError
 import numpy as np
 from numpy.typing import NDArray
-
-from gravity_comp_ros.errors import OptionError
 
 FloatArray = NDArray[np.float64]
 
