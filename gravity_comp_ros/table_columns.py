@@ -1,0 +1,73 @@
+"""Which columns of a table are meant: patterns, lists of names, ranges of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import re
+
+from gravity_comp_ros.errors import BagError
+
+_RANGE = re.compile(r'(\d+)-(\d+)$')
+
+
+def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
+    """
+    Return the positions of the columns that `wanted` means.
+
+    `q_{i}` means all columns with a number in that place, in order of the number. Otherwise
+    `wanted` is a list as in `a,b,7-9` of names, of numbers counted from 1, and of ranges; a
+    name comes before a number.
+
+    :param what: what the columns are for, to be named in errors.
+    :param where: the file, to be named in errors.
+    :raises BagError: if a column is not there, is meant twice, or a number is left out.
+    """
+    if '{i}' in wanted:
+        return _pattern(columns, wanted, what, where)
+    found: list[int] = []
+    for item in (part.strip() for part in wanted.split(',')):
+        found += _item(columns, item, what, where)
+    repeated = sorted({columns[k] for k in found if found.count(k) > 1})
+    if repeated:
+        raise BagError(f'{where}: column {", ".join(repeated)} is given twice for {what}')
+    return found
+
+
+def has_columns(columns: Sequence[str], wanted: str) -> bool:
+    """Return whether all columns of `wanted` are there."""
+    try:
+        find_columns(columns, wanted, '', '')
+    except BagError:
+        return False
+    return True
+
+
+def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
+    before, _, after = wanted.partition('{i}')
+    shape = re.compile(re.escape(before) + r'(\d+)' + re.escape(after) + r'$')
+    numbered = sorted((int(match[1]), k) for k, name in enumerate(columns)
+                      if (match := shape.match(name)))
+    if not numbered:
+        raise BagError(f'{where}: no column {wanted} for {what}; it has {_listed(columns)}')
+    numbers = [number for number, _ in numbered]
+    if numbers != list(range(numbers[0], numbers[0] + len(numbers))):
+        raise BagError(f'{where}: columns {wanted} for {what} are numbered '
+                       f'{", ".join(map(str, numbers))}; a number is missing or repeats')
+    return [k for _, k in numbered]
+
+
+def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]:
+    if item in columns:
+        return [columns.index(item)]
+    span = _RANGE.match(item)
+    first, last = (int(span[1]), int(span[2])) if span else (0, 0)
+    if item.isdecimal():
+        first = last = int(item)
+    if not 1 <= first <= last <= len(columns):
+        raise BagError(f'{where}: no column {item!r} for {what}; it has {_listed(columns)}')
+    return list(range(first - 1, last))
+
+
+def _listed(columns: Sequence[str], most: int = 30) -> str:
+    more = f' and {len(columns) - most} more' if len(columns) > most else ''
+    return ', '.join(columns[:most]) + more

@@ -1,0 +1,187 @@
+"""CSV and NPZ files as tables of numbers with named columns."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+import csv
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+import zipfile
+
+from gravity_comp_ros.errors import BagError
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Table:
+    """
+    A table of M rows and C columns, as it stands in the file.
+
+    `columns` are C unique names; `values` (M, C) is NaN where a cell is empty; `lines` (M,)
+    are the rows' line numbers in a text file; `joints` are joint names, if the file has them.
+    """
+
+    path: Path
+    columns: tuple[str, ...]
+    values: FloatArray
+    lines: array | None = None
+    joints: tuple[str, ...] | None = None
+
+    def where(self, row: int) -> str:
+        """Return the place of a row: its number, and in a text file its line."""
+        line = '' if self.lines is None else f' (line {self.lines[row]})'
+        return f'{self.path}, row {row + 1}{line}'
+
+
+def read_csv(path: Path, header: bool | None = None, delimiter: str | None = None) -> Table:
+    """
+    Return the table in a text file.
+
+    :param header: whether the first line has column names; None to find out. Without names
+        columns are called 1, 2, 3.
+    :param delimiter: one character; None to find out among comma, semicolon, tab and blank.
+    :raises BagError: if the file is not a table of numbers; row and column are named.
+    """
+    try:
+        with path.open(encoding='utf-8-sig', newline='') as stream:
+            rows = _csv_rows(path, stream, delimiter)
+            first = next(rows, None)
+            if first is None:
+                raise BagError(f'{path} is empty')
+            if header is None:
+                header = not any(_is_number(cell) for cell in first[1])
+            names = [c.strip() for c in first[1]] if header else [
+                str(k + 1) for k in range(len(first[1]))]
+            _check_columns(path, names)
+            table = _Numbers(path, names)
+            if not header:
+                table.add(*first)
+            for number, cells in rows:
+                table.add(number, cells)
+            return table.finish()
+    except UnicodeDecodeError:
+        raise BagError(f'{path} is not a text file') from None
+    except OSError as error:
+        raise BagError(f'cannot read {path}: {error.strerror}') from None
+
+
+def read_npz(path: Path) -> Table:
+    """
+    Return the table in a NumPy archive; nothing in it is unpickled.
+
+    An array (M,) called x becomes column x, an array (M, N) the columns x_1 to x_N. An array
+    of N strings called names gives the joint names.
+
+    :raises BagError: if the archive is damaged, or its arrays have different lengths.
+    """
+    arrays: dict[str, NDArray] = {}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise BagError(f'{path} is a single array; an .npz archive of named arrays is '
+                               f'needed')
+            for key in archive.files:
+                arrays[key] = archive[key]
+    except OSError as error:
+        raise BagError(f'cannot read {path}: {error.strerror or error}') from None
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile,
+            NotImplementedError, RuntimeError, MemoryError) as error:
+        if 'allow_pickle' in str(error) or 'pickled' in str(error):
+            raise BagError(f'{path} holds pickled objects, which could run code; save plain '
+                           f'arrays of numbers') from None
+        raise BagError(f'{path} is not a readable .npz archive: '
+                       f'{" ".join(str(error).split())}') from None
+    names = arrays.pop('names', None)
+    joints = None
+    if names is not None:
+        if names.dtype.kind not in 'US' or names.ndim != 1:
+            raise BagError(f'{path}: array names must be a list of joint names')
+        joints = tuple(str(name) for name in names.astype(str))
+    return _npz_table(path, arrays, joints)
+
+
+def _npz_table(path: Path, arrays: dict[str, NDArray],
+               joints: tuple[str, ...] | None) -> Table:
+    columns: list[str] = []
+    parts: list[FloatArray] = []
+    for key, values in arrays.items():
+        if values.dtype.kind not in 'fiu' or values.ndim not in (1, 2):
+            continue
+        if values.ndim == 1:
+            columns.append(key)
+            parts.append(values.astype(np.float64)[:, None])
+        else:
+            columns += [f'{key}_{k + 1}' for k in range(values.shape[1])]
+            parts.append(values.astype(np.float64))
+    if not parts:
+        raise BagError(f'{path} has no arrays of numbers')
+    lengths = {len(part) for part in parts}
+    if len(lengths) > 1:
+        sizes = ', '.join(f'{key} {arrays[key].shape}' for key in arrays)
+        raise BagError(f'{path}: arrays have different lengths: {sizes}')
+    _check_columns(path, columns)
+    return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
+
+
+class _Numbers:
+    """Rows of text cells becoming rows of numbers; an empty cell or a bad one is NaN."""
+
+    def __init__(self, path: Path, columns: list[str]) -> None:
+        self._path, self._columns = path, columns
+        self._values, self._lines = array('d'), array('q')
+
+    def add(self, line: int, cells: list[str]) -> None:
+        if len(cells) != len(self._columns):
+            raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
+                           f'{len(self._columns)} columns')
+        try:
+            self._values.extend([float(cell) if cell.strip() else np.nan for cell in cells])
+        except ValueError:
+            wrong = next(k for k, cell in enumerate(cells)
+                         if cell.strip() and not _is_number(cell))
+            raise BagError(f'{self._path}, line {line}, column {self._columns[wrong]}: '
+                           f'{cells[wrong]!r} is not a number') from None
+        self._lines.append(line)
+
+    def finish(self) -> Table:
+        if not self._values:
+            raise BagError(f'{self._path} has no rows')
+        values = np.frombuffer(self._values).reshape(-1, len(self._columns)).copy()
+        return Table(self._path, tuple(self._columns), values, self._lines)
+
+
+def _csv_rows(path: Path, stream: Iterator[str],
+              delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells of every line that is not blank."""
+    first = next(stream, '')
+    first = first.removeprefix('#')  # as numpy.savetxt marks its header
+    delimiter = delimiter or next((d for d in ',;\t' if d in first), ' ')
+
+    reader = csv.reader(chain([first], stream), delimiter=delimiter, skipinitialspace=True)
+    try:
+        for cells in reader:
+            if delimiter == ' ':
+                cells = [cell for cell in cells if cell]
+            if cells:
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise BagError(f'{path}, line {reader.line_num}: {error}') from None
+
+
+def _check_columns(path: Path, names: list[str]) -> None:
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
