@@ -39,11 +39,11 @@ choose_python() {
         version=$(version_of "$python")
         case $version in
             3.11 | 3.12) return ;;
-            ?*) seen="$seen $name is $version," ;;
+            ?*) seen="$seen$name is $version, " ;;
         esac
     done
-    fail "Python 3.11 or 3.12 is needed and was not found (${seen:- no python3 on PATH,}" \
-        "set PYTHON=/path/to/python3.12 to name one)"
+    fail "no Python 3.11 or 3.12 found (${seen:-no python3 on PATH, }which is not enough):" \
+        "install one, or name it with PYTHON=/path/to/python3.12"
 }
 
 # Sets $ros to 'sourced' or 'wheels'.

@@ -1,0 +1,65 @@
+"""Held-out data: judged samples are never fitted ones, nor their neighbours."""
+
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.samples import concatenate, JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+def ramp(count: int, label: str = 'run', step: float = 0.2) -> JointSamples:
+    t = np.arange(count) * step
+    q = np.column_stack([t, -t])
+    return JointSamples.single_run(('a', 'b'), t, q, np.zeros_like(q), q, label)
+
+
+def test_single_run_is_cut_into_two_blocks_of_time():
+    # 101 samples over 20 s: a fifth of each half is its last 2 s.
+    parts = split(ramp(101), HoldoutOptions(fraction=0.2, guard=1.0))
+    assert [(b.run, b.start, b.end) for b in parts.blocks] == [
+        (0, pytest.approx(8.0), pytest.approx(10.0)),
+        (0, pytest.approx(18.0), pytest.approx(20.0))]
+    t = parts.held_out.t
+    assert set(np.round(t, 6)) == {round(0.2 * k, 6) for k in [*range(40, 51), *range(90, 101)]}
+    gaps = np.abs(parts.fitted.t[:, None] - t[None, :]).min(axis=1)
+    assert gaps.min() > 1.0
+
+
+def test_of_several_runs_whole_ones_are_held_out():
+    samples = concatenate([ramp(10, f'run{k}') for k in range(5)])
+    parts = split(samples, HoldoutOptions(fraction=0.4))
+    assert set(parts.held_out.runs) == {3, 4}
+    assert set(parts.fitted.runs) == {0, 1, 2}
+    assert parts.fitted.n_samples == 30
+
+
+def test_a_run_without_samples_does_not_count():
+    samples = concatenate([ramp(60, 'first'), ramp(60, 'second')])
+    only_first = samples.select(samples.runs == 0)
+    parts = split(only_first)
+    assert 0 < parts.held_out.n_samples < 60
+    assert len(parts.blocks) == 2
+
+
+@settings(max_examples=40, deadline=None)
+@given(count=st.integers(30, 300), fraction=st.floats(0.05, 0.6), guard=st.floats(0, 0.5),
+       runs=st.integers(1, 4))
+def test_nothing_is_both_fitted_and_judged(count, fraction, guard, runs):
+    samples = concatenate([ramp(count, str(k)) for k in range(runs)])
+    parts = split(samples, HoldoutOptions(fraction, guard))
+    fitted = set(zip(parts.fitted.runs.tolist(), parts.fitted.t.tolist()))
+    judged = set(zip(parts.held_out.runs.tolist(), parts.held_out.t.tolist()))
+    assert fitted and judged and not fitted & judged
+    assert within(samples, parts.blocks).sum() == parts.held_out.n_samples
+
+
+@pytest.mark.parametrize('fraction', [0.0, 1.0, -0.1, float('nan')])
+def test_a_fraction_that_leaves_nothing_is_refused(fraction):
+    with pytest.raises(OptionError, match='fraction'):
+        HoldoutOptions(fraction=fraction)
+
+
+def test_too_few_samples_are_refused():
+    with pytest.raises(DataError, match='too few'):
+        split(ramp(3), HoldoutOptions(fraction=0.5, guard=5.0))
