@@ -43,9 +43,14 @@ def floor(tau: FloatArray) -> float:
 
 
 def first_guess(tau: FloatArray) -> NoiseModel:
-    """Return 1 % of the largest joint's torque for every joint: coarse, and soon replaced."""
-    n = tau.shape[1]
-    return NoiseModel(np.full(n, 100.0 * floor(tau)), np.zeros(n))
+    """
+    Return the torque itself as its noise, joint by joint.
+
+    Each round of a fit then explains the coarser part of what the last one left, so that noise
+    is never taken for signal because it was believed to be small.
+    """
+    rms = np.sqrt((tau ** 2).mean(axis=0))
+    return NoiseModel(np.maximum(rms, floor(tau)), np.zeros(tau.shape[1]))
 
 
 def estimate(residual: FloatArray, predicted: FloatArray, least: float,

@@ -22,7 +22,7 @@ from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
-_ROUNDS = 8
+_ROUNDS = 20
 _PATH_STEPS = 8
 _LOOSE = 1e-2
 
@@ -134,8 +134,8 @@ def propose(design: Design, b: FloatArray, problem: SparseProblem,
 def spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
     """Return the degrees of freedom that each of the J torques spent on the refit."""
     plain = problem.design_type(problem.q, np.ones(problem.tau.shape))
-    blocks = plain.columns(refit.indices).reshape(problem.tau.shape[1], -1,
-                                                  len(refit.indices))
+    m, j = problem.tau.shape
+    blocks = plain.columns(refit.indices).reshape(j, m, len(refit.indices))
     touched = (np.abs(blocks) > 0.0).any(axis=1)
     sharing = np.maximum(touched.sum(axis=0), 1)
     return (touched / sharing).sum(axis=1)

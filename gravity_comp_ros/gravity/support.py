@@ -10,8 +10,8 @@ score is a description length, twice the negative log posterior of the support,
 where chi^2 is the weighted residual after an unpenalised fit, ln R prices a coefficient as BIC
 does, and P(k) is a prior over features in which each joint takes the factor 1 with probability
 2/3, sin and cos with 1/6 each. It sums to one over all 3^N features, so that it also pays for
-the many that were tried. Steps that lower the score are taken, the best first: leave a feature
-out, put a neighbour (one factor changed) in its place, or add a feature.
+the many that were tried. Steps that lower the score are taken: leave a feature out, else add
+one, else put a neighbour (one factor changed) in the place of one.
 """
 
 from __future__ import annotations
@@ -28,11 +28,19 @@ from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 
 _P_ONE = 2.0 / 3.0
 _P_SIN_OR_COS = 1.0 / 6.0
-_MAX_STEPS = 200
+_MAX_STEPS = 400
+# A step must lower the score by more than rounding does.
+_PAYS = 1e-6
+# How many features are looked at for an addition.
+_CANDIDATES = 30
 # Models whose score is within this of the best (a posterior ratio of 1 to 50) are averaged.
 _TIE = 8.0
-# Columns whose part outside the support's span is shorter than this (relative) add nothing.
-_DEPENDENT = 1e-10
+# A column of which less than this share (of its squared length) lies outside the span of the
+# support adds nothing: what is left of it is rounding.
+_DEPENDENT = 1e-8
+
+# What a step changes in the score, and the support that it leads to.
+Move = tuple[float, IntArray]
 
 
 @dataclass(frozen=True)
@@ -45,11 +53,13 @@ class Refit:
     chi2: float
 
 
-def costs(indices: IntArray, n_joints: int, n_rows: int) -> FloatArray:
-    """Return the price of each feature in units of chi^2."""
-    degree = (dictionary.digits(indices, n_joints) != dictionary.ONE).sum(axis=1)
-    surprise = -(n_joints - degree) * np.log(_P_ONE) - degree * np.log(_P_SIN_OR_COS)
-    return np.log(max(n_rows, 2)) + 2.0 * surprise
+def costs(n_joints: int, n_rows: int) -> FloatArray:
+    """Return the price of every feature in units of chi^2, shape (3^N,)."""
+    factor = -2.0 * np.log([_P_ONE, _P_SIN_OR_COS, _P_SIN_OR_COS])
+    price = np.array([np.log(max(n_rows, 2))])
+    for _ in range(n_joints):
+        price = (price[:, None] + factor).ravel()
+    return price
 
 
 def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
@@ -59,11 +69,13 @@ def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     Columns that depend on each other get the least coefficients that fit.
     """
     indices = np.sort(np.asarray(indices, dtype=np.int64))
+    if not indices.size:
+        return Refit(indices, np.zeros(0), np.zeros((0, 0)), float(b @ b))
     a = design.columns(indices)
     lengths = np.linalg.norm(a, axis=0)
     lengths[lengths == 0.0] = 1.0
     u, s, vt = linalg.svd(a / lengths, full_matrices=False, check_finite=False)
-    keep = s > _DEPENDENT * s[0] if s.size else np.zeros(0, dtype=bool)
+    keep = s > 1e-12 * s[0]
     half = vt[keep].T / s[keep]
     x = half @ (u[:, keep].T @ b) / lengths
     covariance = (half @ half.T) / np.outer(lengths, lengths)
@@ -96,7 +108,7 @@ def settle(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
 
 def score(refit: Refit, n_joints: int, n_rows: int) -> float:
     """Return the description length of a refitted support (module docstring)."""
-    return refit.chi2 + float(costs(refit.indices, n_joints, n_rows).sum())
+    return refit.chi2 + float(costs(n_joints, n_rows)[refit.indices].sum())
 
 
 def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
@@ -111,16 +123,8 @@ def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
     :return: the average and how many other models went into it.
     """
     search = _Search(design, b, n_joints, usable, best.indices)
-    place = search._places(search.support)
-    inverse, x = search._solve(place)
-    if inverse is None or not len(best.indices):
-        return best, 0
-    price = costs(search.support, n_joints, design.n_rows)
-    loss = x ** 2 / np.maximum(np.diag(inverse), 1e-300)
-    near = [(change, move) for change, move in search._swaps(inverse, x, loss, price)
-            if change < _TIE]
-    models = [best] + [refit(design, b, np.append(np.delete(search.support, move[1]), move[2]))
-                       for _, move in near]
+    near = [(change, other) for change, other in search.swaps() if change < _TIE]
+    models = [best] + [refit(design, b, other) for _, other in near]
     weights = np.exp(-0.5 * np.array([0.0] + [change for change, _ in near]))
     return _mixture(models, weights / weights.sum(), best.chi2), len(near)
 
@@ -139,130 +143,117 @@ def _mixture(models: list[Refit], weights: FloatArray, chi2: float) -> Refit:
 
 
 class _Search:
-    """The support and the columns seen so far, with their Gram matrix."""
+    """The support and the columns seen so far, with their Gram matrix; all of unit length."""
 
     def __init__(self, design: Design, b: FloatArray, n_joints: int, usable: BoolArray,
                  support: IntArray) -> None:
         self.design, self.b, self.n_joints = design, b, n_joints
-        self.support = np.sort(support)
         self.lengths = column_lengths(design)
         self.usable = usable & has_length(self.lengths)
+        self.costs = costs(n_joints, design.n_rows)
         self.pool = np.zeros(0, dtype=np.int64)
+        self.place_of = np.full(design.n_columns, -1, dtype=np.int64)
         self.columns = np.zeros((design.n_rows, 0))
         self.gram = np.zeros((0, 0))
         self.c = np.zeros(0)
-        self._admit(self.support)
+        self.change_support(np.sort(support[self.usable[support]]))
+
+    def change_support(self, support: IntArray) -> None:
+        """Take a support, leaving out what its other features already span."""
+        self._admit(support)
+        self.support = self._independent(support)
+        self.place = self.place_of[self.support]
+        self.inverse = linalg.inv(self.gram[np.ix_(self.place, self.place)],
+                                  check_finite=False) if len(self.place) else np.zeros((0, 0))
+        self.x = self.inverse @ self.c[self.place]
 
     def step(self) -> bool:
-        """Take the best step; return False when none lowers the score."""
-        place = self._places(self.support)
-        inverse, x = self._solve(place)
-        if inverse is None:
-            return self._drop_dependent(place)
-        price = costs(self.support, self.n_joints, self.design.n_rows)
-        variance = np.maximum(np.diag(inverse), 1e-300)
-        # Leaving k out raises chi^2 by x_k^2 / (G^-1)_kk.
-        loss = x ** 2 / variance
-        drop = loss - price
-        best, move = min((float(drop[k]), ('drop', k)) for k in range(len(price))) \
-            if len(price) else (0.0, ('drop', -1))
-        for change, candidate in self._swaps(inverse, x, loss, price):
-            if change < best:
-                best, move = change, candidate
-        change, candidate = self._best_addition(place, x)
-        if change < best:
-            best, move = change, candidate
-        if best >= -1e-9:
-            return False
-        self._apply(move)
-        return True
+        """Take the best drop, else the best addition, else the best swap that pays."""
+        for moves in (self.drops, self.additions, self.swaps):
+            change, support = min(moves(), key=lambda move: move[0], default=(0.0, None))
+            if support is not None and change < -_PAYS:
+                self.change_support(np.sort(support))
+                return True
+        return False
 
-    def _apply(self, move: tuple) -> None:
-        kind = move[0]
-        if kind == 'drop':
-            self.support = np.delete(self.support, move[1])
-        elif kind == 'swap':
-            self.support = np.sort(np.append(np.delete(self.support, move[1]), move[2]))
-        else:
-            self.support = np.sort(np.append(self.support, move[1]))
+    def drops(self) -> list[Move]:
+        """Return what leaving out each feature changes: chi^2 rises by x_k^2 / (G^-1)_kk."""
+        change = self._losses() - self.costs[self.support]
+        return [(float(change[k]), np.delete(self.support, k)) for k in range(len(change))]
 
-    def _swaps(self, inverse: FloatArray, x: FloatArray, loss: FloatArray,
-               price: FloatArray) -> list[tuple[float, tuple]]:
-        """Return the best neighbour of every feature, with its change of the score."""
-        near = [self._allowed(neighbours(int(k), self.n_joints)) for k in self.support]
-        self._admit(np.unique(np.concatenate(near)) if near else self.pool[:0])
-        place = self._places(self.support)
-        found: list[tuple[float, tuple]] = []
+    def additions(self) -> list[Move]:
+        """Return what adding each of the most promising features changes."""
+        residual = self.b - self.columns[:, self.place] @ self.x
+        correlation = np.where(self.usable, self.design.correlate(residual), 0.0) / np.where(
+            self.usable, self.lengths, 1.0)
+        promise = np.where(self.usable, correlation ** 2 - self.costs, -np.inf)
+        promise[self.support] = -np.inf
+        candidates = _largest(promise, _CANDIDATES)
+        self._admit(candidates)
+        gain = self._gains(candidates, self.place, self.inverse, correlation[candidates])
+        change = self.costs[candidates] - gain
+        return [(float(c), np.append(self.support, k)) for c, k in zip(change, candidates)]
+
+    def swaps(self) -> list[Move]:
+        """Return, for every feature, the best neighbour in its place and what it changes."""
+        near = [self._outside_support(neighbours(int(k), self.n_joints)) for k in self.support]
+        if near:
+            self._admit(np.unique(np.concatenate(near)))
+        losses, moves = self._losses(), []
         for k, candidates in enumerate(near):
             if not candidates.size:
                 continue
-            rest = np.delete(np.arange(len(place)), k)
+            rest = np.delete(np.arange(len(self.place)), k)
             # The inverse without row and column k, from the one with them (Schur).
-            part = inverse[np.ix_(rest, rest)] - np.outer(
-                inverse[rest, k], inverse[k, rest]) / inverse[k, k]
-            here = self._places(candidates)
-            cross = self.gram[np.ix_(place[rest], here)]
-            projected = part @ cross
-            outside = np.diag(self.gram)[here] - np.einsum('ij,ij->j', cross, projected)
-            x_rest = part @ self.c[place[rest]]
-            inner = self.c[here] - cross.T @ x_rest
-            gain = np.where(outside > 1e-7, inner ** 2 / np.maximum(outside, 1e-7), 0.0)
-            change = loss[k] - gain + costs(candidates, self.n_joints,
-                                            self.design.n_rows) - price[k]
+            inverse = self.inverse[np.ix_(rest, rest)] - np.outer(
+                self.inverse[rest, k], self.inverse[k, rest]) / self.inverse[k, k]
+            place, here = self.place[rest], self.place_of[candidates]
+            x = inverse @ self.c[place]
+            correlation = self.c[here] - self.gram[np.ix_(here, place)] @ x
+            gain = self._gains(candidates, place, inverse, correlation)
+            change = (losses[k] - self.costs[self.support[k]]
+                      + self.costs[candidates] - gain)
             best = int(np.argmin(change))
-            found.append((float(change[best]), ('swap', k, int(candidates[best]))))
-        return found
+            moves.append((float(change[best]), np.append(np.delete(self.support, k),
+                                                         candidates[best])))
+        return moves
 
-    def _best_addition(self, place: IntArray, x: FloatArray) -> tuple[float, tuple]:
-        """Return the feature whose correlation with the residual buys most, if it pays."""
-        residual = self.b - self.columns[:, place] @ x
-        correlation = self._unit(self.design.correlate(residual))
-        correlation[self.support] = 0.0
-        promise = correlation ** 2 - costs(np.arange(len(correlation)), self.n_joints,
-                                           self.design.n_rows)
-        promise[~self.usable] = -np.inf
-        candidates = np.argsort(-promise, kind='stable')[:30]
-        self._admit(np.sort(candidates))
-        inverse, _ = self._solve(place)
-        here = self._places(candidates)
-        cross = self.gram[np.ix_(place, here)]
-        outside = np.diag(self.gram)[here] - np.einsum('ij,ij->j', cross, inverse @ cross)
-        gain = np.where(outside > 1e-7,
-                        correlation[candidates] ** 2 / np.maximum(outside, 1e-7), 0.0)
-        change = costs(candidates, self.n_joints, self.design.n_rows) - gain
-        best = int(np.argmin(change))
-        return float(change[best]), ('add', int(candidates[best]))
+    def _losses(self) -> FloatArray:
+        return self.x ** 2 / np.maximum(np.diag(self.inverse), 1e-300)
 
-    def _drop_dependent(self, place: IntArray) -> bool:
-        """Leave out the costliest feature that the others already span."""
-        _, r, order = linalg.qr(self.columns[:, place], mode='economic', pivoting=True)
-        weak = order[np.abs(np.diag(r)) <= 1e-7 * abs(r[0, 0])]
-        if not weak.size:
-            weak = order[-1:]
-        price = costs(self.support[weak], self.n_joints, self.design.n_rows)
-        self.support = np.delete(self.support, weak[int(np.argmax(price))])
-        return True
+    def _gains(self, candidates: IntArray, place: IntArray, inverse: FloatArray,
+               correlation: FloatArray) -> FloatArray:
+        """Return by how much each candidate lowers chi^2 beside the columns at `place`."""
+        cross = self.gram[np.ix_(place, self.place_of[candidates])]
+        outside = 1.0 - np.einsum('ij,ij->j', cross, inverse @ cross)
+        return np.where(outside > _DEPENDENT,
+                        correlation ** 2 / np.maximum(outside, _DEPENDENT), 0.0)
 
-    def _solve(self, place: IntArray) -> tuple[FloatArray | None, FloatArray]:
+    def _outside_support(self, indices: IntArray) -> IntArray:
+        return indices[self.usable[indices] & ~np.isin(indices, self.support)]
+
+    def _independent(self, support: IntArray) -> IntArray:
+        """Keep the simple features of a set in which some depend on others."""
+        if not support.size:
+            return support
+        order = support[np.argsort(self.costs[support], kind='stable')]
+        place = self.place_of[order]
         gram = self.gram[np.ix_(place, place)]
-        try:
-            inverse = linalg.inv(gram, check_finite=False)
-        except linalg.LinAlgError:
-            return None, np.zeros(len(place))
-        if not np.isfinite(inverse).all() or np.diag(inverse).max(initial=0.0) > 1e9:
-            return None, np.zeros(len(place))
-        return inverse, inverse @ self.c[place]
-
-    def _allowed(self, indices: IntArray) -> IntArray:
-        inside = self.usable[indices] & ~np.isin(indices, self.support)
-        return indices[inside]
-
-    def _unit(self, correlation: FloatArray) -> FloatArray:
-        return np.where(self.usable, correlation / np.where(self.usable, self.lengths, 1.0),
-                        0.0)
+        kept: list[int] = []
+        factor = np.zeros((0, 0))
+        for k in range(len(order)):
+            row = linalg.solve_triangular(factor, gram[kept, k], lower=True,
+                                          check_finite=False) if kept else np.zeros(0)
+            outside = gram[k, k] - row @ row
+            if outside > _DEPENDENT:
+                factor = np.block([[factor, np.zeros((len(kept), 1))],
+                                   [row[None, :], np.sqrt(outside)]])
+                kept.append(k)
+        return np.sort(order[kept])
 
     def _admit(self, indices: IntArray) -> None:
-        new = indices[~np.isin(indices, self.pool)]
+        """Compute columns that have not been seen, and their products with the others."""
+        new = indices[self.place_of[indices] < 0]
         if not new.size:
             return
         fresh = self.design.columns(new) / self.lengths[new]
@@ -270,8 +261,12 @@ class _Search:
         self.gram = np.block([[self.gram, cross], [cross.T, fresh.T @ fresh]])
         self.columns = np.hstack([self.columns, fresh])
         self.c = np.concatenate([self.c, fresh.T @ self.b])
+        self.place_of[new] = len(self.pool) + np.arange(len(new))
         self.pool = np.concatenate([self.pool, new])
-        self._order = np.argsort(self.pool)
 
-    def _places(self, indices: IntArray) -> IntArray:
-        return self._order[np.searchsorted(self.pool[self._order], indices)]
+
+def _largest(values: FloatArray, count: int) -> IntArray:
+    """Return where the largest finite values are, rising by index."""
+    count = min(count, int(np.isfinite(values).sum()))
+    return np.sort(np.argpartition(-values, count - 1)[:count]) if count else np.zeros(
+        0, dtype=np.int64)
