@@ -119,7 +119,8 @@ def _solver(found: SparseFit) -> dict[str, Any]:
     return {'lambda': solution.lam, 'iterations': solution.iterations,
             'rounds': found.rounds, 'working_set': solution.working_set,
             'l1_support': len(solution.indices), 'support': len(found.indices),
-            'ties': found.ties, 'converged': solution.converged,
+            'ties': found.ties, 'inflation': found.inflation,
+            'converged': solution.converged,
             **asdict(solution.certificate)}
 
 

@@ -36,6 +36,11 @@ class NoiseModel:
         """Return sigma for predicted torques (M, N), in N·m."""
         return np.sqrt(self.absolute ** 2 + (self.relative * predicted) ** 2)
 
+    def is_close_to(self, other: NoiseModel) -> bool:
+        """Return whether two estimates differ by no more than matters for weights."""
+        return bool(np.allclose(self.absolute, other.absolute, rtol=0.05)
+                    and np.allclose(self.relative, other.relative, rtol=0.1, atol=1e-4))
+
 
 def floor(tau: FloatArray) -> float:
     """Return the least standard deviation that is believed, N·m."""

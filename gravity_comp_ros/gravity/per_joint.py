@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from gravity_comp_ros.gravity.design import TorqueDesign
 from gravity_comp_ros.gravity.factors import usable_for_torque
+from gravity_comp_ros.gravity.fit_sparse import fit_sparse
 from gravity_comp_ros.gravity.model import Expansion
-from gravity_comp_ros.gravity.sparse import fit_sparse, SparseFit, SparseOptions, SparseProblem
+from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions, SparseProblem
 from gravity_comp_ros.samples import JointSamples
 
 
@@ -23,6 +24,7 @@ def fit_per_joint(samples: JointSamples,
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
-    fits = [fit_sparse(SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]], usable),
-                       options) for joint in range(samples.n_joints)]
+    problems = [SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]], samples.runs,
+                              usable) for joint in range(samples.n_joints)]
+    fits = [fit_sparse(problem, options) for problem in problems]
     return tuple(Expansion(found.indices, found.x) for found in fits), fits

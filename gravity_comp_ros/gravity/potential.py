@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.factors import usable_for_energy
+from gravity_comp_ros.gravity.fit_sparse import fit_sparse
 from gravity_comp_ros.gravity.model import Expansion
-from gravity_comp_ros.gravity.sparse import fit_sparse, SparseFit, SparseOptions, SparseProblem
+from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions, SparseProblem
 from gravity_comp_ros.samples import JointSamples
 
 
@@ -23,6 +24,7 @@ def fit_potential(samples: JointSamples,
     :return: the energy in J, and the one sparse fit behind it.
     :raises FitError: if there are no samples.
     """
-    problem = SparseProblem(EnergyDesign, samples.q, samples.tau, usable_for_energy(samples.q))
+    problem = SparseProblem(EnergyDesign, samples.q, samples.tau, samples.runs,
+                            usable_for_energy(samples.q))
     found = fit_sparse(problem, options)
     return Expansion(found.indices, found.x), [found]

@@ -3,14 +3,20 @@ From samples to a sparse weight vector: noise, L1 problem, support, refit.
 
 The steps feed each other. The noise gives the row weights and lambda; ADMM solves the L1 problem
 (Yu 2022, Eqs. 8-14), which proposes features; the support is settled by description length and
-refitted without the penalty; the residual gives the noise anew. Two or three rounds settle it.
-Where supports tie, their refits are averaged with the weights that their scores give them.
+refitted without the penalty, which undoes the shrinkage; the residual gives the noise anew. The
+noise starts as the torque itself and falls from round to round, so that each round explains the
+coarser part of what the last one left.
+
+Residuals of a real arm are correlated in time (friction keeps its sign for seconds), and samples
+are then worth less than their number. `inflation` says how many samples count as one: it
+multiplies the variance, and so lambda and every price. Growing happens without it, pruning with.
+Where supports tie in the end, their refits are averaged with their posterior probabilities.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,20 +39,66 @@ class SparseOptions:
     How a sparse fit is made.
 
     `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
-    `inflation` says how many samples count as one (correlated residuals), at least 1.
+    `inflation` says how many samples count as one, at least 1, or None to choose it by
+    cross-validation where the residual is correlated.
 
     :raises OptionError: if a value is out of range.
     """
 
     lam: float | None = None
-    inflation: float = 1.0
+    inflation: float | None = None
     admm: admm.AdmmOptions = admm.AdmmOptions()
 
     def __post_init__(self) -> None:
         if self.lam is not None and not 0.0 < self.lam < np.inf:
             raise OptionError(f'lambda is {self.lam}; it must be positive')
-        if not 1.0 <= self.inflation < np.inf:
+        if self.inflation is not None and not 1.0 <= self.inflation < np.inf:
             raise OptionError(f'inflation is {self.inflation}; it must be at least 1')
+
+
+@dataclass(frozen=True)
+class SparseProblem:
+    """
+    Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
+
+    J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
+    features that may be taken; `runs` (M,) numbers the run of each sample.
+    """
+
+    design_type: DesignType
+    q: FloatArray
+    tau: FloatArray
+    runs: IntArray
+    usable: BoolArray
+
+    @property
+    def n_joints(self) -> int:
+        return self.q.shape[1]
+
+    def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
+                 inflation: float) -> tuple[Design, FloatArray]:
+        """Return the design and the right-hand side in units of the noise."""
+        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
+        return self.design_type(self.q, weights), (weights * self.tau).T.ravel()
+
+    def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
+        """Return the torques (M, J) of a weight vector."""
+        plain = self.design_type(self.q, np.ones(self.tau.shape))
+        return (plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
+
+    def select(self, keep: BoolArray) -> SparseProblem:
+        """Return the problem of some of the samples."""
+        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A support with its refit, and the noise and torques (M, J) that follow from it."""
+
+    refit: support.Refit
+    noise: noise.NoiseModel
+    predicted: FloatArray
+    rounds: int
 
 
 @dataclass(frozen=True)
@@ -57,103 +109,79 @@ class SparseFit:
     x: FloatArray
     covariance: FloatArray
     noise: noise.NoiseModel
-    predicted: FloatArray
     lasso: LassoSolution
+    inflation: float
     rounds: int
     ties: int
 
 
-@dataclass(frozen=True)
-class SparseProblem:
+def grow(problem: SparseProblem, options: SparseOptions) -> Settled:
     """
-    Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
-
-    J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
-    features that may be taken.
-    """
-
-    design_type: DesignType
-    q: FloatArray
-    tau: FloatArray
-    usable: BoolArray
-
-    def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
-                 inflation: float) -> tuple[Design, FloatArray, FloatArray]:
-        """Return the design and right-hand side in units of the noise, and the weights."""
-        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
-        return (self.design_type(self.q, weights), (weights * self.tau).T.ravel(), weights)
-
-    def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
-        """Return the torques (M, J) of a weight vector."""
-        plain = self.design_type(self.q, np.ones(self.tau.shape))
-        return (plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
-
-
-def fit_sparse(problem: SparseProblem, options: SparseOptions = SparseOptions()) -> SparseFit:
-    """
-    Return the sparse fit of `problem`.
+    Return the settled support of samples taken as independent.
 
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
         raise FitError('no samples to fit')
-    least = noise.floor(problem.tau)
-    model, predicted = noise.first_guess(problem.tau), np.zeros(problem.tau.shape)
-    chosen = np.zeros(0, dtype=np.int64)
-    for rounds in range(1, _ROUNDS + 1):
-        design, b, _ = problem.weighted(model, predicted, options.inflation)
-        if rounds == 1:
-            solution = propose(design, b, problem, options)
-            chosen = solution.indices
-        refit = support.settle(design, b, chosen, problem.q.shape[1], problem.usable)
-        predicted = problem.predict(refit.indices, refit.x)
-        last, model = model, noise.estimate(problem.tau - predicted, predicted, least,
-                                            spent(refit, problem))
-        same = np.array_equal(refit.indices, chosen)
-        chosen = refit.indices
-        if same and rounds > 1 and _is_close(last, model):
-            break
-    design, b, _ = problem.weighted(model, predicted, options.inflation)
+    start = Settled(support.Refit.empty(), noise.first_guess(problem.tau),
+                    np.zeros(problem.tau.shape), 0)
+    design, b = problem.weighted(start.noise, start.predicted, 1.0)
+    proposal = propose(design, b, problem, options).indices
+    return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)), 1.0)
+
+
+def prune(problem: SparseProblem, grown: Settled, inflation: float) -> Settled:
+    """Return the support that remains when `inflation` samples count as one."""
+    return _settle(problem, grown, inflation) if inflation > 1.0 else grown
+
+
+def finish(problem: SparseProblem, settled: Settled, inflation: float,
+           options: SparseOptions) -> SparseFit:
+    """Ask ADMM once more at the final noise, keep the better support, average its ties."""
+    design, b = problem.weighted(settled.noise, settled.predicted, inflation)
     solution = propose(design, b, problem, options)
-    return _finish(problem, design, b, chosen, solution, model, rounds)
+    finals = [support.settle(design, b, start, problem.n_joints, problem.usable)
+              for start in (settled.refit.indices, solution.indices)]
+    best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
+    average, ties = support.average_ties(design, b, best, problem.n_joints, problem.usable)
+    return SparseFit(average.indices, average.x, average.covariance, settled.noise, solution,
+                     inflation, settled.rounds, ties)
 
 
 def propose(design: Design, b: FloatArray, problem: SparseProblem,
             options: SparseOptions) -> LassoSolution:
     """Solve the L1 problem by ADMM, along a falling lambda that ends at the wanted one."""
-    n_joints = problem.q.shape[1]
-    lam = options.lam or float(np.sqrt(2.0 * n_joints * np.log(3.0)))
+    lam = options.lam or float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
     lasso = LassoProblem(design, b, problem.usable, options.admm)
     top = 0.5 * lasso.lambda_max
     path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
     for step in path:
         lasso.solve(float(step), _LOOSE)
-    return lasso.solve(lam, options.admm.tolerance)
+    return lasso.solve(lam)
 
 
-def spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
+def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settled:
+    """Settle the support and estimate the noise in turn, until neither changes."""
+    least = noise.floor(problem.tau)
+    for rounds in range(1, _ROUNDS + 1):
+        design, b = problem.weighted(settled.noise, settled.predicted, inflation)
+        refit = support.settle(design, b, settled.refit.indices, problem.n_joints,
+                               problem.usable)
+        predicted = problem.predict(refit.indices, refit.x)
+        model = noise.estimate(problem.tau - predicted, predicted, least,
+                               _spent(refit, problem))
+        last, settled = settled, Settled(refit, model, predicted, settled.rounds + 1)
+        if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
+                and model.is_close_to(last.noise):
+            break
+    return settled
+
+
+def _spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
     """Return the degrees of freedom that each of the J torques spent on the refit."""
     plain = problem.design_type(problem.q, np.ones(problem.tau.shape))
     m, j = problem.tau.shape
     blocks = plain.columns(refit.indices).reshape(j, m, len(refit.indices))
-    touched = (np.abs(blocks) > 0.0).any(axis=1)
+    touched = (blocks != 0.0).any(axis=1)
     sharing = np.maximum(touched.sum(axis=0), 1)
-    return (touched / sharing).sum(axis=1)
-
-
-def _finish(problem: SparseProblem, design: Design, b: FloatArray, chosen: IntArray,
-            solution: LassoSolution, model: noise.NoiseModel, rounds: int) -> SparseFit:
-    """Settle from both proposals, keep the better, and average what ties with it."""
-    n_joints = problem.q.shape[1]
-    finals = [support.settle(design, b, start, n_joints, problem.usable)
-              for start in (chosen, solution.indices)]
-    best = min(finals, key=lambda r: support.score(r, n_joints, design.n_rows))
-    average, ties = support.average_ties(design, b, best, n_joints, problem.usable)
-    predicted = problem.predict(average.indices, average.x)
-    return SparseFit(average.indices, average.x, average.covariance, model, predicted,
-                     solution, rounds, ties)
-
-
-def _is_close(a: noise.NoiseModel, b: noise.NoiseModel) -> bool:
-    return bool(np.allclose(a.absolute, b.absolute, rtol=0.05)
-                and np.allclose(a.relative, b.relative, rtol=0.1, atol=1e-4))
+    return np.asarray((touched / sharing).sum(axis=1))

@@ -52,6 +52,11 @@ class Refit:
     covariance: FloatArray
     chi2: float
 
+    @classmethod
+    def empty(cls) -> Refit:
+        """Return the fit on no features, before any data was seen."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)), np.inf)
+
 
 def costs(n_joints: int, n_rows: int) -> FloatArray:
     """Return the price of every feature in units of chi^2, shape (3^N,)."""
