@@ -73,5 +73,3 @@ def _keep_mode(path: Path, temporary: Path) -> None:
 def _sentence(path: Path, problem: OSError) -> str:
     reason = problem.strerror or type(problem).__name__
     return f'cannot write {path}: {reason.lower()}; nothing was changed'
-
-

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
 
 # Two samples of one pose, one moving up and one moving down, are not alike: their difference
 # is the friction. A difference of 0.1 rad/s counts as much as one of 0.1 rad.

@@ -6,11 +6,10 @@ from collections import deque
 from dataclasses import dataclass
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
+from numpy.typing import NDArray
 
 FAST = 'fast'
 ACCELERATING = 'accelerating'

@@ -12,11 +12,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError, ModelFileError
 from gravity_comp_ros.gravity.model import check_formulation, Coverage, Expansion, GravityModel
+import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
 VERSION = 1

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from gravity_comp_ros.errors import DataError, ModelMismatchError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -175,7 +174,7 @@ def _check_names(names: tuple[str, ...]) -> None:
 
 def _frozen(values: ArrayLike, dtype: type) -> NDArray:
     """Return a read-only array; a copy unless it is one already, so that no caller can edit."""
-    array = np.asarray(values, dtype=dtype)
+    array: NDArray = np.asarray(values, dtype=dtype)
     if array.flags.writeable:
         array = array.copy()
         array.flags.writeable = False

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
-
-import numpy as np
 
 from gravity_comp_ros.diagnosis.where import find_places, Place
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import FloatArray, JointSamples
-
-Predict = Callable[[FloatArray], FloatArray]
+from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -68,7 +64,7 @@ def compare(model: GravityModel, samples: JointSamples) -> Comparison:
 
 
 def compare_prediction(samples: JointSamples, predicted: FloatArray,
-                       outside: FloatArray) -> Comparison:
+                       outside: BoolArray) -> Comparison:
     """
     Compare predicted torques (M, N) with the samples' measured ones.
 

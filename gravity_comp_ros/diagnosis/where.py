@@ -12,9 +12,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-
 from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
+import numpy as np
 
 # A part is named if its RMSE is at least this many times the RMSE of the rest.
 _STANDS_OUT = 1.5

@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from scipy import linalg
-
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
+import numpy as np
+from scipy import linalg
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
 
 
 class Design(Protocol):

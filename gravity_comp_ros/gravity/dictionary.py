@@ -13,10 +13,9 @@ first joints with those of the last, so that with the halves L and R (Yu 2022, E
 
 from __future__ import annotations
 
-import numpy as np
-
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
 
 ONE, SIN, COS = 0, 1, 2
 # 3^12 features are 4 MB a vector; one more joint would triple every product for arms that

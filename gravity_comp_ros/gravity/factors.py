@@ -7,10 +7,9 @@ hold them are dropped, and the user is told, rather than let a solver share a we
 
 from __future__ import annotations
 
-import numpy as np
-
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.samples import BoolArray, FloatArray
+import numpy as np
 
 # A joint that moves less than this is at rest: encoder noise and a controller's jitter.
 AT_REST = 2e-3

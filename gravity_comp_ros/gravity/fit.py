@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.gravity.factors import at_rest
 from gravity_comp_ros.gravity.model import Coverage, FORMULATIONS, GravityModel
@@ -15,6 +13,7 @@ from gravity_comp_ros.gravity.per_joint import fit_per_joint
 from gravity_comp_ros.gravity.potential import fit_potential
 from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions
 from gravity_comp_ros.samples import JointSamples
+import numpy as np
 
 MIN_SAMPLES = 10
 
@@ -131,7 +130,7 @@ def _warnings(samples: JointSamples, fits: list[SparseFit]) -> list[str]:
         words.append(f'{", ".join(still)} never moved: features of it are dropped, and the '
                      f'model holds only where it stood')
     if not all(found.lasso.converged for found in fits):
-        words.append('ADMM did not reach its tolerance; see the solver\'s residuals')
+        words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)
     if ties:
         words.append(f'{ties} feature{"s" if ties > 1 else ""} cannot be told from a neighbour '

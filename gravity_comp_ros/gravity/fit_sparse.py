@@ -7,7 +7,7 @@ from gravity_comp_ros.gravity.sparse import (
     finish, grow, prune, SparseFit, SparseOptions, SparseProblem)
 
 
-def fit_sparse(problem: SparseProblem, options: SparseOptions = SparseOptions()) -> SparseFit:
+def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     """
     Return the sparse fit of `problem`.
 

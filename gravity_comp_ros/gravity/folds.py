@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gravity_comp_ros.samples import BoolArray, IntArray
+import numpy as np
 
 N_FOLDS = 5
 

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.folds import folds
 from gravity_comp_ros.gravity.sparse import grow, prune, Settled, SparseOptions, SparseProblem
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.samples import BoolArray, FloatArray
+import numpy as np
 
 _LADDER = (1.0, 3.0, 10.0, 30.0, 100.0)
 # Shorter correlation times than this are what chance makes of white noise.
@@ -54,7 +53,7 @@ def choose_inflation(problem: SparseProblem, grown: Settled,
     return Choice(taken, time, tuple(tried), tuple(mean.tolist()))
 
 
-def _held_out(problem: SparseProblem, test: FloatArray, tried: list[float],
+def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
               options: SparseOptions, scale: FloatArray) -> FloatArray:
     """Return the mean square error on `test`, fitted without it, for each inflation."""
     train, unseen = problem.select(~test), problem.select(test)

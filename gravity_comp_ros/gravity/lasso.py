@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gravity_comp_ros.gravity import admm
 from gravity_comp_ros.gravity.design import Design
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
+import numpy as np
 
 # Violators that join the working set in one round.
 _BATCH = 40

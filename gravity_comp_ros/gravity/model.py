@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 from scipy import optimize
-
-from gravity_comp_ros.samples import FloatArray, IntArray
 
 # No joint is believed to be better than this share of the arm's largest torque: a joint that
 # measures exactly 0 (the first of a level arm) must not get an infinite weight.

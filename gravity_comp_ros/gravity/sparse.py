@@ -18,13 +18,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.gravity import admm, noise, support
 from gravity_comp_ros.gravity.design import Design
 from gravity_comp_ros.gravity.lasso import LassoProblem, LassoSolution
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
+import numpy as np
 
 DesignType = Callable[[FloatArray, FloatArray], Design]
 

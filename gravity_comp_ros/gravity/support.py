@@ -18,13 +18,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from scipy import linalg
-
-from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.design import Design
 from gravity_comp_ros.gravity.lasso import column_lengths, has_length
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
+import numpy as np
+from scipy import linalg
 
 _P_ONE = 2.0 / 3.0
 _P_SIN_OR_COS = 1.0 / 6.0
