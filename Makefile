@@ -22,7 +22,7 @@ help:
 	@echo 'PYTHON=python3.11 make test   names the Python to use (3.11 or 3.12)'
 
 demo: venv
-	@$(VENV)/bin/python -m gravity_comp_ros.demo
+	@$(VENV)/bin/python examples/demo.py
 
 test: lint
 	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)

@@ -1,0 +1,133 @@
+"""`gravity_comp compare`: how wrong a model is, joint by joint, and where."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.commands.fit import percent
+from gravity_comp_ros.diagnosis.compare import compare, JointComparison
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.holdout import Block, within
+from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.samples import JointSamples
+from rich.table import Table
+from rich.text import Text
+
+_MOST_PLACES = 2
+
+VERB = 'compare'
+HELP = 'compare a model with measured torques, joint by joint'
+EPILOG = """\
+examples:
+  gravity_comp compare run2.mcap --model arm.json
+  gravity_comp compare run1.mcap --model arm.json --holdout      only what `fit` held out of run1
+  gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
+
+RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
+the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `compare`."""
+    arguments.add_bags(parser)
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
+                        help='a model file, as `fit` writes it')
+    parser.add_argument('--holdout', action='store_true',
+                        help='of the bags that the model was fitted to, use only what '
+                        '`fit --holdout` held out')
+    arguments.add_gate(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, predict, compare and show."""
+    model = load_model(args.model)
+    chosen = _chosen(args, model)
+    # The model needs every one of its joints; --joints only says which of them to show.
+    args.joints = model.joints
+    with terminal.progress() as report:
+        loaded = reading.load(args, report)
+    samples, fitted = _unseen(args, model, loaded)
+    comparison = compare(model, samples)
+    joints = {name: comparison.joints[name] for name in chosen}
+    if args.json != '-':
+        for line in loaded.lines():
+            terminal.show(terminal.safe(line))
+        terminal.show('', _table(model, joints, samples))
+        for line in _failures(joints, comparison.share_outside):
+            terminal.show(terminal.safe(line))
+    for name in fitted:
+        terminal.warn(f'the model was fitted to {name}: its errors there flatter it (fit and '
+                      'compare with --holdout, or compare with another run)')
+    if args.json:
+        document = comparison.to_json()
+        terminal.emit_json(
+            {**document, 'joints': {name: document['joints'][name] for name in chosen},
+             'model': args.model.name, 'fitted_to': fitted, **loaded.to_json()}, args.json)
+    return 0
+
+
+def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
+    chosen = args.joints or model.joints
+    unknown = [name for name in chosen if name not in model.joints]
+    if unknown:
+        raise OptionError(f'--joints: the model has no joint {", ".join(unknown)}; it has '
+                          f'{", ".join(model.joints)}')
+    return tuple(chosen)
+
+
+def _unseen(args: argparse.Namespace, model: GravityModel,
+            loaded: reading.Loaded) -> tuple[JointSamples, list[str]]:
+    """Return the samples to judge on, and the bags among them that the model was fitted to."""
+    samples = loaded.gated.samples
+    known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
+    seen = [run for run, report in enumerate(loaded.reports) if report.sha256 in known]
+    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
+    if not args.holdout:
+        return samples, [loaded.reports[run].path.name for run in seen]
+    if not blocks:
+        raise OptionError(f'nothing was held out when {args.model} was fitted: fit it with '
+                          '--holdout')
+    fresh = [Block(run, -float('inf'), float('inf')) for run in range(len(loaded.reports))
+             if run not in seen]
+    held_out = [Block(run, block['start'], block['end']) for run in seen for block in blocks
+                if block['sha256'] == loaded.reports[run].sha256]
+    kept = samples.select(within(samples, [*fresh, *held_out]))
+    if kept.n_samples == 0:
+        raise DataError('the model was fitted to all of these bags: nothing of them was held out')
+    return kept, []
+
+
+def _table(model: GravityModel, joints: dict[str, JointComparison],
+           samples: JointSamples) -> Table:
+    worst = _worst(joints)
+    rows = []
+    for name, found in joints.items():
+        cells = [printable(name), str(found.n), f'{found.rmse:.4f}', percent(found.nrmse),
+                 f'{found.std:.4f}', f'{found.max_abs:.3f}',
+                 f'{model.noise[model.joints.index(name)]:.4f}']
+        rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
+    return terminal.table(
+        f'error of the model in N·m, {samples.n_samples} samples',
+        ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training'], rows)
+
+
+def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
+    """Return lines on the worst joint and on where each joint fails."""
+    worst = _worst(joints)
+    lines = [f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m']
+    if outside > 0.0:
+        lines.append(f'{100 * outside:.1f} % of the samples lie outside the poses of the training')
+    for name, found in joints.items():
+        lines += [f'  {name} {place.words}' for place in found.where[:_MOST_PLACES]]
+    return lines
+
+
+def _worst(joints: dict[str, JointComparison]) -> str:
+    return max(joints, key=lambda name: joints[name].rmse)

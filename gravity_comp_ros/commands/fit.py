@@ -1,0 +1,194 @@
+"""`gravity_comp fit`: learn a gravity model from bags of slow motion."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict, replace
+import math
+import os
+from pathlib import Path
+import re
+import time
+from typing import Any
+
+from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.diagnosis.compare import compare, Comparison
+from gravity_comp_ros.errors import ModelFileError, OptionError
+from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.gravity.model import FORMULATIONS
+from gravity_comp_ros.holdout import HoldoutOptions, Split, split
+from gravity_comp_ros.modelfile import save_model
+from rich.table import Table
+
+VERB = 'fit'
+HELP = 'learn the gravity model of an arm from slow motion'
+EPILOG = """\
+examples:
+  gravity_comp fit run1.mcap run2.mcap -o arm.json
+  gravity_comp fit run1.mcap --holdout -o arm.json      judge on data that is not fitted
+  gravity_comp fit run1.db3 --joints a1,a2,a3 --effort-scale a1=-1,a2=-1,a3=-1 -o arm.json
+  gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
+
+Only slow samples are used: in fast motion the torque is more than gravity. With --holdout the
+saved model is the one that was judged; `compare --holdout` finds the same held-out data again.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `fit`."""
+    arguments.add_bags(parser)
+    parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
+                        help='write the model here (without it, only show what a fit gives)')
+    parser.add_argument('--formulation', choices=FORMULATIONS, default='potential',
+                        help='one potential energy for all joints, or each joint by itself as '
+                        'in Yu 2022 (default: %(default)s)')
+    parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
+                        const=0.2, default=None, help='hold this share of the data out of the '
+                        'fit and judge the model on it: whole runs, or blocks of a single run '
+                        '(0.2 if no number is given)')
+    parser.add_argument('--terms', metavar='N', type=int, default=8,
+                        help='terms of each equation to show (default: %(default)s)')
+    arguments.add_gate(parser)
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, judge, save and show."""
+    _check_output(args)
+    with terminal.progress() as report:
+        loaded = reading.load(args, report)
+        parts = _split(args, loaded)
+        fitted = parts.fitted if parts else loaded.gated.samples
+        started = time.perf_counter()
+        result = fit(fitted, FitOptions(formulation=args.formulation), report)
+        seconds = time.perf_counter() - started
+    judged = compare(result.model, parts.held_out) if parts else None
+    provenance = {**result.model.provenance, **loaded.to_json(),
+                  'holdout': _holdout_json(args, loaded, parts)}
+    model = replace(result.model, provenance=provenance)
+    document = {
+        'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
+        'report': result.report, 'converged': result.converged, 'seconds': seconds,
+        'holdout': provenance['holdout'], **loaded.to_json()}
+    if args.output:
+        save_model(args.output, model)
+    if args.json != '-':
+        _show(args, loaded, parts, result, judged, seconds)
+    if args.json:
+        terminal.emit_json(document, args.json)
+    return 0
+
+
+def _check_output(args: argparse.Namespace) -> None:
+    """Refuse before a long fit what could not be written after it."""
+    if args.output is None:
+        return
+    folder = args.output.resolve().parent
+    if not folder.is_dir():
+        raise ModelFileError(f'cannot write {args.output}: there is no folder {folder}')
+    if not os.access(folder, os.W_OK) or args.output.is_dir():
+        raise ModelFileError(f'cannot write {args.output}: permission denied or a folder')
+    for other in [*args.bags, *([Path(args.json)] if args.json else [])]:
+        if args.output.resolve() == other.resolve():
+            raise OptionError(f'{args.output} is named twice, as the model and as {other}')
+
+
+def _split(args: argparse.Namespace, loaded: reading.Loaded) -> Split | None:
+    if args.holdout is None:
+        return None
+    return split(loaded.gated.samples, HoldoutOptions(fraction=args.holdout))
+
+
+def _holdout_json(args: argparse.Namespace, loaded: reading.Loaded,
+                  parts: Split | None) -> dict[str, Any] | None:
+    """Return which stretches of which bags were held out; times are from the bag's start."""
+    if parts is None:
+        return None
+    return {'fraction': args.holdout, 'n_samples': parts.held_out.n_samples,
+            'blocks': [{'name': loaded.reports[b.run].path.name,
+                        'sha256': loaded.reports[b.run].sha256,
+                        'start': b.start, 'end': b.end} for b in parts.blocks]}
+
+
+def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]:
+    model, report = result.model, result.report
+    found = {}
+    for n, joint in enumerate(model.joints):
+        found[joint] = {
+            'features': int(model.n_features()[n]), 'rmse': report['rmse'][joint],
+            'noise': report['noise']['absolute'][joint],
+            'q_min': model.coverage.q_min[n], 'q_max': model.coverage.q_max[n],
+            'equation': model.equation(joint)}
+        if judged is not None:
+            found[joint]['held_out'] = asdict(judged.joints[joint])
+    return found
+
+
+def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
+          result: FitResult, judged: Comparison | None, seconds: float) -> None:
+    for line in loaded.lines():
+        terminal.show(terminal.safe(line))
+    if parts:
+        terminal.show(terminal.safe(_holdout_sentence(loaded, parts)))
+    terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
+    terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
+                  'second joint)')
+    for joint in result.model.joints:
+        equation = shortened(result.model.equation(joint), max(1, args.terms))
+        terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
+    for warning in result.report['warnings']:
+        terminal.warn(warning)
+    where = f'saved in {args.output}' if args.output else 'not saved (no -o)'
+    terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
+
+
+def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
+    if loaded.gated.samples.n_runs > 1:
+        what = ', '.join(loaded.reports[block.run].path.name for block in parts.blocks)
+    else:
+        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in parts.blocks)
+    return (f'held out: {what} ({parts.held_out.n_samples} samples); '
+            f'{parts.fitted.n_samples} are fitted')
+
+
+def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
+    model, report = result.model, result.report
+    columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'noise N·m']
+    if judged is not None:
+        columns += ['held-out RMSE', 'held-out nRMSE']
+    rows = []
+    for n, joint in enumerate(model.joints):
+        low, high = (math.degrees(x) for x in (model.coverage.q_min[n], model.coverage.q_max[n]))
+        row = [joint, str(model.n_features()[n]), f'{low:.0f} … {high:.0f}',
+               f'{report["rmse"][joint]:.4f}', f'{report["noise"]["absolute"][joint]:.4f}']
+        if judged is not None:
+            held_out = judged.joints[joint]
+            row += [f'{held_out.rmse:.4f}', percent(held_out.nrmse)]
+        rows.append(row)
+    return terminal.table(
+        f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
+        f'{model.coverage.n_runs} run{"s" if model.coverage.n_runs > 1 else ""}', columns, rows)
+
+
+def _solver_sentence(result: FitResult) -> str:
+    problems = result.report['solver']
+    worst = max(problems, key=lambda problem: problem['gap'])
+    count = f'{len(problems)} L1 problem{"s" if len(problems) > 1 else ""}'
+    return (f'ADMM: {count}, {sum(problem["iterations"] for problem in problems)} iterations, '
+            f'worst primal residual {max(p["primal_residual"] for p in problems):.1e}, dual '
+            f'{max(p["dual_residual"] for p in problems):.1e}, relative gap {worst["gap"]:.1e}'
+            f'{"" if result.converged else ": NOT CONVERGED"}')
+
+
+def percent(share: float | None) -> str:
+    """Return a share as per cent; a dash where there is none (the torque is constant)."""
+    return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
+
+
+def shortened(equation: str, terms: int) -> str:
+    """Return the first `terms` terms of an equation, and how many follow."""
+    parts = re.split(r'(?= [+-] )', equation)
+    if len(parts) <= terms:
+        return equation
+    return ''.join(parts[:terms]) + f' … {len(parts) - terms} more'

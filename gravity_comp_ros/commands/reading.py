@@ -1,0 +1,63 @@
+"""Bags named on the command line become gated samples, and lines that say what was read."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from typing import Any
+
+from gravity_comp_ros.bag import read_bag, ReadReport
+from gravity_comp_ros.commands.arguments import Gated, gated, read_options
+from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.samples import concatenate
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What was read from each bag, and the samples of all that passed the gate."""
+
+    reports: tuple[ReadReport, ...]
+    gated: Gated
+
+    def to_json(self) -> dict[str, Any]:
+        return {'bags': [bag_json(report) for report in self.reports],
+                'gate': self.gated.to_json()}
+
+    def lines(self) -> list[str]:
+        """Return plain lines for a person; they may hold text from the bags."""
+        found = []
+        for report in self.reports:
+            found.append(
+                f'{report.path.name}: {report.topic}, {report.n_samples} samples at '
+                f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
+                f'velocity {report.velocity}')
+            found += [f'  dropped {count} of {report.n_messages} messages: {reason}'
+                      for reason, count in report.dropped.items() if count]
+            found += [f'  {note}' for note in report.notes]
+        return [*found, self.gated.sentence()]
+
+
+def load(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
+    """
+    Return the samples of `args.bags`, gated as the arguments ask.
+
+    :raises BagError: if a bag cannot be read.
+    :raises ModelMismatchError: if two bags are of different robots.
+    :raises DataError: if nothing passes the gate.
+    """
+    options = read_options(args)
+    recordings = []
+    for number, path in enumerate(args.bags):
+        report(f'read {path.name}', number / len(args.bags))
+        recordings.append(read_bag(path, options))
+    samples = concatenate(recording.samples for recording in recordings)
+    return Loaded(tuple(recording.report for recording in recordings), gated(args, samples))
+
+
+def bag_json(report: ReadReport) -> dict[str, Any]:
+    """Return what identifies and describes a bag, ready for JSON."""
+    return {'name': report.path.name, 'sha256': report.sha256, 'topic': report.topic,
+            'n_messages': report.n_messages, 'n_samples': report.n_samples,
+            'dropped': dict(report.dropped), 'velocity': report.velocity,
+            'rate_hz': report.rate_hz, 'duration_s': report.duration_s,
+            'notes': list(report.notes)}

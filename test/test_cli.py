@@ -1,0 +1,141 @@
+"""The command line's frame: overview, usage errors, and the one gate for all other errors."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+from types import SimpleNamespace
+
+from gravity_comp_ros import __version__, cli
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.printable import printable
+from hypothesis import given, settings, strategies as st
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture
+def verb(monkeypatch):
+    """Return a function that makes `gravity_comp fit` run the given function."""
+    def install(run):
+        module = SimpleNamespace(HELP='help', EPILOG='', add_arguments=lambda parser: None,
+                                 run=run)
+        monkeypatch.setattr(cli, '_module', lambda name: module)
+    return install
+
+
+def fails_with(error):
+    def run(args):
+        raise error
+    return run
+
+
+def test_overview_lists_every_verb(capsys):
+    assert cli.main(['--help']) == 0
+    shown = capsys.readouterr().out
+    assert 'not available' not in shown
+    for name in cli.VERBS:
+        assert f'\n  {name} ' in shown
+
+
+@pytest.mark.parametrize('name', cli.VERBS)
+def test_every_verb_has_help_with_examples(name, capsys):
+    assert cli.main([name, '--help']) == 0
+    shown = capsys.readouterr().out
+    assert shown.startswith(f'usage: gravity_comp {name}')
+    assert f'  gravity_comp {name} ' in shown, 'no example'
+
+
+def test_version(capsys):
+    assert cli.main(['--version']) == 0
+    assert capsys.readouterr().out == f'gravity_comp {__version__}\n'
+
+
+@pytest.mark.parametrize('argv, text', [
+    ([], 'usage'), (['nonsense'], 'unknown verb nonsense'), (['--nonsense'], 'unknown option'),
+    (['fit'], 'BAG'), (['fit', 'a.mcap', '--max-speed', 'fast'], 'not a number'),
+    (['fit', 'a.mcap', '--rate', '-1'], 'not above 0'),
+    (['fit', 'a.mcap', '--effort-scale', 'elbow'], 'not JOINT=VALUE'),
+    (['fit', 'a.mcap', '--effort-scale', 'elbow=0'], 'leaves no torque'),
+    (['fit', 'a.mcap', '--joints', 'a,,b'], 'empty joint name'),
+    (['fit', '--json', 'a.mcap'], 'put --json after the bags'),
+    (['fit', 'a.mcap', '--formul', 'potential'], 'unrecognized'),
+])
+def test_wrong_usage_is_2_and_says_what(argv, text, capsys):
+    assert cli.main(argv) == 2
+    captured = capsys.readouterr()
+    assert text in captured.err and not captured.out
+
+
+@pytest.mark.parametrize('error, status, line', [
+    (BagError('x.mcap: empty\nof all'), 1, 'gravity_comp fit: x.mcap: empty of all\n'),
+    (BagError('joint \x1b[31mred'), 1, 'gravity_comp fit: joint \\x1b[31mred\n'),
+    (OSError(28, 'No space left on device', 'm.json'), 1,
+     'gravity_comp fit: No space left on device: m.json\n'),
+    (PermissionError(13, 'Permission denied', b'm.json'), 1,
+     'gravity_comp fit: Permission denied: m.json\n'),
+    (MemoryError(), 1, 'gravity_comp fit: not enough memory: use fewer samples (--rate) or '
+     'fewer joints (--joints)\n'),
+    (KeyboardInterrupt(), 130, 'gravity_comp fit: interrupted\n'),
+    (ZeroDivisionError('oh'), 1, 'gravity_comp fit: internal error, please report it: '
+     'ZeroDivisionError: oh (GRAVITY_COMP_DEBUG=1 shows where)\n'),
+])
+def test_a_failure_is_one_line(verb, capsys, error, status, line):
+    verb(fails_with(error))
+    assert cli.main(['fit']) == status
+    assert capsys.readouterr() == ('', line)
+
+
+def test_debug_shows_the_traceback(verb, capsys, monkeypatch):
+    monkeypatch.setenv('GRAVITY_COMP_DEBUG', '1')
+    verb(fails_with(BagError('broken')))
+    assert cli.main(['fit']) == 1
+    shown = capsys.readouterr().err
+    assert 'Traceback' in shown and shown.endswith('gravity_comp fit: broken\n')
+
+
+def run_without(module, *argv):
+    """Run the real program with one Python module missing."""
+    program = (f'import sys; sys.modules[{module!r}] = None; '
+               f'from gravity_comp_ros.cli import main; sys.exit(main({list(argv)!r}))')
+    return subprocess.run([sys.executable, '-c', program], cwd=ROOT, capture_output=True,
+                          text=True, timeout=60)
+
+
+def test_a_missing_library_breaks_only_the_verb_that_needs_it(tmp_path):
+    done = run_without('pinocchio', 'synth', '-o', str(tmp_path / 'a.mcap'))
+    assert done.returncode == 1
+    assert done.stderr.count('\n') == 1 and "gravity_comp_ros[sim]" in done.stderr
+    assert run_without('pinocchio', 'fit', '--help').returncode == 0
+    overview = run_without('pinocchio', '--help')
+    assert overview.returncode == 0 and overview.stdout.count('not available') <= 1
+
+
+def test_a_closed_pipe_is_quiet():
+    done = subprocess.run(f'{sys.executable} -m gravity_comp_ros.cli --help | true', shell=True,
+                          cwd=ROOT, capture_output=True, text=True, timeout=60,
+                          env={**os.environ, 'PYTHONUNBUFFERED': '1'})
+    assert done.stderr == ''
+
+
+def test_terminals_without_unicode_are_no_reason_to_fail():
+    done = subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'fit', '--help'],
+                          cwd=ROOT, capture_output=True, timeout=60,
+                          env={**os.environ, 'PYTHONIOENCODING': 'ascii'})
+    assert done.returncode == 0, done.stderr
+    assert b'N?m per unit' in done.stdout
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.text())
+def test_printable_text_has_nothing_to_obey(text):
+    shown = printable(text)
+    assert shown.isprintable()
+    assert len(shown.splitlines()) <= 1
+
+
+def test_printable_keeps_ordinary_names():
+    assert printable('Gelenk_1 (Größe ½) 关节') == 'Gelenk_1 (Größe ½) 关节'
+    assert printable('a\tb\r\n c') == 'a b c'
+    assert printable('\x1b]0;x\x07 \u202e\ud800') == '\\x1b]0;x\\x07 \\u202e\\ud800'

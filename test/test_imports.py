@@ -1,0 +1,114 @@
+"""Imports flow one way, ROS stays in the node, and the core needs NumPy and SciPy alone."""
+
+import ast
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGE = 'gravity_comp_ros'
+MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
+
+# Lowest first. A module may import from its own layer and from those below it.
+LAYERS = (
+    ('__init__', 'errors', 'printable', 'atomic'),
+    ('samples', 'gate', 'buffer', 'holdout', 'velocity'),
+    ('gravity', 'effects'),
+    ('diagnosis',),
+    ('bag', 'table', 'modelfile', 'simulation', 'report'),
+    ('node', 'commands', 'cli', 'workbench'),
+)
+LAYER_OF = {name: level for level, names in enumerate(LAYERS) for name in names}
+CORE = {name for names in LAYERS[:4] for name in names} | {'modelfile'}
+# Within a layer: who must not know whom.
+STRANGERS = {
+    'node': {'commands', 'cli', 'workbench', 'simulation'},
+    'commands': {'node', 'workbench'},
+    'cli': {'node', 'workbench'},
+    'gravity': {'effects'},
+    # It makes the truth that effects are tested against, so it must share nothing with them.
+    'simulation': {'gravity', 'effects', 'diagnosis', 'bag'},
+}
+ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs',
+       'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'launch',
+       'launch_ros'}
+
+
+def family(name: str) -> str:
+    """Return `bag` for `bag_mcap` and the like; other names as they are."""
+    return next((stem for stem in ('bag', 'table') if name.startswith(stem)), name)
+
+
+def room(path: Path) -> str:
+    """Return the top-level module or subpackage of the package that `path` belongs to."""
+    return family(path.relative_to(ROOT / PACKAGE).parts[0].removesuffix('.py'))
+
+
+def imported(path: Path) -> set[str]:
+    """Return the dotted names that a file imports, at its top or inside its functions."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f'{path}: relative import'
+            names.add(node.module)
+            if node.module == PACKAGE:
+                names |= {f'{PACKAGE}.{alias.name}' for alias in node.names}
+    return names
+
+
+def rooms_imported(path: Path) -> set[str]:
+    """Return the rooms of this package that a file imports from."""
+    parts = [name.split('.') for name in imported(path)]
+    found = {family(part[1]) for part in parts if part[0] == PACKAGE and len(part) > 1}
+    return found - {'__version__'}
+
+
+def each(paths):
+    return pytest.mark.parametrize(
+        'path', paths, ids=[str(path.relative_to(ROOT)) for path in paths])
+
+
+@each(MODULES)
+def test_imports_flow_downwards(path):
+    own = room(path)
+    assert own in LAYER_OF, f'give {own} a layer in this test'
+    for other in rooms_imported(path):
+        assert LAYER_OF[other] <= LAYER_OF[own], f'{own} must not import {other}'
+        assert other not in STRANGERS.get(own, set()), f'{own} must not import {other}'
+
+
+@each(MODULES)
+def test_only_the_node_imports_ros(path):
+    used = {name.split('.')[0] for name in imported(path)} & ROS
+    assert not used or room(path) == 'node', f'{path.name} imports {used}'
+
+
+@each([path for path in MODULES if room(path) in CORE])
+def test_the_core_needs_numpy_and_scipy_alone(path):
+    known = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
+    assert {name.split('.')[0] for name in imported(path)} <= known
+
+
+def test_the_rules_catch_a_breach(tmp_path):
+    # The checks above pass on a clean tree; this shows that they see what they look for.
+    file = tmp_path / 'bad.py'
+    file.write_text('def f():\n    from gravity_comp_ros.node import messages\n    import rclpy\n')
+    assert rooms_imported(file) == {'node'}
+    assert 'rclpy' in imported(file)
+
+
+def test_the_core_loads_without_the_rest():
+    blocked = ['rclpy', 'mcap', 'rosbags', 'rich', 'yaml', 'pinocchio', 'zstandard']
+    modules = ['gravity_comp_ros.gravity.fit', 'gravity_comp_ros.modelfile',
+               'gravity_comp_ros.diagnosis.compare', 'gravity_comp_ros.gate',
+               'gravity_comp_ros.buffer']
+    program = ('import sys\n'
+               f'sys.modules.update(dict.fromkeys({blocked!r}))\n'
+               + ''.join(f'import {name}\n' for name in modules) + 'print("loaded")')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=60)
+    assert done.stdout == 'loaded\n', done.stderr

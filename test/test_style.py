@@ -1,0 +1,43 @@
+"""Style as ament's linters ask for it: flake8, and docstrings by PEP 257."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = [name for name in ('gravity_comp_ros', 'test', 'launch', 'examples', 'bench',
+                             'setup.py') if (ROOT / name).exists()]
+
+
+def lint(*command, paths=FOLDERS):
+    """Return exit status and output of a linter, run with the settings in setup.cfg."""
+    done = subprocess.run([sys.executable, '-m', *command, *map(str, paths)], cwd=ROOT,
+                          capture_output=True, text=True, timeout=300)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_flake8():
+    status, output = lint('flake8', '--config', 'setup.cfg')
+    assert status == 0, output
+
+
+def test_docstrings():
+    # pydocstyle reads only files named by hand, not folders' tests, hence the match.
+    status, output = lint('pydocstyle', '--config=setup.cfg', r'--match=.*\.py')
+    assert status == 0, output
+
+
+@pytest.mark.parametrize('linter, text, code', [
+    (('flake8', '--config', 'setup.cfg'), 'import sys\nimport os\nprint(os, sys)\n', 'I100'),
+    (('flake8', '--config', 'setup.cfg'), 'x = "double"\n', 'Q000'),
+    (('flake8', '--config', 'setup.cfg'), f'x = {"1" * 99}\n', 'E501'),
+    (('pydocstyle', '--config=setup.cfg', r'--match=.*\.py'),
+     'def f():\n    """Returns\n    x"""\n', 'D400'),
+])
+def test_linters_see_a_breach(tmp_path, linter, text, code):
+    file = tmp_path / 'bad.py'
+    file.write_text(text)
+    status, output = lint(*linter, paths=[file])
+    assert status != 0 and code in output
