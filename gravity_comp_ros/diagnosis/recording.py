@@ -14,6 +14,7 @@ STILL = 0.01
 NARROW = 0.3
 _FEW = 50
 _SLOW_SHARE = 0.1
+_SLOW_TRAVEL = 0.3
 # A joint turns back when it has moved this far against its last direction, rad.
 _TURN = 0.01
 # Share of the torque's variance that poses must explain somewhere for gravity to be in it.
@@ -36,7 +37,8 @@ class JointFacts:
     of more than 0.01 rad, None for poses at rest. `pose_share` is the part of the torque's
     variance that a first-order fit on all joint angles explains, None if nothing moves.
     `direction_share` is the part of the rest that the direction of motion explains, with the
-    sign of its coefficient: friction makes it positive.
+    sign of its coefficient: friction makes it positive. `slow_travel` is the range of angles
+    among the samples that the gate keeps.
     """
 
     q_min: float
@@ -49,6 +51,7 @@ class JointFacts:
     tau_std: float
     pose_share: float | None
     direction_share: float | None
+    slow_travel: float
 
     @property
     def travel(self) -> float:
@@ -78,9 +81,10 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     gate = slow_samples(samples, options)
     slow_share = 1 - gate.dropped.get(FAST, 0) / max(len(samples), 1)
     at_rest = not samples.qd.any()
-    joints = {name: _joint(samples, n, at_rest) for n, name in enumerate(samples.names)}
+    joints = {name: _joint(samples, n, at_rest, gate.samples)
+              for n, name in enumerate(samples.names)}
     remarks = (*_speed_remarks(joints, slow_share, gate.kept, len(samples), options),
-               *_motion_remarks(joints, at_rest), *_effort_remarks(joints))
+               *_slow_remarks(joints, slow_share), *_motion_remarks(joints, at_rest), *_effort_remarks(joints))
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, remarks)
 
 
@@ -102,14 +106,15 @@ def count_reversals(q: FloatArray, turn: float = _TURN) -> int:
     return count
 
 
-def _joint(samples: JointSamples, n: int, at_rest: bool) -> JointFacts:
+def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> JointFacts:
     q, qd, tau = samples.q[:, n], samples.qd[:, n], samples.tau[:, n]
     reversals = None if at_rest else sum(
         count_reversals(run.q[:, n]) for run in samples.each_run() if len(run))
     pose, direction = _shares(samples, n)
     return JointFacts(
         float(q.min()), float(q.max()), float(np.abs(qd).max()), float(np.sqrt(np.mean(qd ** 2))),
-        reversals, float(tau.min()), float(tau.max()), float(tau.std()), pose, direction)
+        reversals, float(tau.min()), float(tau.max()), float(tau.std()), pose, direction,
+        float(np.ptp(slow.q[:, n])) if len(slow) else 0.0)
 
 
 def _shares(samples: JointSamples, n: int) -> tuple[float | None, float | None]:
@@ -151,6 +156,16 @@ def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, 
     return []
 
 
+def _slow_remarks(joints: dict[str, JointFacts], slow_share: float) -> list[str]:
+    """Tell where the slow samples miss most of what the recording covers."""
+    missed = [f'{name} ({np.degrees(facts.slow_travel):.0f}° of {np.degrees(facts.travel):.0f}°)'
+              for name, facts in joints.items()
+              if facts.travel >= STILL and facts.slow_travel < _SLOW_TRAVEL * facts.travel]
+    if slow_share < _SLOW_SHARE or not missed:
+        return []
+    return [f'slow samples cover little of the motion: {", ".join(missed)}']
+
+
 def _motion_remarks(joints: dict[str, JointFacts], at_rest: bool) -> list[str]:
     remarks = []
     still = [name for name, facts in joints.items() if facts.travel < STILL]
@@ -190,7 +205,9 @@ def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:
         remarks.append(f'effort never changes: {", ".join(constant)}')
     reversed_ = _reversed(joints)
     if reversed_:
-        scales = ','.join(f'{name}=-1' for name in reversed_)
+        # One joint may be wired the other way round; several mean another convention.
+        turned = joints if len(reversed_) > 1 else reversed_
+        scales = ','.join(f'{name}=-1' for name in turned)
         remarks.append(f'effort points against the motion on {", ".join(reversed_)}, which '
                        f'friction never does: its sign looks reversed; try '
                        f'--effort-scale {scales}')

@@ -153,6 +153,18 @@ def from_urdf(path: str | Path) -> Arm:
                np.where(unlimited, pi, upper), speed)
 
 
+def renamed(arm: Arm, names: Sequence[str]) -> Arm:
+    """
+    Return the arm with other joint names.
+
+    :raises OptionError: if there is another number of names than joints, or they repeat.
+    """
+    if len(names) != arm.n_joints or len(set(names)) < len(names):
+        raise OptionError(f'{arm.name} has {arm.n_joints} joints; {len(names)} names given, or '
+                          f'they repeat')
+    return Arm(arm.name, tuple(names), arm.model, arm.lower, arm.upper, arm.max_speed)
+
+
 def with_payload(arm: Arm, payload: Payload) -> Arm:
     """Return the arm with a payload fixed to its last link."""
     model = pin.Model(arm.model)

@@ -1,0 +1,98 @@
+"""`info`: what is in a recording, and what cannot be judged from it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from gravity_comp_ros.bag import read_bag, ReadReport
+from gravity_comp_ros.commands.arguments import (
+    add_bags,
+    add_gate,
+    add_json,
+    add_reading,
+    gate_options,
+    read_options,
+)
+from gravity_comp_ros.commands.reading import bag_json
+from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
+from gravity_comp_ros.diagnosis.recording import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.samples import concatenate
+import numpy as np
+
+VERB = 'info'
+HELP = 'say what is in a recording, and what cannot be judged from it'
+EPILOG = """\
+columns of the table:
+  range      least and greatest angle, in degrees
+  speed      rms and greatest, in rad/s; the gate wants every joint slow at once
+  turns      changes of direction; friction shows only where a joint comes back
+  effort     least and greatest, in N·m (or in the unit of the driver)
+
+examples:
+  gravity_comp info run1.mcap
+  gravity_comp info rosbag2_folder/ old.db3 --max-speed 0.2
+  gravity_comp info run1.mcap --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_bags(parser)
+    add_reading(parser)
+    add_gate(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    options = read_options(args)
+    gate = gate_options(args)
+    recordings, facts = [], []
+    with progress(quiet=bool(args.json)) as report:
+        for number, path in enumerate(args.bags):
+            report(f'read {path.name}', number / len(args.bags))
+            recordings.append(read_bag(path, options))
+            facts.append(describe(recordings[-1].samples, gate))
+    # Bags of different robots in one call are a slip that a fit would stumble over.
+    concatenate(recording.samples for recording in recordings)
+    found = [(recording.report, fact) for recording, fact in zip(recordings, facts)]
+    if args.json:
+        emit_json({'recordings': [_facts(*pair) for pair in found]}, args.json)
+        return 0
+    for recording_report, fact in found:
+        _show(recording_report, fact)
+    return 0
+
+
+def _show(report: ReadReport, facts: RecordingFacts) -> None:
+    show(f'[bold]{safe(report.path)}[/bold]  topic {safe(report.topic)}',
+         f'{report.n_samples} samples at {report.rate_hz:.4g} Hz over {report.duration_s:.4g} s, '
+         f'velocity {report.velocity}')
+    if report.dropped:
+        dropped = ', '.join(f'{count} {reason}' for reason, count in report.dropped.items())
+        show(f'dropped {sum(report.dropped.values())} of {report.n_messages} messages: '
+             f'{safe(dropped)}')
+    show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
+    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'turns', 'effort N·m')
+    show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
+    for line in (*report.notes, *facts.remarks):
+        show(f'  [yellow]•[/yellow] {safe(line)}')
+    show('')
+
+
+def _row(name: str, joint: JointFacts) -> tuple[str, ...]:
+    low, high, travel = np.degrees([joint.q_min, joint.q_max, joint.travel])
+    return (name, f'{low:.1f} … {high:.1f}', f'{travel:.1f}', f'{joint.rms_speed:.3f}',
+            f'{joint.max_speed:.3f}', '–' if joint.reversals is None else str(joint.reversals),
+            f'{joint.tau_min:.2f} … {joint.tau_max:.2f}')
+
+
+def _facts(report: ReadReport, facts: RecordingFacts) -> dict[str, Any]:
+    joints = {name: {'q_min': joint.q_min, 'q_max': joint.q_max, 'rms_speed': joint.rms_speed,
+                     'max_speed': joint.max_speed, 'reversals': joint.reversals,
+                     'tau_min': joint.tau_min, 'tau_max': joint.tau_max,
+                     'tau_std': joint.tau_std, 'pose_share': joint.pose_share,
+                     'direction_share': joint.direction_share}
+              for name, joint in facts.joints.items()}
+    return {'path': str(report.path), **bag_json(report), 'joints': joints,
+            'slow_share': facts.slow_share, 'kept': facts.kept, 'at_rest': facts.at_rest,
+            'remarks': list(facts.remarks)}

@@ -1,0 +1,89 @@
+"""`replay`: measured, predicted and residual torque side by side, to plot."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from gravity_comp_ros.bag import read_bag, Recording
+from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
+from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
+from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.modelfile import load_model
+import numpy as np
+from numpy.typing import NDArray
+
+VERB = 'replay'
+HELP = 'write measured, predicted and residual torque to an MCAP file for PlotJuggler or Foxglove'
+EPILOG = """\
+topics of the output, all sensor_msgs/JointState:
+  /joint_states              as measured, in N·m
+  /gravity_comp/prediction   effort = what the model says gravity asks for
+  /gravity_comp/residual     effort = measured minus predicted
+
+examples:
+  gravity_comp replay run2.mcap --model arm.json -o out.mcap
+"""
+
+PREDICTION = '/gravity_comp/prediction'
+RESIDUAL = '/gravity_comp/residual'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add_bags(parser, nargs=None)
+    parser.add_argument('--model', metavar='M.json', type=Path, required=True,
+                        help='model to predict with')
+    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=mcap_file, required=True,
+                        help='file to write; an older one is replaced')
+    add_reading(parser)
+    add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    _refuse_overwriting(args.bag, args.output)
+    model = load_model(args.model)
+    options = read_options(args)
+    # A gripper in the bag is no concern of a model of the arm.
+    recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
+    samples = recording.samples.joints(model.joints)
+    predicted = model.predict(samples.q)
+    residual = samples.tau - predicted
+    topics = [joint_states(samples),
+              JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),
+              JointTopic(RESIDUAL, samples.names, samples.t, samples.q, effort=residual)]
+    start = recording.report.start_ns
+    count = write_bag(args.output, topics, WriteOptions(start_ns=start))
+    outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
+    if args.json:
+        emit_json(_facts(args, recording, model, residual, outside), args.json)
+        return 0
+    for line in recording.report.notes:
+        note(line)
+    rms = np.sqrt(np.mean(residual ** 2, axis=0))
+    show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
+               [(joint, f'{a:.3f}', f'{b:.3f}') for joint, a, b in
+                zip(samples.names, rms, np.abs(residual).max(axis=0))]))
+    show(f'wrote {safe(args.output)}: {count} messages on /joint_states, {PREDICTION} and '
+         f'{RESIDUAL}')
+    if outside > 0:
+        warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
+             f'trained on')
+    return 0
+
+
+def _refuse_overwriting(bag: Path, output: Path) -> None:
+    inside = bag.is_dir() and output.resolve().parent == bag.resolve()
+    if inside or (output.exists() and bag.exists() and output.samefile(bag)):
+        raise OptionError(f'{output} is the recording itself; choose another output')
+
+
+def _facts(args: argparse.Namespace, recording: Recording, model: GravityModel,
+           residual: NDArray[np.float64], outside: float) -> dict[str, object]:
+    joints = {joint: {'rms': np.sqrt(np.mean(column ** 2)), 'max_abs': np.abs(column).max()}
+              for joint, column in zip(model.joints, residual.T)}
+    return {'output': str(args.output), 'n': len(recording.samples), 'joints': joints,
+            'outside_trained_range': outside, 'notes': list(recording.report.notes)}

@@ -1,0 +1,172 @@
+"""`synth`: record a simulated arm."""
+
+from __future__ import annotations
+
+import argparse
+from math import radians
+from pathlib import Path
+
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, positive
+from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
+from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+
+VERB = 'synth'
+HELP = 'record a simulated arm: model, motion, payload and noise to an MCAP file'
+EPILOG = """\
+motions:
+  eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
+  eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
+  random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
+  multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
+
+examples:
+  gravity_comp synth --motion eq17 --noise 0.1 -o slow.mcap
+  gravity_comp synth --motion eq17 --start 100 --noise 0.1 --seed 1 -o later.mcap
+  gravity_comp synth --motion eq17 --payload 2 --payload-at 50 -o loaded.mcap
+  gravity_comp synth --motion random --samples 1000 --relative-noise 0.01 -o poses.mcap
+  gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
+"""
+
+_DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'multisine': (100.0, 50.0)}
+_DEFAULT_POSES = 1000
+_POSE_RATE = 0.5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=mcap_file, required=True,
+                        help='file to write; an older one is replaced')
+    parser.add_argument('--seed', type=int, default=0,
+                        help='of random motion and noise (default: 0)')
+    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
+    add_json(parser)
+    _add_arm(parser.add_argument_group('arm'))
+    _add_motion(parser.add_argument_group('motion'))
+    _add_torque(parser.add_argument_group('torque'))
+
+
+def _add_arm(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--arm', metavar='iiwa7|FILE.urdf', default='iiwa7',
+                       help='KUKA LBR iiwa 7 R800, or any arm of revolute joints')
+    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=finite,
+                       default=(0.0, 0.0), help='of the base, in degrees (default: level)')
+    group.add_argument('--joint-names', metavar='A,B,...', type=joint_list,
+                       help="names to record (default: the model's own)")
+
+
+def _add_motion(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--motion', choices=('eq15', 'eq17', 'random', 'multisine'),
+                       default='eq17', help='see below (default: eq17)')
+    group.add_argument('--duration', metavar='S', type=positive, help='length in s')
+    group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
+    group.add_argument('--samples', metavar='N', type=int,
+                       help='number of samples, instead of a duration')
+    group.add_argument('--start', metavar='S', type=finite, default=0.0,
+                       help='begin at this time of the motion (default: 0)')
+    group.add_argument('--max-speed', metavar='RAD/S', type=positive,
+                       help='of every joint in a multisine (default: 0.1)')
+
+
+def _add_torque(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--payload', metavar='KG', type=positive, help='mass on the last link')
+    group.add_argument('--payload-com', metavar=('X', 'Y', 'Z'), nargs=3, type=finite,
+                       help="its centre of mass in the last joint's frame, in m "
+                       '(default: 0 0 0.1)')
+    group.add_argument('--payload-at', metavar='S', type=finite,
+                       help='attach it this long after the beginning (default: at once)')
+    group.add_argument('--noise', metavar='NM', type=finite, default=0.0,
+                       help='standard deviation of the torque noise, N·m (default: 0)')
+    group.add_argument('--relative-noise', metavar='FRACTION', type=finite, default=0.0,
+                       help='the same as a fraction of the torque (default: 0)')
+    group.add_argument('--noise-correlation', metavar='S', type=finite, default=0.0,
+                       help='correlation time of --noise (default: 0, white)')
+    group.add_argument('--static', action='store_true',
+                       help='gravity alone, as though the arm stopped for every sample')
+
+
+def run(args: argparse.Namespace) -> int:
+    arm = _arm(args)
+    motion = _motion(args, arm)
+    samples = synthesise(arm, motion, _synthesis(args))
+    write_bag(args.output, [joint_states(samples, args.topic)])
+    notes = _limits_passed(arm, samples)
+    if args.json:
+        emit_json(_facts(args, samples, notes), args.json)
+        return 0
+    length = f'{len(samples)} samples of {samples.n_joints} joints'
+    what = f' with {args.payload:g} kg' if args.payload else ''
+    show(f'wrote {safe(args.output)}: {safe(arm.name)}{what} on {motion.name}, {length}, '
+         f'{samples.t[-1] - samples.t[0]:.4g} s')
+    for note in notes:
+        warn(note)
+    return 0
+
+
+def _arm(args: argparse.Namespace) -> arms.Arm:
+    if args.arm == 'iiwa7':
+        arm = arms.iiwa7()
+    elif Path(args.arm).suffix.lower() in ('.urdf', '.xml'):
+        arm = arms.from_urdf(args.arm)
+    else:
+        raise OptionError(f'no arm {args.arm}; give iiwa7 or a .urdf file')
+    roll, pitch = args.tilt
+    if roll or pitch:
+        arm = arms.with_base_tilt(arm, radians(roll), radians(pitch))
+    return arm if args.joint_names is None else arms.renamed(arm, args.joint_names)
+
+
+def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
+    if args.samples is not None and args.samples < 1:
+        raise OptionError(f'--samples {args.samples}: at least one sample is needed')
+    if args.samples is not None and args.duration is not None:
+        raise OptionError('give --samples or --duration, not both')
+    if args.max_speed is not None and args.motion != 'multisine':
+        raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
+    if args.motion == 'random':
+        rate = args.rate or _POSE_RATE
+        count = args.samples or (max(1, round(args.duration * rate)) if args.duration
+                                 else _DEFAULT_POSES)
+        return motions.random_poses(arm.lower, arm.upper, count, args.seed, 1 / rate, args.start)
+    default_duration, default_rate = _DEFAULTS[args.motion]
+    rate = args.rate or default_rate
+    duration = args.samples / rate if args.samples else args.duration or default_duration
+    if args.motion == 'multisine':
+        options = motions.MultisineOptions(max_speed=args.max_speed or 0.1)
+        return motions.multisine(arm.lower, arm.upper, arm.max_speed, args.seed, options,
+                                 duration, rate, args.start)
+    make = motions.eq15 if args.motion == 'eq15' else motions.eq17
+    return make(duration, rate, args.start)
+
+
+def _synthesis(args: argparse.Namespace) -> SynthesisOptions:
+    payload = None
+    if args.payload is not None:
+        com = tuple(args.payload_com or (0.0, 0.0, 0.1))
+        payload = arms.Payload(args.payload, com)
+    elif args.payload_com is not None:
+        raise OptionError('--payload-com needs --payload')
+    noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
+    at = None if args.payload_at is None else args.start + args.payload_at
+    return SynthesisOptions(noise, args.seed, args.static, payload, at)
+
+
+def _limits_passed(arm: arms.Arm, samples: JointSamples) -> list[str]:
+    notes = []
+    over = np.maximum(samples.q.max(axis=0) - arm.upper, arm.lower - samples.q.min(axis=0))
+    for joint, excess in zip(arm.joints, over):
+        if excess > 1e-9:
+            notes.append(f'joint {joint} passes its limit by {excess:.3f} rad')
+    return notes
+
+
+def _facts(args: argparse.Namespace, samples: JointSamples, notes: list[str]) -> dict[str, object]:
+    return {'output': str(args.output), 'joints': list(samples.names),
+            'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
+            'motion': args.motion, 'seed': args.seed, 'payload_kg': args.payload,
+            'notes': notes}
