@@ -1,0 +1,197 @@
+"""`fit` and `compare`, from bag to figures, on an arm whose torque is known by hand."""
+
+import json
+from pathlib import Path
+import re
+
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+import pytest
+
+NOISE = 0.05
+JOINTS = ('shoulder', 'elbow')
+
+
+def double_pendulum(count=400, seed=0, start=0.0, load=0.0, speed=0.1, names=JOINTS):
+    """
+    Return samples of two links in a vertical plane, q = 0 hanging down.
+
+    U = -10 c1 - (4 + load) cos(q1 + q2), hence
+    tau_2 = (4 + load) (s1 c2 + c1 s2) and tau_1 = 10 s1 + tau_2.
+    """
+    t = start + np.arange(count) * 0.2
+    rate = speed / 0.15
+    q = np.column_stack([1.2 * np.sin(0.1 * rate * t), 1.4 * np.sin(0.07 * rate * t + 0.5)])
+    qd = np.column_stack([0.12 * rate * np.cos(0.1 * rate * t),
+                          0.098 * rate * np.cos(0.07 * rate * t + 0.5)])
+    tau_2 = (4.0 + load) * np.sin(q.sum(axis=1))
+    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + tau_2, tau_2])
+    tau = tau + np.random.default_rng(seed).normal(scale=NOISE, size=tau.shape)
+    return JointSamples.single_run(names, t - start, q, qd, tau)
+
+
+def bag(path, **options):
+    write_bag(path, [joint_states(double_pendulum(**options))])
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    return {'train': bag(folder / 'train.mcap'),
+            'later': bag(folder / 'later.mcap', seed=1, start=80.0),
+            'loaded': bag(folder / 'loaded.mcap', seed=2, load=2.0),
+            'fast': bag(folder / 'fast.mcap', seed=3, speed=1.5),
+            'other': bag(folder / 'other.mcap', names=('a', 'b'))}
+
+
+@pytest.fixture(scope='module')
+def model(bags, tmp_path_factory):
+    path = tmp_path_factory.mktemp('models') / 'arm.json'
+    assert main(['fit', bags['train'], '-o', str(path)]) == 0
+    return str(path)
+
+
+def run_json(capsys, *argv):
+    """Run a verb with --json and return what it printed, which must be JSON and nothing else."""
+    status = main([*map(str, argv), '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def test_fit_finds_the_equations(model):
+    found = load_model(model)
+    # s1 c2 and c1 s2 carry 4 N·m each, s1 of the shoulder 10 N·m; 0.05 N·m is the noise.
+    shoulder, elbow = found.torques
+    assert found.equation('shoulder', 0) in ('10 s1 + 4 s1 c2 + 4 c1 s2',
+                                             '10 s1 + 4 c1 s2 + 4 s1 c2')
+    assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.05)
+    assert sorted(elbow.weights) == pytest.approx([4.0, 4.0], abs=0.05)
+
+
+def test_fit_shows_equations_and_solver(bags, capsys):
+    assert main(['fit', bags['train'], '--terms', '1']) == 0
+    out = capsys.readouterr()
+    shown = ' '.join(out.out.split())
+    assert re.search(r'shoulder = (10\.0|9\.9)\d s1 … 2 more', shown)
+    assert 'ADMM: 1 L1 problem' in shown and 'relative gap' in shown
+    assert '400 of 400 samples pass the slow-motion gate' in shown and 'not saved' in shown
+    assert '... fit' in out.err
+
+
+def test_fit_json_holds_report_and_data(bags, capsys, tmp_path):
+    found = run_json(capsys, 'fit', bags['train'], '-o', tmp_path / 'm.json')
+    assert found['converged'] and found['report']['solver'][0]['gap'] < 1e-6
+    assert found['bags'][0]['name'] == 'train.mcap' and found['gate']['kept'] == 400
+    for joint in JOINTS:
+        assert found['joints'][joint]['rmse'] == pytest.approx(NOISE, rel=0.15)
+        assert found['joints'][joint]['features'] == {'shoulder': 3, 'elbow': 2}[joint]
+    kept = load_model(tmp_path / 'm.json').provenance
+    assert kept['bags'] == found['bags'] and kept['holdout'] is None
+
+
+def test_compare_judges_unseen_data_at_the_noise(bags, model, capsys):
+    found = run_json(capsys, 'compare', bags['later'], '--model', model)
+    assert found['fitted_to'] == []
+    for joint in JOINTS:
+        figures = found['joints'][joint]
+        assert {'n', 'rmse', 'nrmse', 'std', 'max_abs', 'where'} <= set(figures)
+        assert figures['n'] == 400
+        assert figures['rmse'] == pytest.approx(NOISE, rel=0.15)
+
+
+def test_compare_sees_a_load_of_known_size(bags, model, capsys):
+    found = run_json(capsys, 'compare', bags['loaded'], '--model', model)
+    truth = 2.0 * np.sin(double_pendulum().q.sum(axis=1))
+    wanted = float(np.sqrt(np.mean(truth ** 2) + NOISE ** 2))
+    for joint in JOINTS:
+        assert found['joints'][joint]['rmse'] == pytest.approx(wanted, rel=0.03)
+
+
+def test_compare_says_when_data_was_fitted(bags, model, capsys):
+    assert main(['compare', bags['train'], '--model', model]) == 0
+    out = capsys.readouterr()
+    assert 'the model was fitted to train.mcap' in out.err
+    assert 'worst joint: ' in out.out
+
+
+def test_held_out_figures_of_fit_and_compare_agree(bags, capsys, tmp_path):
+    path = tmp_path / 'm.json'
+    fitted = run_json(capsys, 'fit', bags['train'], '--holdout', '0.25', '-o', path)
+    assert fitted['holdout']['n_samples'] == pytest.approx(100, abs=4)
+    assert fitted['report']['n_samples'] <= 300
+    compared = run_json(capsys, 'compare', bags['train'], '--model', path, '--holdout')
+    for joint in JOINTS:
+        held_out = fitted['joints'][joint]['held_out']
+        assert compared['joints'][joint]['rmse'] == pytest.approx(held_out['rmse'], rel=1e-9)
+        assert compared['joints'][joint]['n'] == fitted['holdout']['n_samples']
+
+
+def test_of_two_bags_the_last_is_held_out(bags, capsys):
+    found = run_json(capsys, 'fit', bags['train'], bags['later'], '--holdout')
+    assert [block['name'] for block in found['holdout']['blocks']] == ['later.mcap']
+    assert found['report']['n_samples'] == 400
+
+
+def test_effort_scale_and_joints_reach_the_model(bags, tmp_path):
+    path = tmp_path / 'm.json'
+    assert main(['fit', bags['train'], '--joints', 'elbow,shoulder', '--effort-scale',
+                 'elbow=-2', '--formulation', 'per_joint', '-o', str(path)]) == 0
+    found = load_model(path)
+    assert found.joints == ('elbow', 'shoulder')
+    elbow, shoulder = found.torques
+    assert sorted(elbow.weights) == pytest.approx([-8.0, -8.0], abs=0.1)
+    assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
+
+
+def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
+    found = run_json(capsys, 'compare', bags['later'], '--model', model, '--joints', 'elbow')
+    assert list(found['joints']) == ['elbow']
+
+
+@pytest.mark.parametrize('argv, text', [
+    (['compare', 'fast', '--model', 'MODEL', '--max-speed', '1e-6'], 'pass --all-samples'),
+    (['compare', 'other', '--model', 'MODEL'], 'no joint shoulder'),
+    (['compare', 'later', '--model', 'MODEL', '--joints', 'wrist'], 'no joint wrist'),
+    (['compare', 'train', '--model', 'MODEL', '--holdout'], 'nothing was held out'),
+    (['compare', 'train', '--model', 'train'], 'train.mcap'),
+    (['compare', 'train', '--model', 'absent.json'], 'absent.json'),
+    (['fit', 'train', 'other'], 'different'),
+    (['fit', 'train', '--holdout', '1.5'], 'between 0 and 1'),
+    (['fit', 'train', '-o', 'nowhere/m.json'], 'there is no folder'),
+    (['fit', 'train', '-o', 'train'], 'named twice'),
+])
+def test_bad_input_is_one_line_and_changes_nothing(bags, model, capsys, argv, text):
+    before = {path: Path(path).read_bytes() for path in [*bags.values(), model]}
+    argv = [bags.get(word, model if word == 'MODEL' else word) for word in argv]
+    capsys.readouterr()
+    assert main(argv) == 1
+    out = capsys.readouterr()
+    message = out.err.splitlines()[-1]
+    assert text in message and message.startswith(f'gravity_comp {argv[0]}: ')
+    assert 'internal error' not in message and 'Traceback' not in out.err
+    assert before == {path: Path(path).read_bytes() for path in before}
+
+
+def test_a_damaged_model_is_refused(model, bags, tmp_path, capsys):
+    damaged = tmp_path / 'damaged.json'
+    damaged.write_text(Path(model).read_text().replace('elbow', 'elbou', 1))
+    assert main(['compare', bags['later'], '--model', str(damaged)]) == 1
+    assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_names_in_a_bag_cannot_command_the_terminal(tmp_path, capsys):
+    path = tmp_path / 'evil.mcap'
+    bag(path, count=120, names=('[red]a[/red]', 'b\x1b[2J'))
+    assert main(['fit', str(path)]) == 0
+    out = capsys.readouterr()
+    assert '[red]a[/red]' in out.out and '\x1b' not in out.out + out.err
+
+
+def test_fast_samples_can_be_asked_for(bags, model, capsys):
+    found = run_json(capsys, 'compare', bags['fast'], '--model', model, '--all-samples')
+    assert found['gate'] == {'total': 400, 'kept': 400, 'dropped': {}, 'all_samples': True}
