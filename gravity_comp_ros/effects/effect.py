@@ -1,0 +1,115 @@
+"""
+What an effect is: a torque that gravity cannot explain, linear in a few coefficients.
+
+    tau_residual = sum_k coefficient_k column_k(q, qd, qdd, g, t; setting)
+
+Columns are computed from the motion and from the predicted gravity torque g, never from the
+measured torque: noise would otherwise explain itself. What an effect is not linear in (a
+velocity, a distance, a time) is its setting, and is scanned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray, JointSamples
+
+Setting = Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    What effect columns are computed from.
+
+    `samples` are the measured q, qd, tau of all runs; `qdd` (M, N) in rad/s^2 is estimated from
+    them; `gravity` (M, N) in N·m is the torque that the gravity model predicts; `gradient`
+    (M, N, N) in N·m/rad is d gravity_n / d q_j, the model's stiffness; `sign_width` (N,) in
+    rad/s is the speed over which a joint's friction turns its sign, as far as the data tells.
+    """
+
+    samples: JointSamples
+    qdd: FloatArray
+    gravity: FloatArray
+    gradient: FloatArray
+    sign_width: FloatArray
+
+    def direction(self, joint: int) -> FloatArray:
+        """Return the smoothed sign of a joint's speed, (M,): tanh(qd / sign_width)."""
+        return np.asarray(np.tanh(self.samples.qd[:, joint] / self.sign_width[joint]))
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One coefficient of an effect: its symbol, unit and meaning."""
+
+    symbol: str
+    unit: str
+    meaning: str
+
+
+# (motion, joint, setting) -> columns: (M, K) for an effect of one joint, (M, N, K) of the arm.
+Columns = Callable[[Motion, int, Setting], FloatArray]
+# (motion, joint) -> the settings worth trying on this motion; none if it cannot be judged.
+Settings = Callable[[Motion, int], list[dict[str, float]]]
+# (motion, joint) -> why this motion cannot show the effect, or None if it can.
+Untestable = Callable[[Motion, int], str | None]
+# (coefficients, setting, motion, joint) -> why these values are not physical, or None.
+Implausible = Callable[[FloatArray, Setting, Motion, int], str | None]
+
+
+def no_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return the one empty setting of an effect that is linear throughout."""
+    return [{}]
+
+
+def always_testable(motion: Motion, joint: int) -> str | None:
+    """Return None: any motion shows the effect."""
+    return None
+
+
+def always_plausible(values: FloatArray, setting: Setting, motion: Motion,
+                     joint: int) -> str | None:
+    """Return None: coefficients of either sign and any size are physical."""
+    return None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """
+    A physical effect, with all that the tool says about it.
+
+    `scope` is 'joint' (acts on the torque of one joint) or 'arm' (on several at once; columns
+    are then (M, N, K)). `confounders` names effects that can look alike; `experiment` is the
+    motion that tells them apart; `signature` names the plot in which it shows (x axis).
+
+    :raises OptionError: if the scope is unknown or there is no coefficient.
+    """
+
+    name: str
+    title: str
+    family: str
+    equation: str
+    description: str
+    coefficients: tuple[Coefficient, ...]
+    columns: Columns
+    confounders: tuple[str, ...]
+    experiment: str
+    signature: str
+    source: str
+    scope: str = 'joint'
+    settings: Settings = no_settings
+    untestable: Untestable = always_testable
+    implausible: Implausible = always_plausible
+    setting_units: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.scope not in ('joint', 'arm'):
+            raise OptionError(f'effect {self.name}: scope is {self.scope!r}; it must be '
+                              f"'joint' or 'arm'")
+        if not self.coefficients:
+            raise OptionError(f'effect {self.name} has no coefficient')
