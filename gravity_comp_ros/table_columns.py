@@ -34,17 +34,13 @@ def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> 
 
 
 def has_columns(columns: Sequence[str], wanted: str) -> bool:
-    """Return whether all columns of `wanted` are there."""
-    try:
-        find_columns(columns, wanted, '', '')
-    except BagError:
-        return False
-    return True
+    """Return whether any column is of the pattern `wanted`, or has that name."""
+    shape = _shape(wanted)
+    return any(shape.match(name) for name in columns)
 
 
 def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
-    before, _, after = wanted.partition('{i}')
-    shape = re.compile(re.escape(before) + r'(\d+)' + re.escape(after) + r'$')
+    shape = _shape(wanted)
     numbered = sorted((int(match[1]), k) for k, name in enumerate(columns)
                       if (match := shape.match(name)))
     if not numbered:
@@ -54,6 +50,10 @@ def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list
         raise BagError(f'{where}: columns {wanted} for {what} are numbered '
                        f'{", ".join(map(str, numbers))}; a number is missing or repeats')
     return [k for _, k in numbered]
+
+
+def _shape(wanted: str) -> re.Pattern[str]:
+    return re.compile(re.escape(wanted).replace(re.escape('{i}'), r'(\d+)', 1) + r'$')
 
 
 def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]:

@@ -67,7 +67,8 @@ def _add_units(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default='rad')
     group.add_argument('--effort-unit', choices=tuple(EFFORT_UNITS), default='Nm')
     group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
-                       help='-1 where the file has the torque on the drive, not by it')
+                       help='-1 where the file has the torque on the drive, not by it '
+                       '(several: write --effort-sign=-1,1,...)')
     group.add_argument('--torque-constant', metavar='NM/A,...', type=numbers,
                        help='of the motor, for efforts in A or mA')
     group.add_argument('--gear-ratio', metavar='N,...', type=numbers, default=(1.0,),

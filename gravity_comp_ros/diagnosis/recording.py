@@ -84,7 +84,8 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     joints = {name: _joint(samples, n, at_rest, gate.samples)
               for n, name in enumerate(samples.names)}
     remarks = (*_speed_remarks(joints, slow_share, gate.kept, len(samples), options),
-               *_slow_remarks(joints, slow_share), *_motion_remarks(joints, at_rest), *_effort_remarks(joints))
+               *_slow_remarks(joints, slow_share), *_motion_remarks(joints, at_rest),
+               *_effort_remarks(joints))
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, remarks)
 
 

@@ -1,0 +1,247 @@
+"""Tables with any columns, units and signs become the right joint states, or a clear error."""
+
+import pickle
+
+from gravity_comp_ros.bag import read_bag
+from gravity_comp_ros.bag_write import DEFAULT_START_NS, write_bag
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.tables import read_table, TableOptions
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+T = np.array([0.0, 0.1, 0.2])
+Q = np.array([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
+TAU = np.array([[1.0, -2.0], [3.0, -4.0], [5.0, -6.0]])
+
+
+def csv(tmp_path, text, name='x.csv'):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def table_text(header='t,q_0,q_1,tau_0,tau_1', delimiter=',', values=None):
+    values = np.column_stack([T, Q, TAU]) if values is None else values
+    lines = [delimiter.join(repr(float(v)) for v in row) for row in values]
+    return '\n'.join(([header] if header else []) + lines) + '\n'
+
+
+def check_is_the_table(converted):
+    topic = converted.topic
+    assert topic.joints == ('joint_1', 'joint_2')
+    np.testing.assert_allclose(topic.t, T)
+    np.testing.assert_array_equal(topic.position, Q)
+    np.testing.assert_array_equal(topic.effort, TAU)
+    assert topic.velocity is None
+    assert converted.start_ns == DEFAULT_START_NS
+    assert any('no velocity' in note for note in converted.notes)
+
+
+@pytest.mark.parametrize(('header', 'delimiter'), [
+    ('t,q_0,q_1,tau_0,tau_1', ','), ('time;q1;q2;tau1;tau2', ';'),
+    ('t\tpos_1\tpos_2\teffort_1\teffort_2', '\t'), ('t q_1 q_2 tau_1 tau_2', ' '),
+    ('# t,q_0,q_1,tau_0,tau_1', ','), ('"t","q_0","q_1","tau_0","tau_1"', ','),
+    ('\ufefft, q_0, q_1, tau_0, tau_1', ',')])
+def test_usual_tables_need_no_options(tmp_path, header, delimiter):
+    check_is_the_table(read_table(csv(tmp_path, table_text(header, delimiter))))
+
+
+@pytest.mark.parametrize('options', [
+    {'time': '1', 'position': '2-3', 'effort': '4,5'},
+    {'time': '1', 'position': '2,3', 'effort': '4-5', 'header': False, 'delimiter': ','}])
+def test_no_header_and_numbered_columns(tmp_path, options):
+    path = csv(tmp_path, table_text(header=None))
+    check_is_the_table(read_table(path, TableOptions(**options)))
+
+
+def test_columns_by_name_in_any_order(tmp_path):
+    path = csv(tmp_path, table_text('clock,b,a,2-3,torque of a').replace('\n', ' \n'))
+    converted = read_table(path, TableOptions(
+        time='clock', position='a,b', effort='torque of a,2-3', joints=('A', 'B')))
+    assert converted.topic.joints == ('A', 'B')
+    np.testing.assert_array_equal(converted.topic.position, Q[:, ::-1])
+    np.testing.assert_array_equal(converted.topic.effort, TAU[:, ::-1])
+
+
+def test_pattern_sorts_by_number_and_not_by_text(tmp_path):
+    names = [f'q_{k}' for k in range(11)][::-1] + [f'tau_{k}' for k in range(11)]
+    values = np.arange(66.0).reshape(3, 22) / 100
+    path = csv(tmp_path, table_text(','.join(names), values=values))
+    topic = read_table(path, TableOptions(rate=10.0)).topic
+    np.testing.assert_array_equal(topic.position, values[:, 10::-1])
+    np.testing.assert_array_equal(topic.effort, values[:, 11:])
+
+
+def test_units_signs_constants_by_hand(tmp_path):
+    text = 'ms,p_1,p_2,v_1,v_2,i_1,i_2\n1000,180,90,10,-20,500,250\n1250,0,45,0,0,1000,0\n'
+    converted = read_table(csv(tmp_path, text), TableOptions(
+        time='ms', position='p_{i}', velocity='v_{i}', effort='i_{i}', time_unit='ms',
+        angle_unit='deg', effort_unit='mA', torque_constant=(0.1, 0.2), gear_ratio=(100.0,),
+        effort_sign=(1.0, -1.0)))
+    topic = converted.topic
+    np.testing.assert_allclose(topic.t, [0, 0.25])
+    np.testing.assert_allclose(topic.position, [[np.pi, np.pi / 2], [0, np.pi / 4]])
+    np.testing.assert_allclose(topic.velocity, np.radians([[10, -20], [0, 0]]))
+    # 0.5 A * 0.1 N·m/A * 100 = 5 N·m; -(0.25 A * 0.2 N·m/A * 100) = -5 N·m
+    np.testing.assert_allclose(topic.effort, [[5, -5], [10, 0]])
+
+
+def test_fixed_rate_and_rows_left_out_keep_their_time(tmp_path):
+    text = table_text('x,q_0,q_1,tau_0,tau_1').replace('0.3', '')
+    path = csv(tmp_path, text)
+    with pytest.raises(BagError, match=r'x\.csv, row 2 \(line 3\), column q_0: empty'):
+        read_table(path, TableOptions(rate=10.0))
+    converted = read_table(path, TableOptions(rate=10.0, skip_bad_rows=True))
+    assert converted.dropped == 1
+    np.testing.assert_allclose(converted.topic.t, [0, 0.2])
+
+
+def test_clock_of_the_world_is_kept(tmp_path):
+    values = np.column_stack([1.7e9 + T, Q, TAU])
+    converted = read_table(csv(tmp_path, table_text(values=values)))
+    assert converted.start_ns == 1_700_000_000 * 10**9
+    np.testing.assert_allclose(converted.topic.t, T, atol=1e-6)
+
+
+def test_degrees_taken_for_radians_are_noticed(tmp_path):
+    values = np.column_stack([T, 100 * Q, TAU])
+    assert any('are they degrees' in n for n in
+               read_table(csv(tmp_path, table_text(values=values))).notes)
+
+
+GOOD = table_text()
+
+
+@pytest.mark.parametrize(('text', 'options', 'says'), [
+    ('', {}, 'is empty'),
+    ('t,q_0,tau_0\n', {}, 'no rows'),
+    (GOOD.replace('-4.0', 'abc'), {}, "line 3, column tau_1: 'abc' is not a number"),
+    (GOOD.replace('-4.0', 'nan'), {}, r'row 2 \(line 3\), column tau_1: empty or not a number'),
+    (GOOD.replace('-4.0', 'inf'), {}, r'row 2 \(line 3\), column tau_1: not finite'),
+    (GOOD.replace('0.3,', ''), {}, 'line 3: 4 cells; the table has 5 columns'),
+    (GOOD.replace('0.2,0.5', '0.1,0.5'), {}, r'row 3 \(line 4\): time does not increase'),
+    (GOOD.replace('tau_1', 'tau_0'), {}, 'columns repeat: tau_0'),
+    (GOOD.replace('t,', 'x,'), {}, 'no column of time'),
+    (GOOD.replace('tau_1', 'tau_5'), {}, r'tau_\{i\} for effort are numbered 0, 5'),
+    (GOOD, {'position': 'p_{i}'}, r'no column p_\{i\} for position; it has t, q_0'),
+    (GOOD, {'position': 'q_0,q_9'}, "no column 'q_9' for position"),
+    (GOOD, {'position': '2-9'}, "no column '2-9' for position"),
+    (GOOD, {'position': 'q_0,q_0'}, 'q_0 is given twice'),
+    (GOOD, {'effort': 'tau_0'}, '2 columns of position but 1 of effort'),
+    (GOOD.replace('tau', 'x'), {}, 'no columns of effort such as'),
+    ('t,q_0,tau_0\n0,1,0\n1,2,0\n', {}, 'effort is 0 throughout'),
+    ('t,q_0,tau_0\n' + 'x' * 200000, {}, 'line 2')])
+def test_bad_tables_name_the_place(tmp_path, text, options, says):
+    path = csv(tmp_path, text)
+    with pytest.raises(BagError, match=says) as error:
+        read_table(path, TableOptions(**options))
+    assert str(path) in str(error.value) and '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('options', [
+    {'rate': 0}, {'rate': 10.0, 'time': 't'}, {'time_unit': 'h'}, {'effort_sign': (2.0,)},
+    {'effort_unit': 'A'}, {'torque_constant': (1.0,)}, {'delimiter': ',,'},
+    {'effort_unit': 'A', 'torque_constant': (0.0,)}, {'gear_ratio': (float('nan'),)}])
+def test_options_that_make_no_sense(options):
+    with pytest.raises(OptionError):
+        TableOptions(**options)
+
+
+@pytest.mark.parametrize('options', [
+    {'effort_sign': (1.0, -1.0, 1.0)}, {'joints': ('a',)}, {'joints': ('a', 'a')}])
+def test_wrong_number_of_joints(tmp_path, options):
+    with pytest.raises(OptionError):
+        read_table(csv(tmp_path, GOOD), TableOptions(**options))
+
+
+def test_npz(tmp_path):
+    path = tmp_path / 'x.npz'
+    np.savez(path, t=T, q=Q, tau=TAU, qd=-Q, names=['a', 'b'], label='ignored')
+    topic = read_table(path).topic
+    assert topic.joints == ('a', 'b')
+    np.testing.assert_array_equal(topic.velocity, -Q)
+    np.testing.assert_array_equal(topic.effort, TAU)
+    np.savez(path, clock=T, pos=Q, current=TAU)
+    topic = read_table(path, TableOptions(time='clock', position='pos', effort='current')).topic
+    np.testing.assert_array_equal(topic.position, Q)
+
+
+class Trap:
+    """An object that says so when it is unpickled."""
+
+    def __reduce__(self):
+        return (pytest.fail, ('a pickle was loaded',))
+
+
+def test_npz_is_never_unpickled(tmp_path):
+    path = tmp_path / 'x.npz'
+    np.savez(path, q=np.array([Trap()], dtype=object), tau=TAU)
+    with pytest.raises(BagError, match='pickled objects'):
+        read_table(path)
+    path.write_bytes(pickle.dumps(Trap()))
+    with pytest.raises(BagError):
+        read_table(path)
+
+
+@pytest.mark.parametrize(('arrays', 'says'), [
+    ({'q': Q, 'tau': TAU[:2], 't': T}, 'different lengths'), ({}, 'no arrays of numbers'),
+    ({'q': Q, 'tau': TAU}, 'no column of time'),
+    ({'q': Q, 'tau': TAU, 't': T, 'names': [1, 2]}, 'names must be a list'),
+    ({'q': Q, 'tau': np.array([[1, 2], [3, np.nan], [5, 6]]), 't': T}, 'row 2, column tau_2'),
+    ({'q': Q, 'tau': TAU, 't': T[::-1]}, 'row 2: time does not increase')])
+def test_bad_npz(tmp_path, arrays, says):
+    path = tmp_path / 'x.npz'
+    np.savez(path, **arrays)
+    with pytest.raises(BagError, match=says):
+        read_table(path)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.data())
+def test_damaged_npz_never_crashes(tmp_path_factory, data):
+    path = tmp_path_factory.mktemp('x') / 'x.npz'
+    np.savez(path, t=T, q=Q, tau=TAU)
+    raw = bytearray(path.read_bytes())
+    raw[data.draw(st.integers(0, len(raw) - 1))] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(raw[:data.draw(st.integers(0, len(raw)))])
+    try:
+        read_table(path)
+    except (BagError, OptionError) as error:
+        assert '\n' not in str(error)
+
+
+def test_not_a_file(tmp_path):
+    for name in ('none.csv', 'none.npz'):
+        with pytest.raises(BagError, match='cannot read'):
+            read_table(tmp_path / name)
+    with pytest.raises(BagError, match='cannot read'):
+        read_table(tmp_path)
+    path = tmp_path / 'x.csv'
+    path.write_bytes(b'\xff\xfe\x00\x01')
+    with pytest.raises(BagError, match='not a text file'):
+        read_table(path)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(1, 10), st.integers(2, 30), st.integers(0, 2**32), st.booleans())
+def test_csv_to_bag_and_back(tmp_path_factory, n, m, seed, with_velocity):
+    folder = tmp_path_factory.mktemp('x')
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.integers(1, 10**6, m)) / 1e6
+    q, qd, tau = rng.standard_normal((3, m, n))
+    parts, names = [t[:, None], q, tau], ['t']
+    names += [f'q{k}' for k in range(n)] + [f'tau{k}' for k in range(n)]
+    if with_velocity:
+        parts.append(qd)
+        names += [f'qd{k}' for k in range(n)]
+    path = csv(folder, table_text(','.join(names), values=np.column_stack(parts)))
+    converted = read_table(path)
+    write_bag(folder / 'x.mcap', [converted.topic])
+    samples = read_bag(folder / 'x.mcap').samples
+    if not with_velocity:
+        return
+    np.testing.assert_allclose(samples.t, t - t[0], atol=1.1e-9)
+    np.testing.assert_array_equal(samples.q, q)
+    np.testing.assert_array_equal(samples.qd, qd)
+    np.testing.assert_array_equal(samples.tau, tau)
