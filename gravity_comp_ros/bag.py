@@ -7,10 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gravity_comp_ros.bag_choice import choose_joints, choose_topic, RULE
 from gravity_comp_ros.bag_columns import Columns
-from gravity_comp_ros.bag_message import JOINT_STATE, JointStateDecoder
+from gravity_comp_ros.bag_message import JointStateDecoder
 from gravity_comp_ros.bag_storage import fingerprint, open_storage, Storage
-from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
 from gravity_comp_ros.velocity import differentiate
 import numpy as np
@@ -27,12 +28,8 @@ VELOCITY = 'velocity missing or not finite'
 TIME = 'time goes back or stands still'
 LONELY = 'alone in a gap, no velocity'
 
-# A defect in at least half of the messages is a property of the recording, to be told as an
-# error; a rarer one is an accident, and its messages are dropped and counted.
-_RULE = 0.5
 # Stamps that go back more often than this are no clock.
 _BAD_STAMPS = 0.1
-_DEFAULT_TOPIC = '/joint_states'
 
 
 @dataclass(frozen=True)
@@ -134,7 +131,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     """
     path = Path(path)
     with open_storage(path) as storage:
-        topic, notes = _choose_topic(path, storage, options.topic)
+        topic, notes = choose_topic(path, storage, options.topic)
         columns = _gather(storage, topic)
     n_messages = len(columns) + sum(columns.dropped.values())
     where = f'{path}, topic {topic}'
@@ -142,7 +139,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         raise BagError(f'{where} has no messages')
     if not len(columns):
         raise BagError(f'{where} has no usable message: {_listed(columns.dropped)}')
-    joints = _choose_joints(where, columns, options)
+    joints = choose_joints(where, columns, options.joints, options.effort_scale)
     reading = _Reading(where, columns, joints, notes)
     return reading.recording(path, topic, n_messages, options)
 
@@ -170,7 +167,7 @@ class _Reading:
         time = (self.times - self.times[0]) / 1e9
         scale = [options.effort_scale.get(joint, 1.0) for joint in self.joints]
         samples = JointSamples.single_run(self.joints, time, self.q, self.qd, self.tau * scale,
-                                          path.name)
+                                          path.name or path.resolve().name)
         steps = np.diff(time)
         report = ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
@@ -195,13 +192,13 @@ class _Reading:
         for what, values in (('position', self.q), ('effort', self.tau)):
             bad = ~np.isfinite(values)
             share = bad.mean(axis=0)
-            if (share >= _RULE).all():
+            if (share >= RULE).all():
                 raise BagError(f'{self.where}: {what} is missing or NaN in '
                                f'{int(bad.any(axis=1).sum())} of {len(values)} messages, for '
                                f'every joint; the driver must publish it')
-            if (share >= _RULE).any():
+            if (share >= RULE).any():
                 worst = int(np.argmax(share))
-                good = ','.join(np.array(self.joints)[share < _RULE])
+                good = ','.join(np.array(self.joints)[share < RULE])
                 raise BagError(
                     f'{self.where}: {what} of joint {self.joints[worst]} is missing or NaN in '
                     f'{int(bad[:, worst].sum())} of {len(values)} messages; leave it out with '
@@ -219,7 +216,7 @@ class _Reading:
         """Return the joints (N,) whose velocity must come from the position."""
         if options.differentiate:
             return np.ones(len(self.joints), dtype=bool)
-        unmeasured = (~np.isfinite(self.qd)).mean(axis=0) >= _RULE
+        unmeasured = (~np.isfinite(self.qd)).mean(axis=0) >= RULE
         self._keep(np.isfinite(self.qd[:, ~unmeasured]).all(axis=1), VELOCITY)
         moves = np.ptp(self.q, axis=0) > 1e-3
         if moves.any() and not unmeasured.any() and not self.qd.any():
@@ -253,35 +250,6 @@ class _Reading:
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
 
 
-def _choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str, list[str]]:
-    """Return the topic to read, and notes about the ones that are not read."""
-    if not storage.topics:
-        raise BagError(f'{path} is empty: it has no topics')
-    found = {t.name: t for t in storage.topics}
-    usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
-    if wanted is not None:
-        name = wanted if wanted.startswith('/') else '/' + wanted
-        if name in usable:
-            return name, []
-        listed = f'its JointState topics are {", ".join(usable)}' if usable else \
-            'it has no JointState topic'
-        if name in found:
-            raise BagError(f'{path}: topic {name} is a {found[name].type} in '
-                           f'{found[name].encoding}, not a JointState in CDR; {listed}')
-        raise BagError(f'{path} has no topic {name}; {listed}')
-    if not usable:
-        others = ', '.join(f'{t.name} ({t.type})' for t in storage.topics[:8])
-        raise BagError(f'{path} has no topic of type sensor_msgs/msg/JointState; it has {others}')
-    filled = [name for name in usable if found[name].count] or usable
-    if len(filled) == 1:
-        return filled[0], []
-    if _DEFAULT_TOPIC in filled:
-        rest = ', '.join(name for name in filled if name != _DEFAULT_TOPIC)
-        return _DEFAULT_TOPIC, [f'JointState topics not read: {rest}']
-    raise BagError(f'{path} has several JointState topics, {", ".join(filled)}; choose one with '
-                   f'--topic')
-
-
 def _gather(storage: Storage, topic: str) -> Columns:
     """Decode all messages of a topic; the only place where messages are decoded."""
     columns, decoder = Columns(), JointStateDecoder()
@@ -293,29 +261,6 @@ def _gather(storage: Storage, topic: str) -> Columns:
             continue
         columns.add(log_ns, message)
     return columns
-
-
-def _choose_joints(where: str, columns: Columns, options: ReadOptions) -> tuple[str, ...]:
-    """Return the joints to read; refuse one that half of the messages do not have."""
-    known = columns.names
-    for what, joints in (('chosen', options.joints or ()), ('scaled', options.effort_scale)):
-        unknown = [joint for joint in joints if joint not in known]
-        if unknown:
-            raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it '
-                                     f'has {", ".join(known)}')
-    joints = options.joints or known
-    present = columns.presence(joints)
-    present = present[present.any(axis=1)]
-    missing = 1 - present.mean(axis=0)
-    if (missing >= _RULE).any():
-        worst = int(np.argmax(missing))
-        good = [joint for joint, share in zip(joints, missing) if share < _RULE]
-        good = good or [joint for joint in columns.most_common if joint in joints]
-        raise BagError(
-            f'{where}: joint {joints[worst]} is missing from '
-            f'{int((~present[:, worst]).sum())} of {len(present)} messages; leave it out with '
-            f'--joints {",".join(good)}')
-    return joints
 
 
 def _rising(values: NDArray[np.int64]) -> Mask:
