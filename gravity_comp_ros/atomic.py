@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import tempfile
@@ -29,13 +29,15 @@ def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
     Yield the path of a temporary file that replaces `path` when the block ends well.
 
     The temporary file lies in the same folder, because a rename is atomic only within a file
-    system; it is flushed to disk before the rename, and removed if anything fails.
+    system; it is flushed to disk before the rename, and removed if anything fails. Of a
+    symbolic link the target is replaced, as an ordinary write would do.
 
     :raises error: as `write_atomically`.
     """
     path = Path(path)
+    target = Path(os.path.realpath(path))
     try:
-        handle, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+        handle, name = tempfile.mkstemp(prefix=f'.{target.name}.', dir=target.parent)
         os.close(handle)
     except OSError as problem:
         raise error(_sentence(path, problem)) from problem
@@ -43,9 +45,12 @@ def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
     try:
         yield temporary
         _flush_to_disk(temporary, os.O_RDWR)
-        _keep_mode(path, temporary)
-        os.replace(temporary, path)
-        _flush_to_disk(path.parent, os.O_RDONLY)
+        _keep_mode(target, temporary)
+        os.replace(temporary, target)
+        # The new file is in place; some file systems cannot flush a folder, and that changes
+        # nothing of it being old or new.
+        with suppress(OSError):
+            _flush_to_disk(target.parent, os.O_RDONLY)
     except OSError as problem:
         raise error(_sentence(path, problem)) from problem
     finally:

@@ -175,7 +175,8 @@ def _check_names(names: tuple[str, ...]) -> None:
 def _frozen(values: ArrayLike, dtype: type) -> NDArray:
     """Return a read-only array; a copy unless it is one already, so that no caller can edit."""
     array: NDArray = np.asarray(values, dtype=dtype)
-    if array.flags.writeable:
+    # A read-only view may show an array that can still be edited.
+    if array.flags.writeable or array.base is not None:
         array = array.copy()
         array.flags.writeable = False
     return array

@@ -1,0 +1,175 @@
+"""JointSamples: what is refused, what cannot be edited, how sets are cut and joined."""
+
+from dataclasses import FrozenInstanceError
+
+from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.samples import concatenate, JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+NAMES = ('a', 'b', 'c')
+
+
+def some(count: int = 5, names=NAMES, label: str = 'run', seed: int = 0) -> JointSamples:
+    rng = np.random.default_rng(seed)
+    n = len(names)
+    return JointSamples.single_run(names, np.arange(count) * 0.1, rng.normal(size=(count, n)),
+                                   rng.normal(size=(count, n)), rng.normal(size=(count, n)),
+                                   label)
+
+
+def fields(samples: JointSamples) -> dict:
+    return {key: getattr(samples, key) for key in
+            ('names', 't', 'q', 'qd', 'tau', 'runs', 'run_labels')}
+
+
+def edited(**changes) -> JointSamples:
+    return JointSamples(**{**fields(some()), **changes})
+
+
+def with_value(field: str, place, value) -> np.ndarray:
+    array = getattr(some(), field).copy()
+    array[place] = value
+    return array
+
+
+def test_a_single_run_holds_what_it_was_given():
+    samples = JointSamples.single_run(['x'], [0, 1], [[1], [2]], [[3], [4]], [[5], [6]], 'r')
+    assert samples.names == ('x',) and samples.run_labels == ('r',)
+    assert (samples.n_samples, len(samples), samples.n_joints, samples.n_runs) == (2, 2, 1, 1)
+    np.testing.assert_array_equal(samples.q, [[1.0], [2.0]])
+    np.testing.assert_array_equal(samples.qd, [[3.0], [4.0]])
+    np.testing.assert_array_equal(samples.tau, [[5.0], [6.0]])
+    np.testing.assert_array_equal(samples.runs, [0, 0])
+    assert samples.q.dtype == np.float64 and samples.runs.dtype == np.int64
+
+
+@pytest.mark.parametrize('changes, words', [
+    ({'names': ()}, 'no joints'),
+    ({'names': ('a', 'b', 'a')}, 'joint names repeat: a'),
+    ({'names': ('a', 'b')}, r'q has shape \(5, 3\); expected \(5, 2\)'),
+    ({'t': np.zeros((5, 1))}, 't has shape'),
+    ({'q': np.zeros((4, 3))}, r'q has shape \(4, 3\)'),
+    ({'qd': np.zeros(5)}, r'qd has shape \(5,\)'),
+    ({'tau': np.zeros((5, 3, 1))}, 'tau has shape'),
+    ({'runs': np.zeros(4, dtype=int)}, 'runs has shape'),
+    ({'runs': np.array([0, 0, 1, 0, 0]), 'run_labels': ('x', 'y')}, 'run numbers must rise'),
+    ({'runs': np.array([-1, 0, 0, 0, 0])}, 'run numbers must rise'),
+    ({'runs': np.array([0, 0, 0, 0, 1])}, 'stay under the 1 run labels'),
+    ({'t': with_value('t', 3, np.nan)}, 't is not finite at sample 3'),
+    ({'q': with_value('q', (2, 1), np.inf)}, 'q of joint b is not finite at sample 2'),
+    ({'qd': with_value('qd', (0, 0), np.nan)}, 'qd of joint a is not finite at sample 0'),
+    ({'tau': with_value('tau', (4, 2), -np.inf)}, 'tau of joint c is not finite at sample 4'),
+    ({'t': np.array([0.0, 0.1, 0.1, 0.2, 0.3])}, r'time does not increase at sample 2 \(run r'),
+    ({'t': np.array([0.0, 0.1, 0.2, 0.3, 0.2])}, 'time does not increase at sample 4'),
+])
+def test_what_makes_no_sense_is_refused_in_one_line(changes, words):
+    with pytest.raises(DataError, match=words) as caught:
+        edited(**changes)
+    assert '\n' not in str(caught.value)
+
+
+def test_time_may_start_again_with_a_new_run():
+    samples = edited(t=[0.0, 0.1, 0.0, 0.1, 0.2], runs=[0, 0, 1, 1, 1], run_labels=('x', 'y'))
+    assert [part.n_samples for part in samples.each_run()] == [2, 3]
+
+
+def test_no_samples_at_all_are_allowed():
+    empty = some(0)
+    assert len(empty) == 0 and empty.q.shape == (0, 3)
+    assert [len(part) for part in concatenate([empty, some(2)]).each_run()] == [0, 2]
+
+
+@pytest.mark.parametrize('field', ['t', 'q', 'qd', 'tau', 'runs'])
+def test_arrays_cannot_be_edited(field):
+    samples = some()
+    with pytest.raises(ValueError, match='read-only'):
+        getattr(samples, field)[0] = 1
+    with pytest.raises(FrozenInstanceError):
+        setattr(samples, field, None)
+
+
+def test_the_callers_array_is_not_the_samples_array():
+    q = np.zeros((2, 1))
+    samples = JointSamples.single_run(['x'], [0.0, 1.0], q, q, q)
+    q[0] = 7.0
+    assert q.flags.writeable and samples.q[0, 0] == 0.0 and samples.tau[0, 0] == 0.0
+
+
+def test_a_read_only_view_of_a_writable_array_is_not_trusted():
+    q = np.zeros((2, 1))
+    view = q.view()
+    view.flags.writeable = False
+    samples = JointSamples.single_run(['x'], [0.0, 1.0], view, view, view)
+    q[0] = 7.0
+    assert samples.q[0, 0] == 0.0
+
+
+def test_select_by_mask_and_by_number():
+    samples = some(6)
+    mask = np.array([True, False, True, False, False, True])
+    for keep in (mask, np.flatnonzero(mask)):
+        chosen = samples.select(keep)
+        np.testing.assert_array_equal(chosen.t, samples.t[mask])
+        np.testing.assert_array_equal(chosen.tau, samples.tau[mask])
+        assert chosen.run_labels == samples.run_labels
+
+
+def test_select_keeps_labels_of_runs_that_lose_all_samples():
+    samples = concatenate([some(3, label='x'), some(3, label='y')])
+    chosen = samples.select(samples.runs == 1)
+    assert chosen.run_labels == ('x', 'y') and [len(p) for p in chosen.each_run()] == [0, 3]
+
+
+def test_joints_are_chosen_and_ordered_by_name():
+    samples = some()
+    chosen = samples.joints(['c', 'a'])
+    assert chosen.names == ('c', 'a')
+    for field in ('q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(chosen, field),
+                                      getattr(samples, field)[:, [2, 0]])
+
+
+def test_a_joint_that_is_not_there():
+    with pytest.raises(ModelMismatchError, match='no joint z in the data; it has a, b, c'):
+        some().joints(['a', 'z'])
+
+
+def test_run_is_a_set_of_its_own():
+    samples = concatenate([some(2, label='x'), some(4, label='y', seed=1)])
+    second = samples.run(1)
+    assert second.run_labels == ('y',) and set(second.runs) == {0}
+    np.testing.assert_array_equal(second.q, some(4, seed=1).q)
+
+
+def test_concatenate_matches_joints_by_name():
+    first, second = some(3, label='x'), some(2, names=('c', 'a', 'b'), label='y', seed=1)
+    both = concatenate([first, second])
+    assert both.names == NAMES and both.run_labels == ('x', 'y')
+    np.testing.assert_array_equal(both.runs, [0, 0, 0, 1, 1])
+    np.testing.assert_array_equal(both.q[3:], second.q[:, [1, 2, 0]])
+    np.testing.assert_array_equal(both.tau[3:], second.tau[:, [1, 2, 0]])
+
+
+@pytest.mark.parametrize('names', [('a', 'b'), ('a', 'b', 'd'), ('a', 'b', 'c', 'd')])
+def test_runs_of_different_robots_are_refused(names):
+    with pytest.raises(ModelMismatchError, match='x and y are of different robots'):
+        concatenate([some(2, label='x'), some(2, names=names, label='y')])
+
+
+def test_nothing_to_join():
+    with pytest.raises(DataError, match='no samples to join'):
+        concatenate([])
+
+
+@settings(max_examples=50, deadline=None)
+@given(counts=st.lists(st.integers(0, 6), min_size=1, max_size=5))
+def test_joining_and_cutting_undo_each_other(counts):
+    parts = [some(count, label=f'r{k}', seed=k) for k, count in enumerate(counts)]
+    joined = concatenate(parts)
+    assert len(joined) == sum(counts)
+    for part, again in zip(parts, joined.each_run()):
+        assert again.run_labels == part.run_labels
+        for field in ('t', 'q', 'qd', 'tau'):
+            np.testing.assert_array_equal(getattr(again, field), getattr(part, field))
