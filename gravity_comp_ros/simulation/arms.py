@@ -167,7 +167,7 @@ def renamed(arm: Arm, names: Sequence[str]) -> Arm:
 
 def with_payload(arm: Arm, payload: Payload) -> Arm:
     """Return the arm with a payload fixed to its last link."""
-    model = pin.Model(arm.model)
+    model = arm.model.copy()
     last = model.njoints - 1
     model.appendBodyToJoint(
         last, pin.Inertia(payload.mass, np.array(payload.com), _inertia_matrix(payload.inertia)),
@@ -182,7 +182,7 @@ def with_base_tilt(arm: Arm, roll: float, pitch: float) -> Arm:
     :param roll: rad.
     :param pitch: rad.
     """
-    model = pin.Model(arm.model)
+    model = arm.model.copy()
     base = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
     model.gravity.linear = base.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
     return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
