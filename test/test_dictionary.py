@@ -1,0 +1,133 @@
+"""The dictionary of 3^N products: indices, names, hand-worked features, products, gradients."""
+
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.gravity import dictionary
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+def poses(count: int, n_joints: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-np.pi, np.pi, (count, n_joints))
+
+
+def dense(q: np.ndarray) -> np.ndarray:
+    """Return F (M, 3^N) by the definition, factor by factor."""
+    rows = []
+    for pose in q:
+        row = np.ones(1)
+        for angle in pose:
+            row = np.kron(row, [1.0, np.sin(angle), np.cos(angle)])
+        rows.append(row)
+    return np.array(rows)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 12).flatmap(lambda n: st.tuples(
+    st.just(n), st.lists(st.integers(0, 3 ** n - 1), min_size=1, max_size=8))))
+def test_digits_and_index_undo_each_other(case):
+    n_joints, indices = case
+    factors = dictionary.digits(np.array(indices), n_joints)
+    assert factors.shape == (len(indices), n_joints)
+    assert set(factors.ravel()) <= {0, 1, 2}
+    np.testing.assert_array_equal(dictionary.index_of(factors), indices)
+    for index, row in zip(indices, factors):
+        assert int(''.join(map(str, row)), 3) == index
+
+
+@pytest.mark.parametrize('index, n_joints, name', [
+    (0, 7, '1'), (1, 1, 's1'), (2, 1, 'c1'), (3, 2, 's1'), (1, 2, 's2'), (5, 2, 's1 c2'),
+    (7, 2, 'c1 s2'), (8, 2, 'c1 c2'), (int('0120010', 3), 7, 's2 c3 s6'),
+    (3 ** 7 - 1, 7, 'c1 c2 c3 c4 c5 c6 c7'), (int('1000000002', 3), 10, 's1 c10'),
+])
+def test_names_are_the_papers(index, n_joints, name):
+    assert dictionary.feature_name(index, n_joints) == name
+
+
+def test_two_joints_by_hand():
+    # Factor pairs in the order 1, s2, c2, s1, s1 s2, s1 c2, c1, c1 s2, c1 c2.
+    a, b = 0.3, -1.1
+    s1, c1, s2, c2 = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
+    expected = [1, s2, c2, s1, s1 * s2, s1 * c2, c1, c1 * s2, c1 * c2]
+    found = dictionary.columns(np.array([[a, b]]), np.arange(9))
+    np.testing.assert_allclose(found, [expected], rtol=1e-15)
+
+
+def test_quarter_turns_by_hand():
+    q = np.array([[np.pi / 2, 0.0], [0.0, np.pi / 2]])
+    np.testing.assert_allclose(dictionary.columns(q, np.array([5, 7])), [[1, 0], [0, 1]],
+                               atol=1e-15)
+
+
+def test_joint_factors():
+    q = poses(4, 3)
+    factors = dictionary.joint_factors(q)
+    assert factors.shape == (3, 4, 3)
+    np.testing.assert_array_equal(factors[..., dictionary.ONE], 1.0)
+    np.testing.assert_array_equal(factors[1, :, dictionary.SIN], np.sin(q[:, 1]))
+    np.testing.assert_array_equal(factors[2, :, dictionary.COS], np.cos(q[:, 2]))
+
+
+@pytest.mark.parametrize('n_joints', [1, 2, 3, 4, 5, 6, 7])
+def test_products_are_those_of_the_dense_matrix(n_joints):
+    q, rng = poses(13, n_joints), np.random.default_rng(1)
+    full, halves = dense(q), dictionary.Halves(q)
+    r = rng.normal(size=13)
+    np.testing.assert_allclose(dictionary.columns(q, np.arange(3 ** n_joints)), full,
+                               atol=1e-14)
+    np.testing.assert_allclose(halves.correlate(r), full.T @ r, atol=1e-12)
+    np.testing.assert_allclose(halves.correlate_squares(r ** 2), (full ** 2).T @ r ** 2,
+                               atol=1e-12)
+
+
+@pytest.mark.parametrize('n_joints', [1, 2, 5])
+def test_kernel_is_the_product_of_all_features(n_joints):
+    q, other = poses(9, n_joints), poses(6, n_joints, seed=3)
+    np.testing.assert_allclose(dictionary.kernel(q, other), dense(q) @ dense(other).T,
+                               rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize('n_joints', [1, 2, 4])
+def test_derivative_against_finite_differences(n_joints):
+    q, every, h = poses(7, n_joints), np.arange(3 ** n_joints), 1e-6
+    for joint in range(n_joints):
+        step = np.zeros(n_joints)
+        step[joint] = h
+        numeric = (dense(q + step) - dense(q - step)) / (2 * h)
+        features, signs = dictionary.derivative(every, n_joints, joint)
+        analytic = dictionary.columns(q, features) * signs
+        np.testing.assert_allclose(analytic, numeric, atol=1e-9)
+
+
+def test_derivative_by_hand():
+    # d(s1 c2)/dq1 = c1 c2, d(s1 c2)/dq2 = -s1 s2, and 1 has no derivative.
+    features, signs = dictionary.derivative(np.array([5, 0]), 2, 0)
+    assert (features[0], signs[0], signs[1]) == (8, 1.0, 0.0)
+    features, signs = dictionary.derivative(np.array([5, 0]), 2, 1)
+    assert (features[0], signs[0], signs[1]) == (4, -1.0, 0.0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000), turns=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
+def test_a_full_turn_changes_nothing(seed, turns):
+    q = poses(3, 3, seed)
+    turned = q + 2 * np.pi * np.array(turns)
+    np.testing.assert_allclose(dictionary.columns(turned, np.arange(27)),
+                               dictionary.columns(q, np.arange(27)), atol=1e-13)
+
+
+@pytest.mark.parametrize('n_joints', [0, 13])
+def test_too_few_or_too_many_joints(n_joints):
+    with pytest.raises(DataError, match=f'{n_joints} joints; the dictionary takes 1 to 12'):
+        dictionary.n_features(n_joints)
+    with pytest.raises(DataError, match='joints'):
+        dictionary.Halves(np.zeros((2, n_joints)))
+
+
+def test_twelve_joints_are_possible():
+    assert dictionary.n_features(12) == 531441
+    q = poses(2, 12)
+    r = np.array([1.0, -2.0])
+    sample = np.random.default_rng(0).integers(0, 3 ** 12, 50)
+    np.testing.assert_allclose(dictionary.Halves(q).correlate(r)[sample],
+                               dictionary.columns(q, sample).T @ r, atol=1e-13)
