@@ -1,0 +1,77 @@
+"""The table of parameters as ROS parameters: descriptors, and checks on every set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
+                                SetParametersResult)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.parameters import BY_NAME, check_together, Parameter, TABLE, Value
+
+
+class Settings:
+    """
+    The node's parameters, declared and checked; `values` always holds a set that fits together.
+
+    :param node: where to declare them.
+    :param check: called with every new set before it counts; raises OptionError.
+    :param changed: called with every new set once it counts.
+    :raises rclpy.exceptions.InvalidParameterValueException: if an override is refused.
+    """
+
+    def __init__(self, node: Node, check: Callable[[Mapping[str, Value]], None],
+                 changed: Callable[[Mapping[str, Value]], None]) -> None:
+        self.values: dict[str, Value] = {}
+        self._declared = False
+        self._extra_check = check
+        self._changed = changed
+        node.add_on_set_parameters_callback(self._check)
+        for row in TABLE:
+            default = list(row.default) if isinstance(row.default, tuple) else row.default
+            node.declare_parameter(row.name, default, _descriptor(row))
+            self.values[row.name] = row.parse(node.get_parameter(row.name).value)
+        check_together(self.values)
+        self._declared = True
+        node.add_post_set_parameters_callback(self._apply)
+
+    def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
+        values = dict(self.values)
+        try:
+            for parameter in parameters:
+                if parameter.name in BY_NAME:
+                    values[parameter.name] = BY_NAME[parameter.name].parse(parameter.value)
+            if self._declared:
+                check_together(values)
+                self._extra_check(values)
+        except OptionError as problem:
+            return SetParametersResult(successful=False, reason=str(problem))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, parameters: list[RosParameter]) -> None:
+        ours = [parameter for parameter in parameters if parameter.name in BY_NAME]
+        for parameter in ours:
+            self.values[parameter.name] = BY_NAME[parameter.name].parse(parameter.value)
+        if ours:
+            self._changed(self.values)
+
+
+def _descriptor(row: Parameter) -> ParameterDescriptor:
+    unit = f' [{row.unit}]' if row.unit else ''
+    constraints = row.range_text()
+    # Dynamic typing, because rclpy takes an empty list for one of bytes and would refuse whole
+    # numbers for a double; `Parameter.parse` checks the type, and says what is wrong with it.
+    descriptor = ParameterDescriptor(
+        name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
+        additional_constraints=constraints, dynamic_typing=True)
+    if row.low is not None and row.high is not None:
+        if row.kind == 'double':
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=row.low, to_value=row.high)]
+        elif row.kind == 'int':
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(row.low), to_value=int(row.high), step=1)]
+    return descriptor

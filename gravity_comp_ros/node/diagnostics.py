@@ -1,0 +1,152 @@
+"""What the node says about itself, free of ROS types: one `Status` for each thing to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
+from gravity_comp_ros.node.messages import FAULTS, HANDLED
+from gravity_comp_ros.samples import FloatArray
+
+OK, WARN, ERROR, STALE = range(4)
+
+# A residual so many times that of the training says that the payload is another.
+CHANGED = 5.0
+
+
+@dataclass(frozen=True)
+class Status:
+    """A level, a sentence and figures, as a `diagnostic_msgs/DiagnosticStatus` has them."""
+
+    name: str
+    level: int
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+def input_status(topic: str, received: int, new: int, age: float | None, stale: bool,
+                 counts: Mapping[str, int], fresh: Mapping[str, int]) -> Status:
+    """
+    Return the state of the input.
+
+    :param received: messages since the start; `new` of them since the last report.
+    :param age: s since the last usable message, None before the first.
+    :param counts: drops by reason since the start; `fresh` of them since the last report.
+    """
+    values = {'topic': topic, 'messages': str(received), 'messages since last report': str(new),
+              'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
+    for reason in (*FAULTS, *HANDLED):
+        if counts.get(reason):
+            values[f'count {reason}'] = str(counts[reason])
+    named = ', '.join(f'{reason} {fresh[reason]}' for reason in FAULTS if fresh.get(reason))
+    if age is None and new == 0:
+        level, message = STALE, f'no message on {topic}' + ('' if not received else ' now')
+    elif stale:
+        level = STALE if new == 0 else ERROR
+        message = f'input is stale: no usable message for {age or 0.0:.1f} s'
+        message += f' ({named})' if named else ''
+    elif named:
+        level = ERROR if age is None else WARN
+        message = f'dropped: {named}'
+    elif age is None:
+        level, message = WARN, f'none of our joints in the messages on {topic}'
+    else:
+        level, message = OK, f'{new} messages'
+    return Status('input', level, message, values)
+
+
+def model_status(described: str | None, age: float, n_past: int, problem: str) -> Status:
+    """Return the state of the model; `problem` is why a file could not be loaded or saved."""
+    values = {'earlier models': str(n_past)}
+    if described is None:
+        return Status('model', ERROR if problem else WARN, problem or
+                      'no model yet: no torque is published', values)
+    values['age [s]'] = f'{age:.1f}'
+    return Status('model', WARN if problem else OK, problem or described, values)
+
+
+@dataclass(frozen=True)
+class Learning:
+    """What `learning_status` reports: the epoch, the fit process and the last fit."""
+
+    epoch: str
+    n_samples: int
+    n_held: int
+    lacking: tuple[str, ...]
+    gate: Mapping[str, int]
+    process: str
+    restarts: int
+    pid: int | None
+    failure: str
+    last_fit: str
+    kept_old: bool
+    compensated: bool
+
+
+def learning_status(learning: Learning) -> Status:
+    """Return the state of collecting and fitting."""
+    values = {'samples': str(learning.n_samples), 'held out': str(learning.n_held),
+              'lacking range': ', '.join(learning.lacking) or 'none',
+              'fit process': learning.process, 'fit process id': str(learning.pid or ''),
+              'fit process restarts': str(learning.restarts), 'last fit': learning.last_fit}
+    for reason, count in learning.gate.items():
+        values[f'gate {reason}'] = str(count)
+    if learning.failure:
+        return Status('learning', ERROR, f'{learning.failure}; the old model stays', values)
+    if learning.compensated:
+        return Status('learning', WARN, learning.last_fit, values)
+    if learning.kept_old:
+        return Status('learning', WARN, f'old model kept: {learning.last_fit}', values)
+    return Status('learning', OK, learning.epoch, values)
+
+
+def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
+                       margin: float) -> Status:
+    """Return the state of the torque that is published; `outside` in rad, as `margin`."""
+    values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
+              'torque limits': 'set' if limited else 'none'}
+    if state in (HOLDING, FADING, FADED):
+        return Status('feed-forward', ERROR, state, values)
+    if outside > margin:
+        return Status('feed-forward', WARN, f'{state}; the pose is {outside:.2f} rad outside '
+                      'the trained range', values)
+    if not limited:
+        return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
+    return Status('feed-forward', OK, state, values)
+
+
+def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArray | None,
+                   noise: FloatArray | None, outside: FloatArray | None,
+                   settled: bool) -> list[Status]:
+    """
+    Return one status per joint.
+
+    :param span: range seen in this epoch (N,) in rad.
+    :param residual: RMS of measured minus predicted torque (N,) in N·m over the slow samples
+        since the last report, None if there are none.
+    :param noise: residual of the training (N,) in N·m; None without a model.
+    :param outside: distance outside the trained range (N,) in rad; None without a model.
+    :param settled: whether a large residual is news; while an epoch is open it is not.
+    """
+    statuses = []
+    for k, name in enumerate(joints):
+        values = {'range in this epoch [rad]': f'{span[k]:.3f}'}
+        level, message = OK, 'no model' if noise is None else 'ok'
+        if noise is not None and outside is not None:
+            values['training residual [Nm]'] = f'{noise[k]:.4f}'
+            values['outside trained range [rad]'] = f'{outside[k]:.3f}'
+        if residual is not None and noise is not None:
+            values['residual [Nm]'] = f'{residual[k]:.4f}'
+            # Against the loudest joint too: one without gravity may have next to no noise.
+            usual = max(float(noise[k]), 0.05 * float(np.max(noise)), 1e-9)
+            message = f'residual {residual[k]:.3g} N·m'
+            here = outside is None or not outside.any()
+            if settled and here and residual[k] > CHANGED * usual:
+                level = WARN
+                message += (f', {residual[k] / usual:.0f} times that of the training: another '
+                            'payload? call payload_changed')
+        statuses.append(Status(f'joint {name}', level, message, values))
+    return statuses

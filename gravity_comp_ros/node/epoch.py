@@ -1,0 +1,154 @@
+"""An epoch: the time during which the arm carries one payload, and what was seen of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.buffer import Coverage, SampleRing
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray, JointSamples
+
+# Every fourth block of samples is held out from fits and judges them.
+HELD_EVERY = 4
+# Samples come more slowly than fits would, so wait until there is something new to learn.
+GROWTH = 1.25
+
+
+@dataclass(frozen=True)
+class EpochOptions:
+    """
+    How an epoch collects and when it asks for a fit.
+
+    `block` samples in a row are held out together, because neighbours in time are not
+    independent: a tenth of a second later the arm has hardly moved.
+
+    :raises OptionError: if the numbers contradict each other.
+    """
+
+    capacity: int = 1500
+    min_samples: int = 30
+    full_samples: int = 500
+    min_span: float = 0.2
+    block: int = 5
+
+    def __post_init__(self) -> None:
+        if self.block < 1 or self.min_samples < 1:
+            raise OptionError('epoch: block and min_samples must be at least 1')
+        if not self.min_samples <= self.full_samples <= self.capacity:
+            raise OptionError(
+                f'epoch: min_samples {self.min_samples}, full_samples {self.full_samples} and '
+                f'capacity {self.capacity} must not fall in this order')
+
+
+class Epoch:
+    """
+    Collects samples in two rings, to learn from and to judge by, and says when a fit is due.
+
+    While it is open, a fit is due as soon as there is enough to learn from and to judge by,
+    then each time a quarter more has come, and a last time when `full_samples` are there and
+    every joint has moved over its range. That last fit closes it. A closed epoch goes on
+    collecting, for a fit that somebody asks for.
+
+    :param number: counts epochs from 0.
+    :param names: joint names.
+    :param is_open: False for an epoch that begins with a model that is known to fit.
+    """
+
+    def __init__(self, number: int, names: Sequence[str], options: EpochOptions,
+                 is_open: bool = True) -> None:
+        self.number = number
+        self.is_open = is_open
+        self.fits = 0
+        self._options = options
+        self._taken = 0
+        self._fitted_at = 0
+        self._closing = False
+        held = max(2, options.capacity // HELD_EVERY)
+        self._train = SampleRing(names, max(2, options.capacity - held))
+        self._held = SampleRing(names, held)
+
+    def set_options(self, options: EpochOptions) -> None:
+        """Use other thresholds from now on; the capacity stays."""
+        self._options = options
+
+    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
+        """Take in a sample that passed the gate; the arguments are those of `SampleRing`."""
+        block = self._taken // self._options.block
+        ring = self._held if block % HELD_EVERY == HELD_EVERY - 1 else self._train
+        ring.offer(t, q, qd, tau)
+        self._taken += 1
+
+    @property
+    def n_train(self) -> int:
+        return len(self._train)
+
+    @property
+    def n_held(self) -> int:
+        return len(self._held)
+
+    @property
+    def n_samples(self) -> int:
+        return self.n_train + self.n_held
+
+    def train(self) -> JointSamples:
+        """Return the samples to learn from."""
+        return self._train.samples()
+
+    def held(self) -> JointSamples:
+        """Return the samples to judge by."""
+        return self._held.samples()
+
+    def coverage(self) -> Coverage:
+        """Return what the samples to learn from cover."""
+        return self._train.coverage()
+
+    def lacking(self) -> tuple[str, ...]:
+        """Return the joints that have not yet moved over `min_span`."""
+        return self.coverage().lacking(self._options.min_span)
+
+    def can_fit(self) -> str | None:
+        """Return None if there is enough for a fit, else what is missing."""
+        if self.n_samples == 0:
+            return 'no slow samples yet: move the arm slowly through its range'
+        if self.n_train < self._options.min_samples or self.n_held < self._options.block:
+            return (f'{self.n_train} samples to learn from and {self.n_held} to judge by; '
+                    f'{self._options.min_samples} and {self._options.block} are needed: keep '
+                    'moving slowly')
+        if len(self.lacking()) == len(self._train.names):
+            return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
+                    'slowly through its range')
+        return None
+
+    def fit_is_due(self) -> bool:
+        """Return whether the open epoch asks for a fit now."""
+        if not self.is_open or self._closing:
+            return False
+        grown = self.n_samples >= GROWTH * self._fitted_at
+        return (grown or self._is_full()) and self.can_fit() is None
+
+    def fit_started(self) -> None:
+        """Note that a fit of all samples up to now has begun."""
+        self._fitted_at = self.n_samples
+        self._closing = self.is_open and self._is_full()
+
+    def fit_ended(self, succeeded: bool) -> None:
+        """Note that it ended; a fit that was lost to a fault does not close the epoch."""
+        if succeeded:
+            self.fits += 1
+            if self._closing:
+                self.is_open = False
+        self._closing = False
+
+    def describe(self) -> str:
+        """Return the state of the epoch in words and numbers."""
+        lacking = self.lacking()
+        text = f'epoch {self.number} {"open" if self.is_open else "closed"}, ' \
+            f'{self.n_samples} of {self._options.full_samples} samples ' \
+            f'({self.n_held} held out)'
+        if self.is_open and lacking:
+            text += f', little range yet on {", ".join(lacking)}'
+        return text
+
+    def _is_full(self) -> bool:
+        return self.n_samples >= self._options.full_samples and not self.lacking()

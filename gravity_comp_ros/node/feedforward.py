@@ -1,0 +1,230 @@
+"""The torque that is published: ramped, clamped, and safe when input stops."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray
+
+Predict = Callable[[FloatArray], FloatArray]
+
+# States, as they appear in diagnostics.
+NO_MODEL = 'no model'
+DISABLED = 'disabled'
+WAITING = 'waiting for input'
+RAMPING = 'ramping'
+ACTIVE = 'active'
+HOLDING = 'stale, holding'
+FADING = 'stale, fading'
+FADED = 'stale, faded to zero'
+
+
+@dataclass(frozen=True)
+class FeedForwardOptions:
+    """
+    Limits and times of the feed-forward.
+
+    `max_torque` in N·m and `max_torque_rate` in N·m/s hold none, one or N values. Times are in
+    s; what they mean stands in the table of parameters.
+
+    :raises OptionError: if a number is negative or not finite, or a policy unknown.
+    """
+
+    ramp_time: float = 1.0
+    max_torque: tuple[float, ...] = ()
+    max_torque_rate: tuple[float, ...] = (500.0,)
+    extrapolation: str = 'hold'
+    extrapolation_margin: float = 1.0
+    stale_after: float = 0.3
+    stale_action: str = 'fade'
+    hold_time: float = 0.5
+    fade_time: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ('ramp_time', 'extrapolation_margin', 'stale_after', 'hold_time',
+                     'fade_time'):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise OptionError(f'feed-forward: {name} is {getattr(self, name)}; it must be '
+                                  'finite and not negative')
+        if self.extrapolation not in ('hold', 'fade', 'trust'):
+            raise OptionError(f'feed-forward: extrapolation is {self.extrapolation!r}; it must '
+                              'be hold, fade or trust')
+        if self.stale_action not in ('fade', 'hold'):
+            raise OptionError(f'feed-forward: stale_action is {self.stale_action!r}; it must '
+                              'be fade or hold')
+
+
+@dataclass(frozen=True)
+class Source:
+    """A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,)."""
+
+    predict: Predict
+    q_min: FloatArray
+    q_max: FloatArray
+
+
+class FeedForward:
+    """
+    Torque for every pose, with explicit time: `now` in s never has to be the system's.
+
+    A gain between 0 and 1 multiplies the model's torque. It rises over `ramp_time` when a
+    first model, input or permission comes, and falls when permission goes or input is stale
+    for longer than `hold_time`. From one model to the next torque is blended over the same
+    time. Limits act on the sum of it all, so nothing that is published breaks them.
+
+    :param n_joints: the number N of joints.
+    """
+
+    def __init__(self, n_joints: int, options: FeedForwardOptions) -> None:
+        self._n = n_joints
+        self._enabled = True
+        self._gain = 0.0
+        self._blend = 1.0
+        self._source: Source | None = None
+        self._old: Source | None = None
+        self._frozen: FloatArray | None = None
+        self._base = np.zeros(n_joints)
+        self._last = np.zeros(n_joints)
+        self._now: float | None = None
+        self._fresh: float | None = None
+        self.set_options(options)
+
+    def set_options(self, options: FeedForwardOptions) -> None:
+        """Use other limits and times from now on."""
+        self.options = options
+        self._limit = _per_joint(options.max_torque, self._n)
+        self._rate = _per_joint(options.max_torque_rate, self._n)
+
+    def use(self, source: Source | None) -> None:
+        """Go over to another model, or to none: then nothing is published."""
+        if source is None or self._source is None:
+            self._gain = 0.0 if source is None else self._gain
+            self._old, self._frozen, self._blend = None, None, 1.0
+        else:
+            # A swap during a swap starts from the torque of this moment, not from a model.
+            blending = self._blend < 1.0
+            self._frozen = self._base.copy() if blending else None
+            self._old, self._blend = None if blending else self._source, 0.0
+        self._source = source
+
+    def enable(self, enabled: bool) -> None:
+        """Allow or forbid torque; it ramps either way."""
+        self._enabled = enabled
+
+    @property
+    def enabled(self) -> bool:
+        return self._enabled
+
+    def update(self, now: float, q: FloatArray) -> FloatArray | None:
+        """
+        Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
+
+        A model that returns no finite torque counts as no input: the watchdog takes over.
+        """
+        dt = self._elapsed(now)
+        if self._source is None:
+            self._fresh = now
+            return None
+        base = self._blended(self._source, q, dt)
+        if not np.isfinite(base).all():
+            return None
+        self._fresh, self._base = now, base
+        silent = not self._enabled and self._is_at_rest()
+        self._approach(1.0 if self._enabled else 0.0, self.options.ramp_time, dt)
+        return None if silent else self._limited(dt)
+
+    def watch(self, now: float) -> FloatArray | None:
+        """Return the torque to publish although no input came, None if none is due."""
+        if self._fresh is None or self._source is None:
+            return None
+        age = now - self._fresh
+        if age <= self.options.stale_after or self._is_at_rest():
+            return None
+        dt = self._elapsed(now)
+        if not self._enabled:
+            self._approach(0.0, self.options.ramp_time, dt)
+        elif self.options.stale_action == 'fade' and (
+                age > self.options.stale_after + self.options.hold_time):
+            self._approach(0.0, self.options.fade_time, dt)
+        return self._limited(dt)
+
+    def state(self, now: float) -> str:
+        """Return the state, one of the constants above."""
+        if self._source is None:
+            return NO_MODEL
+        if self._fresh is None:
+            return WAITING
+        if not self._enabled:
+            return DISABLED if self._gain == 0.0 else RAMPING
+        age = now - self._fresh
+        if age > self.options.stale_after:
+            if self._gain == 0.0:
+                return FADED
+            fades = self.options.stale_action == 'fade'
+            held = age <= self.options.stale_after + self.options.hold_time
+            return FADING if fades and not held else HOLDING
+        return ACTIVE if self._gain == 1.0 and self._blend == 1.0 else RAMPING
+
+    def _elapsed(self, now: float) -> float:
+        """Return the time since the last call; a clock that jumps gives no licence to jump."""
+        dt = 0.0 if self._now is None else now - self._now
+        self._now = now
+        return min(max(dt, 0.0), self.options.stale_after)
+
+    def _approach(self, goal: float, duration: float, dt: float) -> None:
+        step = 1.0 if duration <= 0.0 else dt / duration
+        self._gain += min(max(goal - self._gain, -step), step)
+
+    def _is_at_rest(self) -> bool:
+        return self._gain == 0.0 and not self._last.any()
+
+    def _blended(self, source: Source, q: FloatArray, dt: float) -> FloatArray:
+        new = self._torque(source, q)
+        if self._blend >= 1.0:
+            return new
+        ramp = self.options.ramp_time
+        self._blend = 1.0 if ramp <= 0.0 else min(1.0, self._blend + dt / ramp)
+        if self._old is not None:
+            old = self._torque(self._old, q)
+        else:
+            old = self._base if self._frozen is None else self._frozen
+        return old + self._blend * (new - old)
+
+    def _torque(self, source: Source, q: FloatArray) -> FloatArray:
+        if self.options.extrapolation == 'trust':
+            return source.predict(q)
+        margin = self.options.extrapolation_margin
+        inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
+        outside = float(np.abs(q - inside).max())
+        if outside == 0.0:
+            return source.predict(q)
+        if self.options.extrapolation == 'hold':
+            return source.predict(inside)
+        return source.predict(q) * max(0.0, 1.0 - outside / margin)
+
+    def _limited(self, dt: float) -> FloatArray:
+        goal = self._gain * self._base
+        if self._limit is not None:
+            goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
+        if self._rate is not None:
+            step = self._rate * dt
+            goal = np.minimum(np.maximum(goal, self._last - step), self._last + step)
+        if self._limit is not None:
+            # Again, because a limit that was lowered just now is not to be approached slowly.
+            goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
+        self._last = goal
+        return goal
+
+
+def _per_joint(values: tuple[float, ...], n_joints: int) -> FloatArray | None:
+    if not values:
+        return None
+    if len(values) not in (1, n_joints):
+        raise OptionError(f'feed-forward: {len(values)} limits for {n_joints} joints; give one '
+                          'for all or one per joint')
+    return np.broadcast_to(np.asarray(values, dtype=np.float64), (n_joints,)).copy()

@@ -1,0 +1,74 @@
+"""What the fit process does: fit, and judge the result on held-out samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import time
+
+from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.node.judge import judge, Verdict
+from gravity_comp_ros.node.update import fit_change
+from gravity_comp_ros.samples import JointSamples
+
+# Below this the difference to the old model is told better than the whole; see docs/node.md.
+FROM_NOTHING = 150
+
+
+@dataclass(frozen=True)
+class Job:
+    """
+    What to fit: samples to learn from and to judge by.
+
+    `base` is the model that was in use when the epoch began, to which a change may be fitted;
+    `old` the one in use now, which is to be beaten.
+    """
+
+    number: int
+    epoch: int
+    train: JointSamples
+    held: JointSamples
+    base: GravityModel | None
+    old: GravityModel | None
+    options: FitOptions
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The best model of a job, how it fared against the one in use, and the time in s."""
+
+    number: int
+    epoch: int
+    model: GravityModel
+    verdict: Verdict
+    how: str
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def work(job: Job) -> Outcome:
+    """
+    Fit a job and judge the result on its held-out samples.
+
+    With few samples and a base only the difference to it is fitted; with many both that and
+    the whole, and the one that predicts the held-out samples better counts.
+
+    :raises FitError: if there is no result.
+    """
+    start = time.monotonic()
+    base = job.base
+    if base is not None and (base.formulation != job.options.formulation
+                             or base.joints != job.train.names):
+        base = None
+    candidates: list[tuple[str, FitResult]] = []
+    if base is not None:
+        candidates.append(('change of the old model', fit_change(job.train, base, job.options)))
+    if base is None or len(job.train) >= FROM_NOTHING:
+        candidates.append(('fit from nothing', fit(job.train, job.options)))
+    how, best = candidates[0]
+    for name, other in candidates[1:]:
+        if judge(other.model, best.model, job.train, job.held).better:
+            how, best = name, other
+    verdict = judge(best.model, job.old, job.train, job.held)
+    return Outcome(job.number, job.epoch, best.model, verdict, how, time.monotonic() - start,
+                   tuple(str(word) for word in best.report.get('warnings', ())))

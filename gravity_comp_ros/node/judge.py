@@ -1,0 +1,101 @@
+"""Whether a new model may take the old one's place: both meet samples that neither has seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from gravity_comp_ros.samples import FloatArray, JointSamples
+
+# Below this part of a joint's effort variance explained by pose there is no gravity in it.
+EXPLAINED = 0.2
+# To say "this arm compensates gravity itself" takes more than to say "not yet".
+CERTAIN_SAMPLES = 100
+CERTAIN_SPAN = 0.5
+
+
+class Predicts(Protocol):
+    """The part of a model that is judged."""
+
+    @property
+    def noise(self) -> FloatArray: ...
+
+    def predict(self, q: FloatArray) -> FloatArray: ...
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    The outcome of a comparison on `n_held` samples.
+
+    `rmse_new` and `rmse_old` (N,) in N·m; without an old model `rmse_old` is that of a
+    constant torque. `explained` (N,) is the part of the effort's variance that the new model
+    explains. `reason` says all this in one line.
+    """
+
+    better: bool
+    compensated: bool
+    n_held: int
+    rmse_new: FloatArray
+    rmse_old: FloatArray
+    explained: FloatArray
+    reason: str
+
+
+def judge(new: Predicts, old: Predicts | None, train: JointSamples,
+          held: JointSamples) -> Verdict:
+    """
+    Return whether `new`, learned from `train`, predicts `held` better than `old` does.
+
+    The figure compared is the RMSE relative to each joint's noise, over all joints; besides,
+    no joint may get worse by more than a fifth and its noise.
+
+    :param old: the model in use; without one, a constant torque is the rival.
+    """
+    error_new = held.tau - new.predict(held.q)
+    mean = train.tau.mean(axis=0)
+    error_old = held.tau - (mean if old is None else old.predict(held.q))
+    rmse_new, rmse_old = _rms(error_new), _rms(error_old)
+    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
+    if old is not None:
+        noise = np.maximum(noise, old.noise)
+    # The variance of all samples: within a held-out second the arm may hardly have moved.
+    spread = np.concatenate((train.tau, held.tau)).std(axis=0)
+    explained = 1.0 - rmse_new ** 2 / np.maximum(spread ** 2, 1e-18)
+    figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
+    compensated = _is_compensated(train, explained)
+    if compensated:
+        return Verdict(False, True, len(held), rmse_new, rmse_old, explained,
+                       'the effort of no joint depends on pose: this arm seems to compensate '
+                       'gravity itself, or its axes are all vertical; nothing to learn '
+                       f'({figures})')
+    worse = np.flatnonzero(rmse_new > 1.2 * rmse_old + noise)
+    better = bool(_rms(rmse_new / noise) < _rms(rmse_old / noise)) and worse.size == 0
+    if better and old is None and (explained < EXPLAINED).all():
+        return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
+                       f'pose does not explain the effort yet ({figures})')
+    reason = figures
+    if not better and worse.size:
+        names = ', '.join(train.names[k] for k in worse)
+        reason = f'worse on {names}: {figures}'
+    return Verdict(better, False, len(held), rmse_new, rmse_old, explained, reason)
+
+
+def _is_compensated(train: JointSamples, explained: FloatArray) -> bool:
+    if len(train) < CERTAIN_SAMPLES or (explained >= EXPLAINED).any():
+        return False
+    return bool((np.ptp(train.q, axis=0) >= CERTAIN_SPAN).any())
+
+
+def _figures(names: tuple[str, ...], rmse_new: FloatArray, rmse_old: FloatArray, n_held: int,
+             is_first: bool) -> str:
+    k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
+    rival = 'a constant torque' if is_first else 'the old model'
+    return (f'held-out RMSE {_rms(rmse_new):.3g} N·m, {rival} {_rms(rmse_old):.3g} N·m on '
+            f'{n_held} samples; worst joint {names[k]} {rmse_new[k]:.3g}, {rmse_old[k]:.3g}')
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -1,0 +1,403 @@
+"""What the node does, free of ROS: messages and time go in, torques and sentences come out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, cast
+
+import numpy as np
+
+from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
+from gravity_comp_ros.gate import Gate, GateOptions, RATE
+from gravity_comp_ros.gravity.fit import FitOptions
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.node import diagnostics
+from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.fitting import Failure, FitProcess
+from gravity_comp_ros.node.job import Job, Outcome
+from gravity_comp_ros.node.messages import Reader, Reading
+from gravity_comp_ros.node.models import Entry, Models
+from gravity_comp_ros.node.parameters import check_together, Value
+from gravity_comp_ros.samples import FloatArray
+
+Answer = tuple[bool, str]
+Reply = Callable[[bool, str], None]
+
+NO_JOINTS = 'no joint states yet: is the topic right, and does the driver run?'
+
+
+class Live:
+    """
+    Reads joint states, learns, and says which torque to publish.
+
+    :param settings: all parameters of `parameters.TABLE`, checked.
+    :param topic: the input topic, to be named in diagnostics.
+    :raises OptionError: if the settings contradict each other.
+    """
+
+    def __init__(self, settings: Mapping[str, Value], topic: str, now: float) -> None:
+        self.settings = dict(settings)
+        self.problem = ''
+        self.wants_save = False
+        self._topic = topic
+        self._settings_checked(None)
+        self.models = Models(str(settings['model_file']), cast(int, settings['history']))
+        self.fits = FitProcess(cast(float, settings['fit_timeout']))
+        self.arm: Arm | None = None
+        self._jobs = 0
+        # Results of jobs up to this number come too late to be used.
+        self._outdated = 0
+        self._wanted: tuple[Reply, float] | None = None
+        self._waiting: tuple[int, Reply, float] | None = None
+        # The model in use when the epoch began: what a new payload changes.
+        self._base: GravityModel | None = None
+        self._last_fit = 'none'
+        self._kept_old = self._compensated = False
+        self._unnamed: Counter[str] = Counter()
+        joints = cast(tuple[str, ...], settings['joints'])
+        try:
+            entry = self.models.load(joints, now)
+        except GravityCompError as problem:
+            # A damaged file must not stop the node: it starts without a model and says so.
+            entry, self.problem = None, str(problem)
+        if joints or entry:
+            self._begin(joints or entry.model.joints, entry)  # type: ignore[union-attr]
+
+    def _settings_checked(self, n_joints: int | None) -> None:
+        check_together(self.settings, n_joints)
+        if self.settings['effects'] and 'effects' not in {f.name for f in fields(FitOptions)}:
+            raise OptionError('parameter effects: this version fits gravity alone; leave it '
+                              'empty')
+
+    def set(self, settings: Mapping[str, Value]) -> None:
+        """Use changed settings from now on; they have been checked."""
+        self.settings = dict(settings)
+        self.fits.timeout = cast(float, settings['fit_timeout'])
+        if self.arm is not None:
+            self.arm.set(self.settings)
+
+    def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
+        self._settings_checked(len(joints))
+        self.arm = Arm(joints, self.settings, is_open=entry is None)
+        if entry is not None:
+            self.arm.feed.use(source_of(entry.model))
+            self._base = entry.model
+
+    def message(self, message: Any, now: float, arrival: float
+                ) -> tuple[Reading | None, FloatArray | None]:
+        """
+        Take in a `sensor_msgs/JointState`; return what it says and the torque to publish.
+
+        :param now: monotonic time in s, for ramps and the watchdog.
+        :param arrival: time in s for a message without a stamp.
+        """
+        arm = self.arm
+        if arm is None:
+            arm = self._meet(tuple(message.name))
+            if arm is None:
+                return None, None
+        reading = arm.reader.read(message, arrival)
+        if reading is None:
+            return None, None
+        tau = arm.feed.update(now, reading.q)
+        arm.last_seen = now
+        arm.pose = reading.q
+        if reading.new_run:
+            arm.gate.reset()
+        if reading.qd is not None and reading.tau is not None and now >= arm.learn_from:
+            self._learn(arm, reading)
+        return reading, tau
+
+    def _meet(self, names: tuple[str, ...]) -> Arm | None:
+        """Take the joints from a first message."""
+        try:
+            if not names or len(set(names)) != len(names):
+                raise OptionError(f'the first message on {self._topic} has '
+                                  f'{"repeated" if names else "no"} joint names; set the '
+                                  'parameter joints')
+            if len(names) > 10:
+                raise OptionError(f'{self._topic} has {len(names)} joints and a model takes at '
+                                  'most 10; set the parameter joints')
+            self._begin(names, None)
+        except OptionError as problem:
+            self.problem = str(problem)
+            self._unnamed['missing_joint'] += 1
+            return None
+        self.problem = ''
+        return self.arm
+
+    def _learn(self, arm: Arm, reading: Reading) -> None:
+        q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
+        reason = arm.gate.offer(reading.t, q, qd)
+        if reason is not None:
+            if reason != RATE:
+                arm.gate_counts[reason] += 1
+            return
+        arm.epoch.offer(reading.t, q, qd, tau)
+        model = self.models.model
+        if model is not None:
+            error = tau - model.predict_one(q)
+            arm.residual += error * error
+            arm.n_residual += 1
+
+    def tick(self, now: float) -> FloatArray | None:
+        """Look after fits and the watchdog; return the torque to publish without input."""
+        for event in self.fits.poll(now):
+            if isinstance(event, Outcome):
+                self._finish(event, now)
+            else:
+                self._fail(event)
+        arm = self.arm
+        if arm is None:
+            return None
+        self._expire(now)
+        if self.fits.state == 'ready':
+            if self._wanted is not None:
+                reply, until = self._wanted
+                self._wanted = None
+                self._waiting = (self._submit(arm, now), reply, until)
+            elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
+                self._submit(arm, now)
+        return arm.feed.watch(now)
+
+    def _submit(self, arm: Arm, now: float) -> int:
+        self._jobs += 1
+        options = FitOptions(formulation=str(self.settings['formulation']))
+        job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
+                  self._base, self.models.model, options)
+        self.fits.submit(job, now)
+        arm.epoch.fit_started()
+        return self._jobs
+
+    def _finish(self, outcome: Outcome, now: float) -> None:
+        arm = cast(Arm, self.arm)
+        if outcome.number <= self._outdated:
+            if outcome.epoch == arm.epoch.number:
+                arm.epoch.fit_ended(False)
+            self._reply(outcome.number, False, 'payload_changed or rollback was called while '
+                        'it was fitted; the result was thrown away')
+            return
+        verdict = outcome.verdict
+        arm.epoch.fit_ended(True)
+        self._compensated = verdict.compensated
+        self._kept_old = not verdict.better
+        self.fits.last_failure = ''
+        self._last_fit = (f'{outcome.how}, {len_text(outcome)}, {outcome.seconds:.2f} s: '
+                          f'{verdict.reason}')
+        if verdict.better:
+            entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}',
+                                    now)
+            arm.feed.use(source_of(entry.model))
+            self.problem = ''
+            self.wants_save = bool(self.settings['auto_save'] and self.models.path)
+            self._reply(outcome.number, True, f'new model in use: {self._last_fit}')
+        else:
+            kept = 'no model yet' if self.models.model is None else 'the old model stays'
+            self._reply(outcome.number, False, f'{kept}: {self._last_fit}')
+
+    def _fail(self, failure: Failure) -> None:
+        if self.arm is not None and failure.number is not None:
+            self.arm.epoch.fit_ended(False)
+            self._last_fit = f'failed: {failure.reason}'
+            kept = 'there is no model yet' if self.models.model is None else 'the old model stays'
+            self._reply(failure.number, False, f'{failure.reason}; {kept}')
+
+    def _reply(self, number: int, success: bool, text: str) -> None:
+        if self._waiting is not None and self._waiting[0] == number:
+            reply = self._waiting[1]
+            self._waiting = None
+            reply(success, text)
+
+    def _expire(self, now: float) -> None:
+        """Answer those who asked for a fit that takes too long."""
+        if self._wanted is not None and now > self._wanted[1]:
+            self._wanted[0](False, f'the fit process is {self.fits.state}: '
+                            f'{self.fits.last_failure or "no fit has begun"}; try again')
+            self._wanted = None
+        if self._waiting is not None and now > self._waiting[2]:
+            self._waiting[1](False, 'the fit still runs; its outcome will be in /diagnostics')
+            self._waiting = None
+
+    def payload_changed(self, now: float) -> Answer:
+        """Open a new epoch: old samples go, the model in use stays until a better one is there."""
+        arm = self.arm
+        if arm is None:
+            return False, NO_JOINTS
+        if arm.epoch.is_open and arm.epoch.n_samples == 0:
+            return True, f'{arm.epoch.describe()}; it was open already'
+        old = arm.epoch.n_samples
+        arm.new_epoch(self.settings, now)
+        self._outdated = self._jobs
+        self._base = self.models.model
+        self._kept_old = self._compensated = False
+        model = 'no model yet' if self.models.model is None else 'the old model stays in use'
+        return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
+                      'a better one is learned: move the arm slowly through its range')
+
+    def refit(self, now: float, reply: Reply) -> None:
+        """Fit what was collected; `reply` is called once, now or when the fit has ended."""
+        arm = self.arm
+        if arm is None:
+            reply(False, NO_JOINTS)
+        elif self._wanted is not None or self._waiting is not None or self.fits.job is not None:
+            reply(False, f'a fit is running already ({self.fits.seconds(now):.1f} s); its '
+                  'outcome will be in /diagnostics')
+        elif (lack := arm.epoch.can_fit()) is not None:
+            reply(False, lack)
+        else:
+            self._wanted = (reply, now + cast(float, self.settings['refit_timeout']))
+
+    def rollback(self, now: float) -> Answer:
+        """Bring back the model before; no fit follows by itself until the next epoch."""
+        entry = self.models.roll_back(now)
+        if entry is None or self.arm is None:
+            return False, 'there is no earlier model to go back to'
+        self.arm.feed.use(source_of(entry.model))
+        self.arm.epoch.is_open = False
+        self._outdated = self._jobs
+        return True, (f'back to the {entry.describe()}; {self.models.n_past} earlier models '
+                      'left; no fit until payload_changed or refit')
+
+    def enable(self, enabled: bool) -> Answer:
+        """Ramp torque up or down."""
+        if self.arm is None:
+            return False, NO_JOINTS
+        self.arm.feed.enable(enabled)
+        seconds = self.settings['ramp_time']
+        if enabled:
+            return True, f'torque ramps up over {seconds} s'
+        return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
+
+    def save(self) -> Answer:
+        """Write the model file; called from another thread, for a disk may be slow."""
+        try:
+            return True, self.models.save()
+        except ModelFileError as problem:
+            return False, str(problem)
+
+    def close(self) -> None:
+        """End the fit process, and answer whoever waits."""
+        for waiting in (self._wanted and self._wanted[0], self._waiting and self._waiting[1]):
+            if waiting:
+                waiting(False, 'the node shuts down')
+        self._wanted = self._waiting = None
+        self.fits.stop()
+
+    def statuses(self, now: float) -> list[diagnostics.Status]:
+        """Return what to publish on /diagnostics; counts since the last call start again."""
+        entry = self.models.entry
+        model = diagnostics.model_status(
+            entry.describe() if entry else None, now - entry.since if entry else 0.0,
+            self.models.n_past, self.problem)
+        arm = self.arm
+        if arm is None:
+            received = sum(self._unnamed.values())
+            return [diagnostics.input_status(self._topic, received, received, None, False,
+                                             self._unnamed, self._unnamed), model]
+        return [arm.input_status(self._topic, now), model,
+                diagnostics.learning_status(self._learning(arm)),
+                *arm.statuses(self.models.model, now)]
+
+    def _learning(self, arm: Arm) -> diagnostics.Learning:
+        epoch, fits = arm.epoch, self.fits
+        return diagnostics.Learning(
+            epoch.describe(), epoch.n_samples, epoch.n_held, epoch.lacking(), arm.gate_counts,
+            fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
+            self._kept_old, self._compensated)
+
+
+class Arm:
+    """The state that exists once the joints are known."""
+
+    def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
+                 is_open: bool) -> None:
+        self.joints = joints
+        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']))
+        self.gate = Gate(len(joints), gate_options(settings))
+        self.gate_counts: Counter[str] = Counter()
+        self.feed = FeedForward(len(joints), feedforward_options(settings))
+        self.feed.enable(bool(settings['enabled']))
+        self.epoch = Epoch(0, joints, epoch_options(settings), is_open)
+        self.residual = np.zeros(len(joints))
+        self.n_residual = 0
+        self.learn_from = 0.0
+        self.last_seen: float | None = None
+        self.pose: FloatArray | None = None
+        self._reported: Counter[str] = Counter()
+        self._reported_received = 0
+
+    def set(self, settings: Mapping[str, Value]) -> None:
+        """Use changed settings from now on."""
+        self.gate = Gate(len(self.joints), gate_options(settings))
+        self.feed.set_options(feedforward_options(settings))
+        self.epoch.set_options(epoch_options(settings))
+
+    def new_epoch(self, settings: Mapping[str, Value], now: float) -> None:
+        """Forget all samples and start to collect, once old messages have passed."""
+        self.learn_from = now + cast(float, settings['settle_time'])
+        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings))
+        self.residual[:] = 0.0
+        self.n_residual = 0
+
+    def input_status(self, topic: str, now: float) -> diagnostics.Status:
+        """Return the state of the input since the last call."""
+        counts = self.reader.counts
+        age = None if self.last_seen is None else now - self.last_seen
+        new = self.reader.received - self._reported_received
+        fresh = counts - self._reported
+        self._reported, self._reported_received = counts.copy(), self.reader.received
+        stale = age is not None and age > self.feed.options.stale_after
+        return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
+                                        fresh)
+
+    def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
+        """Return the state of the feed-forward and of every joint."""
+        outside = None
+        if model is not None and self.pose is not None:
+            outside = model.coverage.distance(self.pose)
+        residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
+        self.residual = np.zeros(len(self.joints))
+        self.n_residual = 0
+        options = self.feed.options
+        return [
+            diagnostics.feedforward_status(
+                self.feed.state(now), self.feed.enabled,
+                0.0 if outside is None else float(outside.max()), bool(options.max_torque),
+                options.extrapolation_margin),
+            *diagnostics.joint_statuses(
+                self.joints, self.epoch.coverage().span, residual,
+                None if model is None else model.noise, outside, not self.epoch.is_open)]
+
+
+def gate_options(settings: Mapping[str, Value]) -> GateOptions:
+    """Return the gate's options from the parameters."""
+    return GateOptions(cast(float, settings['max_speed']),
+                       cast(float, settings['max_acceleration']) or None,
+                       cast(float, settings['sample_rate']))
+
+
+def epoch_options(settings: Mapping[str, Value]) -> EpochOptions:
+    """Return the epoch's options from the parameters."""
+    rate = cast(float, settings['sample_rate'])
+    return EpochOptions(cast(int, settings['capacity']), cast(int, settings['min_samples']),
+                        cast(int, settings['full_samples']), cast(float, settings['min_span']),
+                        block=max(5, round(rate)))
+
+
+def feedforward_options(settings: Mapping[str, Value]) -> FeedForwardOptions:
+    """Return the feed-forward's options from the parameters."""
+    names = [field.name for field in fields(FeedForwardOptions)]
+    return FeedForwardOptions(**cast(Any, {name: settings[name] for name in names}))
+
+
+def source_of(model: GravityModel) -> Source:
+    """Return the model as the feed-forward needs it."""
+    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max)
+
+
+def len_text(outcome: Outcome) -> str:
+    """Return how many samples a model was learned from."""
+    return f'{outcome.model.coverage.n_samples} samples'

@@ -1,0 +1,48 @@
+"""The executable `gravity_comp_node`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import sys
+
+import rclpy
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.node.node import GravityCompNode
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
+    rclpy.init(args=list(args) if args is not None else None)
+    try:
+        node = GravityCompNode()
+    except (GravityCompError, InvalidParameterTypeException,
+            InvalidParameterValueException) as problem:
+        print(f'gravity_comp_node: {problem}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 1
+    try:
+        _run(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        node.close()
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def _run(node: GravityCompNode) -> None:
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    if node.settings.values['autostart'] and (
+            node.trigger_configure() == TransitionCallbackReturn.SUCCESS):
+        node.trigger_activate()
+    executor.spin()
+
+
+if __name__ == '__main__':
+    sys.exit(main())

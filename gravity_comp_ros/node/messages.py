@@ -1,0 +1,191 @@
+"""From `sensor_msgs/JointState` to vectors in the configured order, with every fault named."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray
+
+# Faults: the message, or its part, is dropped.
+OTHER_JOINTS = 'other_joints'
+MISSING_JOINT = 'missing_joint'
+DUPLICATE_JOINT = 'duplicate_joint'
+WRONG_SIZE = 'wrong_size'
+POSITION_NOT_FINITE = 'position_not_finite'
+POSITION_ABSURD = 'position_absurd'
+TIME_BACK = 'time_back'
+TIME_STILL = 'time_still'
+VELOCITY_NOT_FINITE = 'velocity_not_finite'
+EFFORT_NOT_FINITE = 'effort_not_finite'
+NO_EFFORT = 'no_effort'
+# Handled: counted, and told without alarm.
+NO_VELOCITY = 'no_velocity'
+NO_STAMP = 'no_stamp'
+CLOCK_JUMP = 'clock_jump'
+
+FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSITION_ABSURD,
+          TIME_BACK, TIME_STILL, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE, NO_EFFORT, CLOCK_JUMP)
+HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
+
+# A joint that has turned so far is an encoder fault, not a pose.
+ABSURD_POSITION = 1000.0
+# So many messages in a row that agree among themselves that it is earlier than we thought
+# mean that the clock was set back, or a recording started again.
+RISING_TO_BELIEVE = 5
+# Velocity is the mean slope over this time where the message brings none.
+SLOPE_WINDOW = 0.1
+SLOPE_LIMIT = 0.5
+
+
+@dataclass
+class Reading:
+    """
+    What a message says about our joints, in the configured order.
+
+    `t` in s, `q` (N,) in rad; `qd` (N,) in rad/s and `tau` (N,) in N·m are None where the
+    message does not tell them. `new_run` says that the clock started again before it.
+    """
+
+    t: float
+    q: FloatArray
+    qd: FloatArray | None
+    tau: FloatArray | None
+    new_run: bool = False
+
+
+class Reader:
+    """
+    Reads messages of one arm; counts every fault by its reason in `counts`.
+
+    :param joints: the joint names, in the order of the vectors.
+    :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
+    :raises OptionError: if there is another number of scales.
+    """
+
+    def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = ()) -> None:
+        if len(effort_scale) not in (0, 1, len(joints)):
+            raise OptionError(f'effort_scale has {len(effort_scale)} values for '
+                              f'{len(joints)} joints')
+        self.joints = tuple(joints)
+        self.counts: Counter[str] = Counter()
+        self.received = 0
+        self.last_fault = ''
+        scale = effort_scale if effort_scale else (1.0,)
+        self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
+        self._names: list[str] | None = None
+        self._size = 0
+        self._order = np.zeros(0, dtype=np.intp)
+        self._last = -np.inf
+        self._rebellion: list[float] = []
+        self._past: deque[tuple[float, FloatArray]] = deque()
+
+    def read(self, message: Any, arrival: float) -> Reading | None:
+        """
+        Return what `message` says, or None if it cannot be used.
+
+        :param message: a `sensor_msgs/JointState`.
+        :param arrival: time of arrival in s, used where the message has no stamp.
+        """
+        self.received += 1
+        if message.name != self._names and not self._learn_order(message.name):
+            return None
+        q = self._vector(message.position)
+        if q is None:
+            self._drop(WRONG_SIZE)
+            return None
+        if not np.isfinite(q).all():
+            self._drop(POSITION_NOT_FINITE)
+            return None
+        if np.abs(q).max() > ABSURD_POSITION:
+            self._drop(POSITION_ABSURD)
+            return None
+        stamp = message.header.stamp
+        t = stamp.sec + 1e-9 * stamp.nanosec
+        if t == 0.0:
+            self.counts[NO_STAMP] += 1
+            t = arrival
+        new_run = False
+        if t <= self._last:
+            if not self._believe(t):
+                self._drop(TIME_STILL if t == self._last else TIME_BACK)
+            return None
+            new_run = True
+            self.counts[CLOCK_JUMP] += 1
+            self.last_fault = CLOCK_JUMP
+            self._past.clear()
+        self._rebellion.clear()
+        self._last = t
+        return Reading(t, q, self._velocity(message.velocity, t, q),
+                       self._effort(message.effort), new_run)
+
+    def _learn_order(self, names: Sequence[str]) -> bool:
+        ours = [name for name in names if name in self.joints]
+        if not ours:
+            self.counts[OTHER_JOINTS] += 1
+            return False
+        if len(set(ours)) != len(ours):
+            self._drop(DUPLICATE_JOINT)
+            return False
+        if len(ours) != len(self.joints):
+            self._drop(MISSING_JOINT)
+            return False
+        names = list(names)
+        self._order = np.array([names.index(name) for name in self.joints], dtype=np.intp)
+        self._names, self._size = names, len(names)
+        return True
+
+    def _vector(self, values: Sequence[float]) -> FloatArray | None:
+        if len(values) != self._size:
+            return None
+        return np.asarray(values, dtype=np.float64)[self._order]
+
+    def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
+        if len(values) == 0:
+            self.counts[NO_VELOCITY] += 1
+            return self._slope(t, q)
+        qd = self._vector(values)
+        if qd is None:
+            self._drop(WRONG_SIZE)
+        elif not np.isfinite(qd).all():
+            self._drop(VELOCITY_NOT_FINITE)
+            return None
+        return qd
+
+    def _slope(self, t: float, q: FloatArray) -> FloatArray | None:
+        past = self._past
+        past.append((t, q))
+        while len(past) > 1 and past[1][0] <= t - SLOPE_WINDOW:
+            past.popleft()
+        then, q_then = past[0]
+        if not SLOPE_WINDOW <= t - then <= SLOPE_LIMIT:
+            return None
+        return (q - q_then) / (t - then)
+
+    def _effort(self, values: Sequence[float]) -> FloatArray | None:
+        if len(values) == 0:
+            self._drop(NO_EFFORT)
+            return None
+        tau = self._vector(values)
+        if tau is None:
+            self._drop(WRONG_SIZE)
+        elif not np.isfinite(tau).all():
+            self._drop(EFFORT_NOT_FINITE)
+            return None
+        return None if tau is None else tau * self._scale
+
+    def _believe(self, t: float) -> bool:
+        """Return whether the clock has been set back for good."""
+        if self._rebellion and t <= self._rebellion[-1]:
+            self._rebellion.clear()
+        self._rebellion.append(t)
+        return len(self._rebellion) >= RISING_TO_BELIEVE
+
+    def _drop(self, reason: str) -> None:
+        self.counts[reason] += 1
+        self.last_fault = reason

@@ -1,0 +1,240 @@
+"""The ROS node: topics, services, timers and life cycle around `Live`, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import importlib.util
+from threading import Thread
+import time
+
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from rclpy.timer import Timer
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.node.declare import Settings
+from gravity_comp_ros.node.live import Answer, Live
+from gravity_comp_ros.node.outputs import Outputs
+from gravity_comp_ros.node.parameters import check_together, Value
+
+# Matches every publisher; deep enough for a burst after the machine has paused.
+INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
+                       reliability=ReliabilityPolicy.BEST_EFFORT)
+TICK = 0.02
+REPORT = 1.0
+INACTIVE = 'the node is not active: activate it first'
+
+
+class GravityCompNode(LifecycleNode):
+    """The lifecycle node `gravity_comp`; docs/node.md describes it from outside."""
+
+    def __init__(self) -> None:
+        super().__init__('gravity_comp')
+        self.settings = Settings(self, self._check_settings, self._use_settings)
+        self._live: Live | None = None
+        self._outputs: Outputs | None = None
+        self._subscription: Subscription | None = None
+        self._services_made: list[Service] = []
+        self._timers_made: list[Timer] = []
+        self._active = False
+        self._named = False
+        # Timers on the wall: a simulation that pauses must not stop the watchdog's eyes.
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._waiting = ReentrantCallbackGroup()
+
+    def _check_settings(self, values: Mapping[str, Value]) -> None:
+        live = self._live
+        check_together(values, len(live.arm.joints) if live and live.arm else None)
+
+    def _use_settings(self, values: Mapping[str, Value]) -> None:
+        if self._live is not None:
+            self._live.set(values)
+
+    def now(self) -> float:
+        """Return the time for ramps and watchdog in s: monotonic, or simulated if in use."""
+        if self.get_parameter('use_sim_time').value:
+            return float(self.get_clock().now().nanoseconds) * 1e-9
+        return time.monotonic()
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Load the model file, and make everything that other nodes see."""
+        topic = self.resolve_topic_name('joint_states')
+        try:
+            self._live = Live(self.settings.values, topic, self.now())
+        except GravityCompError as problem:
+            self.get_logger().error(str(problem))
+            return TransitionCallbackReturn.FAILURE
+        if self._live.problem:
+            self.get_logger().error(self._live.problem)
+        self._outputs = Outputs(self)
+        self._named = False
+        self._subscription = self.create_subscription(
+            JointState, 'joint_states', self._on_joint_state, INPUT_QOS)
+        self._make_services()
+        self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
+                             self.create_timer(REPORT, self._on_report, clock=self._steady)]
+        self._live.fits.start(self.now())
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Begin to listen and to publish."""
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop listening and publishing; the model and the samples stay."""
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give everything back, models and samples included."""
+        result = super().on_cleanup(state)
+        self.close()
+        return result
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give everything back for good."""
+        result = super().on_shutdown(state)
+        self.close()
+        return result
+
+    def close(self) -> None:
+        """End the fit process, and take topics, services and timers away."""
+        self._active = False
+        if self._live is not None:
+            self._live.close()
+        for timer in self._timers_made:
+            self.destroy_timer(timer)
+        for service in self._services_made:
+            self.destroy_service(service)
+        if self._subscription is not None:
+            self.destroy_subscription(self._subscription)
+        if self._outputs is not None:
+            self._outputs.destroy()
+        self._live = self._outputs = self._subscription = None
+        self._timers_made, self._services_made = [], []
+
+    def _make_services(self) -> None:
+        answers: dict[str, Callable[[Live], Answer]] = {
+            'payload_changed': lambda live: live.payload_changed(self.now()),
+            'rollback': lambda live: live.rollback(self.now()),
+            'diagnose': _diagnose}
+        self._services_made = [
+            self.create_service(Trigger, f'~/{name}', self._trigger(answer))
+            for name, answer in answers.items()]
+        # These two answer later, while joint states go on: a fit and a disk take their time.
+        self._services_made += [
+            self.create_service(Trigger, '~/refit', self._on_refit,
+                                callback_group=self._waiting),
+            self.create_service(Trigger, '~/save_model', self._on_save,
+                                callback_group=self._waiting),
+            self.create_service(SetBool, '~/enable', self._on_enable)]
+
+    def _trigger(self, answer: Callable[[Live], Answer]) -> Callable[
+            [Trigger.Request, Trigger.Response], Trigger.Response]:
+        def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = self._if_active(answer)
+            self._log(response.success, response.message)
+            return response
+        return respond
+
+    def _if_active(self, answer: Callable[[Live], Answer]) -> Answer:
+        if self._live is None or not self._active:
+            return False, INACTIVE
+        return answer(self._live)
+
+    async def _on_refit(self, _: Trigger.Request,
+                        response: Trigger.Response) -> Trigger.Response:
+        future = Future(executor=self.executor)
+        if self._live is None or not self._active:
+            future.set_result((False, INACTIVE))
+        else:
+            self._live.refit(self.now(), lambda *answer: _settle(future, answer))
+        response.success, response.message = await future
+        self._log(response.success, response.message)
+        return response
+
+    async def _on_save(self, _: Trigger.Request,
+                       response: Trigger.Response) -> Trigger.Response:
+        future = Future(executor=self.executor)
+        if self._live is None or not self._active:
+            future.set_result((False, INACTIVE))
+        else:
+            self._save_in_thread(self._live, future)
+        response.success, response.message = await future
+        self._log(response.success, response.message)
+        return response
+
+    def _save_in_thread(self, live: Live, future: Future) -> None:
+        def save() -> None:
+            _settle(future, live.save())
+        Thread(target=save, daemon=True).start()
+
+    def _on_enable(self, request: SetBool.Request,
+                   response: SetBool.Response) -> SetBool.Response:
+        response.success, response.message = self._if_active(
+            lambda live: live.enable(request.data))
+        self._log(response.success, response.message)
+        return response
+
+    def _on_joint_state(self, message: JointState) -> None:
+        live, outputs = self._live, self._outputs
+        if not self._active or live is None or outputs is None:
+            return
+        reading, tau = live.message(message, self.now(), time.time())
+        if reading is None:
+            return
+        if not self._named and live.arm is not None:
+            outputs.name_joints(live.arm.joints)
+            self._named = True
+        stamp = message.header.stamp
+        if tau is not None:
+            outputs.torque(stamp, tau)
+        model = live.models.model
+        if model is None or not (outputs.prediction_wanted or outputs.residual_wanted):
+            return
+        predicted = model.predict_one(reading.q)
+        if outputs.prediction_wanted:
+            outputs.prediction(stamp, reading.q, predicted)
+        if outputs.residual_wanted and reading.tau is not None:
+            outputs.residual(stamp, reading.q, reading.tau - predicted)
+
+    def _on_tick(self) -> None:
+        live, outputs = self._live, self._outputs
+        if live is None or outputs is None:
+            return
+        outputs.look_around()
+        tau = live.tick(self.now())
+        if tau is not None and self._active:
+            outputs.torque(self.get_clock().now().to_msg(), tau)
+        if live.wants_save:
+            live.wants_save = False
+            self._save_in_thread(live, Future())
+
+    def _on_report(self) -> None:
+        if self._live is not None and self._outputs is not None:
+            self._outputs.diagnostics(self._live.statuses(self.now()))
+
+    def _log(self, success: bool, text: str) -> None:
+        if success:
+            self.get_logger().info(text)
+        else:
+            self.get_logger().warning(text)
+
+
+def _settle(future: Future, answer: Answer) -> None:
+    if not future.done():
+        future.set_result(answer)
+
+
+def _diagnose(_: Live) -> Answer:
+    if importlib.util.find_spec('gravity_comp_ros.diagnosis.diagnose') is None:
+        return False, 'diagnosis is not part of this version; use gravity_comp compare'
+    return False, 'run gravity_comp diagnose on a recording of the joint states'

@@ -1,0 +1,92 @@
+"""The node's publishers, with messages that are made once and filled again."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from gravity_comp_ros.node.diagnostics import Status
+from gravity_comp_ros.samples import FloatArray
+
+DEPTH = 10
+
+
+class Outputs:
+    """
+    Everything that the node publishes.
+
+    :param node: its lifecycle decides whether anything leaves.
+    """
+
+    def __init__(self, node: LifecycleNode) -> None:
+        self._node = node
+        self._torques = node.create_lifecycle_publisher(JointState, '~/gravity_torques', DEPTH)
+        self._commands = node.create_lifecycle_publisher(
+            Float64MultiArray, '~/commands', DEPTH)
+        self._prediction = node.create_lifecycle_publisher(JointState, '~/prediction', DEPTH)
+        self._residual = node.create_lifecycle_publisher(JointState, '~/residual', DEPTH)
+        # Not a managed one: a node that was told to be inactive still says so.
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
+        self._torque, self._predicted, self._rest = JointState(), JointState(), JointState()
+        self._command = Float64MultiArray()
+        self._command.layout.data_offset = 0
+        self.prediction_wanted = self.residual_wanted = False
+
+    def name_joints(self, joints: Sequence[str]) -> None:
+        """Write the joint names into all messages."""
+        for message in (self._torque, self._predicted, self._rest):
+            message.name = list(joints)
+
+    def look_around(self) -> None:
+        """Find out which topics anybody listens to; not a thing to do a thousand times a s."""
+        self.prediction_wanted = self._prediction.get_subscription_count() > 0
+        self.residual_wanted = self._residual.get_subscription_count() > 0
+
+    def torque(self, stamp: Time, tau: FloatArray) -> None:
+        """Publish the feed-forward (N,) in N·m, as joint state and as command."""
+        values = array('d', tau.tobytes())
+        self._command.data = values
+        self._commands.publish(self._command)
+        self._torque.header.stamp = stamp
+        self._torque.effort = values
+        self._torques.publish(self._torque)
+
+    def prediction(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
+        """Publish the model's torque (N,) in N·m at pose q (N,), as it is."""
+        self._fill(self._predicted, stamp, q, tau)
+        self._prediction.publish(self._predicted)
+
+    def residual(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
+        """Publish measured minus predicted torque (N,) in N·m."""
+        self._fill(self._rest, stamp, q, tau)
+        self._residual.publish(self._rest)
+
+    def diagnostics(self, statuses: Sequence[Status]) -> None:
+        """Publish /diagnostics."""
+        message = DiagnosticArray()
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        name = self._node.get_name()
+        message.status = [DiagnosticStatus(
+            level=bytes([status.level]), name=f'{name}: {status.name}', message=status.message,
+            hardware_id=name,
+            values=[KeyValue(key=key, value=value) for key, value in status.values.items()])
+            for status in statuses]
+        self._diagnostics.publish(message)
+
+    def destroy(self) -> None:
+        """Take everything off the network."""
+        for publisher in (self._torques, self._commands, self._prediction, self._residual):
+            self._node.destroy_lifecycle_publisher(publisher)
+        self._node.destroy_publisher(self._diagnostics)
+
+    @staticmethod
+    def _fill(message: JointState, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
+        message.header.stamp = stamp
+        message.position = array('d', q.tobytes())
+        message.effort = array('d', tau.tobytes())

@@ -1,0 +1,275 @@
+"""
+The one table of the node's parameters.
+
+It makes the descriptors, the checks on set, and docs/parameters.md:
+`python3 -m gravity_comp_ros.node.parameters > docs/parameters.md`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+import math
+
+from gravity_comp_ros.errors import OptionError
+
+Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
+
+NUMBERS = ('int', 'double', 'double[]')
+ARRAYS = ('double[]', 'string[]')
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """
+    One row of the table.
+
+    `kind` is bool, int, double, string, double[] or string[]. `low` and `high` bound every
+    number, both included; `choices` lists the strings that are allowed, if it is not empty.
+    """
+
+    name: str
+    kind: str
+    default: Value
+    description: str
+    unit: str = ''
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+    def parse(self, value: object) -> Value:
+        """
+        Return `value` in the parameter's own type; a whole number may stand for a double.
+
+        :raises OptionError: if the type is wrong, or a value is out of range, not finite or
+            not among the choices; the message says what is allowed.
+        """
+        if self.kind in ARRAYS:
+            if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
+                raise self._wrong(value, f'it must be a list of type {self.kind}')
+            items = tuple(self._item(item, self.kind[:-2]) for item in value)
+            if self.kind == 'string[]' and len(set(items)) != len(items):
+                raise self._wrong(value, 'its entries must differ')
+            return items  # type: ignore[return-value]
+        return self._item(value, self.kind)
+
+    def _item(self, value: object, kind: str) -> bool | int | float | str:
+        if kind == 'bool':
+            if not isinstance(value, bool):
+                raise self._wrong(value, 'it must be true or false')
+            return value
+        if kind == 'string':
+            return self._text(value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise self._wrong(value, f'it must be of type {self.kind}')
+        if kind == 'int' and not isinstance(value, int):
+            raise self._wrong(value, 'it must be a whole number')
+        if not math.isfinite(value):
+            raise self._wrong(value, 'it must be finite')
+        if (self.low is not None and value < self.low) or (
+                self.high is not None and value > self.high):
+            raise self._wrong(value, f'it must lie in {self.range_text()}')
+        return value if kind == 'int' else float(value)
+
+    def _text(self, value: object) -> str:
+        if not isinstance(value, str):
+            raise self._wrong(value, 'it must be text')
+        if self.choices and value not in self.choices:
+            raise self._wrong(repr(value), f'it must be one of {", ".join(self.choices)}')
+        return value
+
+    def _wrong(self, value: object, what: str) -> OptionError:
+        shown = list(value) if isinstance(value, tuple) else value
+        unit = f' {self.unit}' if self.unit and self.kind in NUMBERS else ''
+        return OptionError(f'parameter {self.name}: {shown}{unit} is refused; {what}')
+
+    def range_text(self) -> str:
+        """Return what is allowed, for people."""
+        if self.choices:
+            return ', '.join(self.choices)
+        if self.low is None and self.high is None:
+            return ''
+        low = '' if self.low is None else f'{self.low:g}'
+        high = '' if self.high is None else f'{self.high:g}'
+        return f'{low} to {high}'.strip()
+
+
+TABLE: tuple[Parameter, ...] = (
+    Parameter(
+        'autostart', 'bool', True,
+        'Configure and activate without being told to. Set it to false where a lifecycle '
+        'manager does that.', read_only=True),
+    Parameter(
+        'joints', 'string[]', (),
+        'Joint names, in the order of the torques on `~/commands`. If the list is empty, the '
+        'names of the model file are taken, and without one those of the first `joint_states` '
+        'message: set it where grippers or several arms share the topic.', read_only=True),
+    Parameter(
+        'effort_scale', 'double[]', (),
+        'Torque per unit of the effort field, sign included: the torque constant where effort '
+        'is a motor current, -1 where it counts the other way. One value for all joints or one '
+        'per joint; empty means 1.', 'N·m per unit', -1e6, 1e6, read_only=True),
+    Parameter(
+        'max_speed', 'double', 0.15,
+        'Samples are learned from while no joint is faster than this.', 'rad/s', 0.001, 10.0),
+    Parameter(
+        'max_acceleration', 'double', 0.0,
+        'Samples are learned from while no joint accelerates more than this, as a mean over '
+        '0.1 s; 0 does not judge it.', 'rad/s²', 0.0, 1000.0),
+    Parameter(
+        'sample_rate', 'double', 5.0,
+        'At most so many samples are taken per second.', 'Hz', 0.1, 1000.0),
+    Parameter(
+        'capacity', 'int', 1500,
+        'Samples kept; once they are there, new poses replace those that have a close '
+        'neighbour.', 'samples', 50, 20000, read_only=True),
+    Parameter(
+        'auto_fit', 'bool', True,
+        'In an open epoch, fit by itself as samples come. If false, only `~/refit` fits.'),
+    Parameter(
+        'formulation', 'string', 'potential',
+        'The model: one energy for all joints, or a separate sum per joint as in the paper.',
+        choices=('potential', 'per_joint')),
+    Parameter(
+        'effects', 'string[]', (),
+        'Effects that the next fit adds to gravity, `NAME` or `NAME:JOINT`.'),
+    Parameter(
+        'settle_time', 'double', 0.5,
+        'For this long after `~/payload_changed` nothing is learned: messages from before the '
+        'call are still under way, and the payload still swings.', 's', 0.0, 60.0),
+    Parameter(
+        'min_samples', 'int', 30,
+        'The first fit of an epoch waits for so many samples to learn from.', 'samples',
+        10, 10000),
+    Parameter(
+        'full_samples', 'int', 500,
+        'The epoch closes with a fit of this many samples, once every joint has its range.',
+        'samples', 20, 20000),
+    Parameter(
+        'min_span', 'double', 0.2,
+        'A joint that moved over less than this in an epoch is reported as lacking range.',
+        'rad', 0.0, 6.3),
+    Parameter(
+        'fit_timeout', 'double', 120.0,
+        'A fit that takes longer is taken for hanging: its process is killed and replaced.',
+        's', 0.1, 3600.0),
+    Parameter(
+        'refit_timeout', 'double', 60.0,
+        '`~/refit` answers after this time even if the fit still runs.', 's', 0.1, 3600.0),
+    Parameter(
+        'model_file', 'string', '',
+        'Loaded on configuring if it exists, written by `~/save_model`.', read_only=True),
+    Parameter(
+        'auto_save', 'bool', False,
+        'Write the model file whenever a new model is taken into use.'),
+    Parameter(
+        'history', 'int', 10,
+        'Earlier models that `~/rollback` can bring back.', 'models', 1, 100, read_only=True),
+    Parameter(
+        'enabled', 'bool', True,
+        'Publish torques from the start; `~/enable` changes it while the node runs.',
+        read_only=True),
+    Parameter(
+        'ramp_time', 'double', 1.0,
+        'Time over which torque goes from none to that of the model, or from the old model to '
+        'the new one.', 's', 0.0, 60.0),
+    Parameter(
+        'max_torque', 'double[]', (),
+        'Largest torque that is published: one value for all joints or one per joint. Empty '
+        'sets no bound, which is reported: set it.', 'N·m', 0.0, 100000.0),
+    Parameter(
+        'max_torque_rate', 'double[]', (500.0,),
+        'Fastest change of a published torque: one value for all joints or one per joint. '
+        'Empty sets no bound.', 'N·m/s', 0.001, 1e6),
+    Parameter(
+        'extrapolation', 'string', 'hold',
+        'What to do with poses further than `extrapolation_margin` outside the trained range: '
+        '`hold` computes the torque of the nearest pose inside the margin, `fade` lets torque '
+        'fall to zero over a second margin, `trust` uses the model as it is.',
+        choices=('hold', 'fade', 'trust')),
+    Parameter(
+        'extrapolation_margin', 'double', 1.0,
+        'Distance outside the trained range up to which the model is used as it is.', 'rad',
+        0.01, 10.0),
+    Parameter(
+        'stale_after', 'double', 0.3,
+        'Without a usable joint state for this long, input counts as stale. Above the period '
+        'of `joint_states`.', 's', 0.005, 10.0),
+    Parameter(
+        'stale_action', 'string', 'fade',
+        'On stale input the last torque is held for `hold_time`; then it is either faded to '
+        'zero or held for ever.', choices=('fade', 'hold')),
+    Parameter(
+        'hold_time', 'double', 0.5,
+        'How long the last torque is held once input is stale.', 's', 0.0, 3600.0),
+    Parameter(
+        'fade_time', 'double', 2.0,
+        'How long the fall to zero torque then takes. Zero torque drops an arm that has no '
+        'brakes.', 's', 0.0, 3600.0),
+)
+
+BY_NAME: Mapping[str, Parameter] = {row.name: row for row in TABLE}
+
+
+def defaults() -> dict[str, Value]:
+    """Return the default of every parameter."""
+    return {row.name: row.default for row in TABLE}
+
+
+def check_together(values: Mapping[str, Value], n_joints: int | None = None) -> None:
+    """
+    Check what no single parameter shows.
+
+    :param values: all parameters.
+    :param n_joints: the number of joints where it is known.
+    :raises OptionError: if two of them contradict each other.
+    """
+    joints = values['joints']
+    n = len(joints) if isinstance(joints, tuple) and joints else n_joints
+    for name in ('effort_scale', 'max_torque', 'max_torque_rate'):
+        items = values[name]
+        if n is not None and isinstance(items, tuple) and len(items) not in (0, 1, n):
+            raise OptionError(f'parameter {name}: {len(items)} values for {n} joints; give '
+                              'one for all or one per joint')
+    if isinstance(joints, tuple) and len(joints) > 10:
+        raise OptionError(f'parameter joints: {len(joints)} joints; a model takes at most 10')
+    if 0.0 in (values['effort_scale'] or ()):  # type: ignore[operator]
+        raise OptionError('parameter effort_scale: 0 would erase the effort of a joint; leave '
+                          'the joint out of `joints`')
+    if values['min_samples'] > values['full_samples']:  # type: ignore[operator]
+        raise OptionError(f'parameter min_samples: {values["min_samples"]} is more than '
+                          f'full_samples, {values["full_samples"]}')
+    if values['full_samples'] > values['capacity']:  # type: ignore[operator]
+        raise OptionError(f'parameter full_samples: {values["full_samples"]} is more than '
+                          f'capacity, {values["capacity"]}')
+
+
+def markdown() -> str:
+    """Return docs/parameters.md."""
+    lines = [
+        '# Parameters of the node', '',
+        'Made from the table in `gravity_comp_ros/node/parameters.py` by '
+        '`python3 -m gravity_comp_ros.node.parameters > docs/parameters.md`.', '',
+        'A value that is out of range or of the wrong type is refused with the reason, at the '
+        'start as well as by `ros2 param set`. Parameters marked *at start* cannot be changed '
+        'while the node runs; all others take effect at once.', '',
+        '| parameter | type | default | range | unit | | meaning |',
+        '|---|---|---|---|---|---|---|']
+    for row in TABLE:
+        lines.append(
+            f'| `{row.name}` | {row.kind} | {_shown(row.default)} | {row.range_text()} | '
+            f'{row.unit} | {"*at start*" if row.read_only else ""} | {row.description} |')
+    return '\n'.join(lines) + '\n'
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, tuple):
+        return '`[' + ', '.join(str(item) for item in value) + ']`'
+    if isinstance(value, bool):
+        return f'`{str(value).lower()}`'
+    return f'`{value}`' if value != '' else '(empty)'
+
+
+if __name__ == '__main__':
+    print(markdown(), end='')

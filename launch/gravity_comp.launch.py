@@ -1,0 +1,35 @@
+"""Launch the node: `ros2 launch gravity_comp_ros gravity_comp.launch.py params_file:=my.yaml`."""
+
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the node with its arguments."""
+    share = get_package_share_directory('gravity_comp_ros')
+    arguments = [
+        DeclareLaunchArgument(
+            'params_file',
+            default_value=PathJoinSubstitution([share, 'config', 'gravity_comp.yaml']),
+            description='Parameters of the node.'),
+        DeclareLaunchArgument(
+            'joint_states', default_value='/joint_states',
+            description='Topic to read joint states from.'),
+        DeclareLaunchArgument(
+            'commands', default_value='/gravity_comp/commands',
+            description='Topic to send torques to: the one that the controller listens to.'),
+        DeclareLaunchArgument(
+            'use_sim_time', default_value='false', choices=['true', 'false'],
+            description='Take the time from /clock.'),
+    ]
+    node = Node(
+        package='gravity_comp_ros', executable='gravity_comp_node', name='gravity_comp',
+        output='screen', emulate_tty=True,
+        parameters=[LaunchConfiguration('params_file'),
+                    {'use_sim_time': LaunchConfiguration('use_sim_time')}],
+        remappings=[('joint_states', LaunchConfiguration('joint_states')),
+                    ('~/commands', LaunchConfiguration('commands'))])
+    return LaunchDescription([*arguments, node])

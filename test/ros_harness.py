@@ -1,0 +1,199 @@
+"""Real DDS for tests: the node as its own process, and a probe that talks to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import itertools
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from std_srvs.srv import SetBool, Trigger
+
+ROOT = Path(__file__).resolve().parents[1]
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+_count = itertools.count()
+
+
+def fresh_domain() -> int:
+    """Return a ROS domain that no other test of this machine is likely to use now."""
+    return 1 + (os.getpid() * 37 + next(_count)) % 100
+
+
+def deadline(seconds: float) -> float:
+    return time.monotonic() + seconds
+
+
+class NodeProcess:
+    """The executable, started as a user would, with parameters and in a domain."""
+
+    def __init__(self, domain: int, parameters: dict[str, object] | None = None,
+                 arguments: tuple[str, ...] = ()) -> None:
+        args = []
+        for name, value in (parameters or {}).items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            args += ['-p', f'{name}:={text}']
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1',
+                       'PYTHONPATH': os.pathsep.join(p for p in [str(ROOT), *sys.path] if p)}
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
+             *arguments], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            text=True)
+
+    def stop(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> tuple[int, str]:
+        """Send a signal and return exit code and output."""
+        self.process.send_signal(number)
+        return self.wait(timeout)
+
+    def wait(self, timeout: float = 10.0) -> tuple[int, str]:
+        output, _ = self.process.communicate(timeout=timeout)
+        return self.process.returncode, output
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        if self.process.stdout and not self.process.stdout.closed:
+            self.process.communicate()
+
+
+class Probe(Node):
+    """Another node in the same domain: publishes joint states, keeps what comes back."""
+
+    def __init__(self, context: Context, reliable: bool = True) -> None:
+        super().__init__('probe', context=context, start_parameter_services=False)
+        policy = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        self.publisher = self.create_publisher(
+            JointState, 'joint_states', QoSProfile(depth=100, reliability=policy))
+        self.torques: list[JointState] = []
+        self.commands: list[Float64MultiArray] = []
+        self.predictions: list[JointState] = []
+        self.residuals: list[JointState] = []
+        self.status: dict[str, object] = {}
+        self.reports = 0
+        for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
+                                  (Float64MultiArray, 'commands', self.commands),
+                                  (JointState, 'prediction', self.predictions),
+                                  (JointState, 'residual', self.residuals)):
+            self.create_subscription(kind, f'/gravity_comp/{topic}', into.append, 1000)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._asked: dict[str, object] = {}
+        self.loop = SingleThreadedExecutor(context=context)
+        self.loop.add_node(self)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        self.reports += 1
+        for status in message.status:
+            self.status[status.name.removeprefix('gravity_comp: ')] = status
+
+    def spin(self, seconds: float) -> None:
+        """Handle what comes for a while."""
+        end = deadline(seconds)
+        while (left := end - time.monotonic()) > 0:
+            self.loop.spin_once(timeout_sec=left)
+
+    def until(self, condition: Callable[[], object], seconds: float = 15.0,
+              what: str = 'it') -> None:
+        """Handle what comes until the condition holds; fail at the deadline."""
+        end = deadline(seconds)
+        while not condition():
+            assert time.monotonic() < end, f'{what} did not happen within {seconds} s; ' \
+                f'diagnostics: { {k: v.message for k, v in self.status.items()} }'
+            self.loop.spin_once(timeout_sec=0.05)
+
+    def until_node(self) -> None:
+        """Wait until the node listens to us and we to it."""
+        self.until(lambda: self.publisher.get_subscription_count() > 0
+                   and self.count_publishers('/gravity_comp/commands') > 0
+                   and self.reports > 0, 20.0, 'the node')
+
+    def report(self, name: str, seconds: float = 5.0):
+        """Return the status of this name from the next report."""
+        seen = self.reports
+        self.until(lambda: self.reports > seen, seconds, 'a report')
+        return self.status[name]
+
+    def values(self, name: str) -> dict[str, str]:
+        """Return the figures of a status."""
+        return {pair.key: pair.value for pair in self.status[name].values}
+
+    def ask(self, name: str, kind=Trigger, request=None):
+        """Call a service of the node and return the future."""
+        if name not in self._asked:
+            self._asked[name] = self.create_client(kind, f'/gravity_comp/{name}')
+        client = self._asked[name]
+        self.until(client.service_is_ready, 10.0, f'service {name}')
+        return client.call_async(request or kind.Request())
+
+    def call(self, name: str, seconds: float = 20.0, kind=Trigger, request=None):
+        """Call a service of the node and return its answer."""
+        future = self.ask(name, kind, request)
+        self.until(future.done, seconds, f'an answer of {name}')
+        return future.result()
+
+    def enable(self, enabled: bool):
+        return self.call('enable', kind=SetBool, request=SetBool.Request(data=enabled))
+
+    def send(self, names, t, q, qd=None, tau=None) -> None:
+        """Publish one joint state."""
+        message = JointState(name=list(names), position=[float(x) for x in q])
+        message.velocity = [] if qd is None else [float(x) for x in qd]
+        message.effort = [] if tau is None else [float(x) for x in tau]
+        message.header.stamp.sec = int(t)
+        message.header.stamp.nanosec = min(int(round((t - int(t)) * 1e9)), 999999999)
+        self.publisher.publish(message)
+
+    def stream(self, samples, start: float = 0.0, period: float = 0.002) -> None:
+        """Publish samples in order, much faster than they were made, stamped t + start."""
+        due = time.monotonic()
+        for k in range(len(samples)):
+            self.send(samples.names, samples.t[k] + start, samples.q[k], samples.qd[k],
+                      samples.tau[k])
+            due += period
+            self.spin(max(0.0, due - time.monotonic()) or 1e-4)
+
+
+@contextmanager
+def running(parameters: dict[str, object] | None = None, arguments: tuple[str, ...] = (),
+            wait: bool = True, reliable: bool = True) -> Iterator[tuple[NodeProcess, Probe]]:
+    """Run the node and a probe in a domain of their own."""
+    domain = fresh_domain()
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=domain)
+    node = NodeProcess(domain, parameters, arguments)
+    probe = Probe(context, reliable)
+    try:
+        if wait:
+            probe.until_node()
+        yield node, probe
+    finally:
+        node.end()
+        probe.loop.shutdown()
+        probe.destroy_node()
+        rclpy.shutdown(context=context)
+
+
+def set_parameter(probe: Probe, name: str, value: object):
+    """Set a parameter of the node as ros2 param does; return the result."""
+    from rcl_interfaces.srv import SetParameters
+    request = SetParameters.Request(
+        parameters=[Parameter(name, value=value).to_parameter_msg()])
+    return probe.call('set_parameters', kind=SetParameters, request=request).results[0]
+
+
+def matrix(messages) -> np.ndarray:
+    """Return the efforts of joint states as (M, N)."""
+    return np.array([message.effort for message in messages])
