@@ -114,7 +114,7 @@ class Reader:
         if t <= self._last:
             if not self._believe(t):
                 self._drop(TIME_STILL if t == self._last else TIME_BACK)
-            return None
+                return None
             new_run = True
             self.counts[CLOCK_JUMP] += 1
             self.last_fault = CLOCK_JUMP

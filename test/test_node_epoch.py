@@ -1,0 +1,79 @@
+"""An epoch: what is held out, when a fit is due, when it closes."""
+
+import numpy as np
+import pytest
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+
+OPTIONS = EpochOptions(capacity=200, min_samples=15, full_samples=60, min_span=0.5, block=5)
+
+
+def feed(epoch, n, start=0, step=0.05, still=False):
+    for k in range(start, start + n):
+        q = np.array([step * k, 0.0 if still else -step * k])
+        epoch.offer(0.2 * k, q, np.zeros(2), q)
+
+
+def test_every_fourth_block_is_held_out():
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    feed(epoch, 40)
+    np.testing.assert_allclose(epoch.held().q[:, 0],
+                               0.05 * np.array([15, 16, 17, 18, 19, 35, 36, 37, 38, 39]))
+    assert epoch.n_train == 30 and epoch.n_samples == 40
+    assert not set(epoch.held().t) & set(epoch.train().t)
+
+
+def test_it_says_what_is_missing():
+    epoch = Epoch(3, ['a', 'b'], OPTIONS)
+    assert 'no slow samples' in epoch.can_fit()
+    feed(epoch, 10)
+    assert '10 samples to learn from and 0 to judge by' in epoch.can_fit()
+    still = Epoch(3, ['a', 'b'], OPTIONS)
+    feed(still, 20, step=0.002)
+    assert 'no joint has moved' in still.can_fit()
+    assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), little range yet '
+                                'on a, b')
+
+
+def test_fits_are_due_as_samples_grow_and_the_last_one_closes():
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    due = []
+    for k in range(90):
+        feed(epoch, 1, k)
+        if epoch.fit_is_due():
+            due.append(epoch.n_samples)
+            epoch.fit_started()
+            assert not epoch.fit_is_due()
+            epoch.fit_ended(True)
+    assert due == [20, 25, 32, 40, 50, 60]
+    assert not epoch.is_open and epoch.fits == 6 and epoch.n_samples == 90
+
+
+def test_a_fit_lost_to_a_fault_does_not_close_the_epoch():
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    feed(epoch, 60)
+    epoch.fit_started()
+    epoch.fit_ended(False)
+    assert epoch.is_open and epoch.fits == 0 and epoch.fit_is_due()
+
+
+def test_a_joint_without_range_keeps_it_open():
+    epoch = Epoch(0, ['a', 'b'], OPTIONS)
+    feed(epoch, 80, still=True)
+    epoch.fit_started()
+    epoch.fit_ended(True)
+    assert epoch.is_open and epoch.lacking() == ('b',)
+
+
+def test_a_closed_epoch_collects_and_waits():
+    epoch = Epoch(0, ['a', 'b'], OPTIONS, is_open=False)
+    feed(epoch, 60)
+    assert epoch.n_samples == 60 and not epoch.fit_is_due() and epoch.can_fit() is None
+
+
+def test_options_that_contradict_each_other():
+    with pytest.raises(OptionError, match='must not fall'):
+        EpochOptions(capacity=50, full_samples=100)
+    with pytest.raises(OptionError, match='at least 1'):
+        EpochOptions(block=0)

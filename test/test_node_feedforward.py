@@ -1,0 +1,181 @@
+"""The published torque: no jumps, no limit broken, safe when input stops."""
+
+from dataclasses import replace
+
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node import feedforward as ff
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+
+Q = np.zeros(1)
+FREE = FeedForwardOptions(ramp_time=1.0, max_torque_rate=(), extrapolation='trust',
+                          stale_after=0.3, hold_time=0.5, fade_time=2.0)
+
+
+def constant(torque):
+    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+
+
+def linear():
+    return Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
+
+
+def started(options=FREE, torque=10.0):
+    feed = FeedForward(1, options)
+    feed.use(constant(torque))
+    for k in range(26):
+        feed.update(0.1 * k, Q)
+    return feed, 2.5
+
+
+def test_nothing_without_a_model():
+    feed = FeedForward(1, FREE)
+    assert feed.update(0.0, Q) is None and feed.watch(9.0) is None
+    assert feed.state(9.0) == ff.NO_MODEL
+
+
+def test_a_first_model_ramps_from_zero():
+    feed = FeedForward(1, FREE)
+    feed.use(constant(10.0))
+    found = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
+    np.testing.assert_allclose(found, [*np.arange(11), 10, 10], atol=1e-9)
+    assert feed.state(1.2) == ff.ACTIVE
+
+
+def test_a_swap_blends_from_old_to_new():
+    feed, t = started()
+    feed.use(constant(20.0))
+    found = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
+    np.testing.assert_allclose(found, [*range(11, 21), 20], atol=1e-9)
+
+
+def test_a_swap_within_a_swap_starts_from_the_present_torque():
+    feed, t = started()
+    feed.use(constant(20.0))
+    for k in range(5):
+        feed.update(t + 0.1 * (k + 1), Q)
+    feed.use(constant(0.0))
+    assert float(feed.update(t + 0.5, Q)[0]) == pytest.approx(15.0)
+    assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(13.5)
+
+
+def test_stale_input_holds_then_fades_to_zero_then_falls_silent():
+    feed, t = started()
+    assert feed.watch(t + 0.3) is None
+    assert float(feed.watch(t + 0.31)[0]) == 10.0 and feed.state(t + 0.31) == ff.HOLDING
+    assert float(feed.watch(t + 0.8)[0]) == 10.0
+    found = [float(feed.watch(t + 0.8 + 0.1 * k)[0]) for k in range(1, 21)]
+    np.testing.assert_allclose(found, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
+    assert feed.state(t + 2.81) == ff.FADED
+    assert feed.watch(t + 3.0) is None
+
+
+def test_stale_input_may_hold_for_ever():
+    feed, t = started(replace(FREE, stale_action='hold'))
+    assert float(feed.watch(t + 1e6)[0]) == 10.0
+
+
+def test_input_that_returns_ramps_up_from_where_torque_was():
+    feed, t = started()
+    for k in range(1, 19):
+        last = feed.watch(t + 0.1 * k)
+    assert 0.0 < float(last[0]) < 10.0
+    again = float(feed.update(t + 1.9, Q)[0])
+    assert 0.0 < again - float(last[0]) <= 1.0 + 1e-9
+
+
+def test_disable_ramps_down_to_zero_then_is_silent():
+    feed, t = started()
+    feed.enable(False)
+    found = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
+    np.testing.assert_allclose(found, 10.0 - np.arange(1, 11), atol=1e-9)
+    assert feed.update(t + 1.1, Q) is None and feed.state(t + 1.1) == ff.DISABLED
+    feed.enable(True)
+    assert float(feed.update(t + 1.2, Q)[0]) == pytest.approx(1.0)
+
+
+def test_torque_and_its_rate_are_limited():
+    options = replace(FREE, ramp_time=0.0, max_torque=(5.0,), max_torque_rate=(20.0,))
+    feed = FeedForward(1, options)
+    feed.use(linear())
+    found = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
+             for k in range(14)]
+    assert found == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
+
+
+def test_a_limit_that_is_lowered_counts_at_once():
+    feed, t = started(replace(FREE, max_torque_rate=(1.0,)), torque=1.0)
+    feed.set_options(replace(FREE, max_torque=(0.1,), max_torque_rate=(1.0,)))
+    assert float(feed.update(t + 0.001, Q)[0]) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize('policy, expected', [
+    ('trust', [10, 15, 20, 25]), ('hold', [10, 15, 15, 15]),
+    ('fade', [10, 15, 0, 0])])
+def test_poses_outside_the_trained_range(policy, expected):
+    options = replace(FREE, ramp_time=0.0, extrapolation=policy, extrapolation_margin=0.5)
+    feed = FeedForward(1, options)
+    feed.use(linear())
+    feed.update(0.0, Q)
+    found = [float(feed.update(0.1 * k, np.array([q]))[0])
+             for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
+    assert found == pytest.approx(expected)
+
+
+def test_a_model_that_fails_is_like_no_input():
+    feed, t = started()
+    feed.use(Source(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
+    assert feed.update(t + 0.1, Q) is None
+    assert float(feed.watch(t + 0.5)[0]) == 10.0
+
+
+def test_a_clock_that_jumps_gives_no_licence_to_jump():
+    feed = FeedForward(1, replace(FREE, max_torque_rate=(10.0,)))
+    feed.use(constant(100.0))
+    feed.update(0.0, Q)
+    first = float(feed.update(1e9, Q)[0])
+    assert first <= 10.0 * FREE.stale_after + 1e-9
+    assert float(feed.update(-1e9, Q)[0]) == first
+
+
+@pytest.mark.parametrize('bad', [{'ramp_time': -1.0}, {'hold_time': float('nan')},
+                                 {'extrapolation': 'guess'}, {'stale_action': 'zero'}])
+def test_bad_options_are_refused(bad):
+    with pytest.raises(OptionError, match=next(iter(bad))):
+        FeedForwardOptions(**bad)
+    with pytest.raises(OptionError, match='2 limits for 3'):
+        FeedForward(3, FeedForwardOptions(max_torque=(1.0, 2.0)))
+
+
+steps = st.lists(st.tuples(
+    st.sampled_from(['update', 'watch', 'enable', 'disable', 'swap', 'silence']),
+    st.floats(-0.05, 0.4), st.floats(-5, 5)), max_size=60)
+
+
+@settings(max_examples=150, deadline=None)
+@given(steps, st.sampled_from(['hold', 'fade', 'trust']))
+def test_whatever_happens_limits_hold(script, policy):
+    options = FeedForwardOptions(ramp_time=0.5, max_torque=(8.0,), max_torque_rate=(50.0,),
+                                 extrapolation=policy, extrapolation_margin=0.5)
+    feed, now, last, latest = FeedForward(1, options), 0.0, 0.0, 0.0
+    feed.use(linear())
+    for what, dt, x in script:
+        now += dt * (10 if what == 'silence' else 1)
+        tau = None
+        if what == 'update':
+            tau = feed.update(now, np.array([x]))
+        elif what == 'watch':
+            tau = feed.watch(now)
+        elif what in ('enable', 'disable'):
+            feed.enable(what == 'enable')
+        elif what == 'swap':
+            feed.use(constant(20 * x))
+        if tau is not None:
+            assert abs(float(tau[0])) <= 8.0
+            assert abs(float(tau[0]) - last) <= 50.0 * max(0.0, now - latest) + 1e-9
+            last = float(tau[0])
+            latest = now
+        latest = min(latest, now)

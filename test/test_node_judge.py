@@ -1,0 +1,68 @@
+"""A new model is taken only if samples that it has not seen say so."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gravity_comp_ros.node.judge import judge
+from gravity_comp_ros.samples import JointSamples
+
+
+@dataclass
+class Linear:
+    """A torque proportional to position."""
+
+    gain: np.ndarray
+    noise: np.ndarray
+
+    def predict(self, q):
+        return q * self.gain
+
+
+def model(*gain, noise=0.1):
+    return Linear(np.array(gain), np.full(len(gain), noise))
+
+
+def samples(gain, n=200, noise=0.1, seed=0, spread=1.0):
+    rng = np.random.default_rng(seed)
+    q = spread * rng.uniform(-1, 1, (n, len(gain)))
+    tau = q * gain + noise * rng.standard_normal(q.shape)
+    return JointSamples.single_run([f'j{k}' for k in range(len(gain))], np.arange(n), q, 0 * q,
+                                   tau)
+
+
+TRAIN, HELD = samples((5.0, 3.0)), samples((5.0, 3.0), seed=1)
+
+
+def test_the_better_model_wins_both_ways():
+    good, bad = model(5.0, 3.0), model(4.0, 2.0)
+    assert judge(good, bad, TRAIN, HELD).better
+    verdict = judge(bad, good, TRAIN, HELD)
+    assert not verdict.better and verdict.reason.startswith('worse on j0, j1')
+    rmse = np.sqrt(np.mean((HELD.tau - HELD.q * [4.0, 2.0]) ** 2, axis=0))
+    np.testing.assert_allclose(verdict.rmse_new, rmse)
+
+
+def test_one_joint_may_not_pay_for_another():
+    verdict = judge(model(5.0, 2.0), model(0.0, 3.0), TRAIN, HELD)
+    assert not verdict.better and verdict.reason.startswith('worse on j1:')
+
+
+def test_a_first_model_must_beat_a_constant_torque():
+    assert judge(model(5.0, 3.0), None, TRAIN, HELD).better
+    assert not judge(model(-5.0, -3.0), None, TRAIN, HELD).better
+
+
+def test_effort_without_gravity_is_recognised():
+    train, held = samples((0.0, 0.0)), samples((0.0, 0.0), seed=1)
+    verdict = judge(model(0.01, 0.0), None, train, held)
+    assert verdict.compensated and not verdict.better
+    assert 'compensate' in verdict.reason
+
+
+def test_a_short_or_narrow_motion_is_no_proof_of_compensation():
+    few = samples((0.0, 0.0), n=50)
+    assert not judge(model(0.0, 0.0), None, few, HELD).compensated
+    narrow = samples((0.0, 0.0), spread=0.1)
+    verdict = judge(model(1e-6, 1e-6), None, narrow, samples((0.0, 0.0), seed=1, spread=0.1))
+    assert not verdict.compensated and not verdict.better

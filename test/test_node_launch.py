@@ -1,0 +1,37 @@
+"""The launch file, as far as it can be told without launch: what it starts exists."""
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = (ROOT / 'launch' / 'gravity_comp.launch.py').read_text()
+
+
+def calls(name):
+    return [node for node in ast.walk(ast.parse(SOURCE)) if isinstance(node, ast.Call)
+            and getattr(node.func, 'id', '') == name]
+
+
+def keywords(call):
+    return {k.arg: k.value for k in call.keywords}
+
+
+def test_it_starts_the_executable_that_is_installed():
+    compile(SOURCE, 'gravity_comp.launch.py', 'exec')
+    node = keywords(*calls('Node'))
+    assert node['package'].value == 'gravity_comp_ros'
+    assert node['name'].value == 'gravity_comp'
+    assert f"'{node['executable'].value} = gravity_comp_ros.node.main:main'" in (
+        ROOT / 'setup.py').read_text()
+
+
+def test_every_argument_that_is_used_is_declared():
+    declared = {call.args[0].value for call in calls('DeclareLaunchArgument')}
+    used = {call.args[0].value for call in calls('LaunchConfiguration')}
+    assert declared == used == {'params_file', 'joint_states', 'commands', 'use_sim_time'}
+
+
+def test_the_default_parameters_are_in_the_package():
+    parts = [item.value for call in calls('PathJoinSubstitution')
+             for item in call.args[0].elts[1:]]
+    assert (ROOT / Path(*parts)).is_file()

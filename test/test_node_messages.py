@@ -1,0 +1,149 @@
+"""Joint states of every kind become vectors, or a fault with a name."""
+
+from builtin_interfaces.msg import Time
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.messages import Reader, RISING_TO_BELIEVE
+
+NAN, INF = float('nan'), float('inf')
+
+
+def joint_state(t=1.0, names=('a', 'b'), q=(0.1, 0.2), qd=(0.0, 0.0), tau=(1.0, 2.0)):
+    message = JointState(name=list(names), position=list(q), velocity=list(qd),
+                         effort=list(tau))
+    message.header.stamp = Time(sec=int(t), nanosec=round((t - int(t)) * 1e9))
+    return message
+
+
+def reader(**options):
+    return Reader(('a', 'b'), **options)
+
+
+def test_order_of_the_message_does_not_matter():
+    reading = reader().read(joint_state(
+        names=('b', 'gripper', 'a'), q=(2, 9, 1), qd=(20, 90, 10), tau=(200, 900, 100)), 0.0)
+    np.testing.assert_array_equal(reading.q, [1, 2])
+    np.testing.assert_array_equal(reading.qd, [10, 20])
+    np.testing.assert_array_equal(reading.tau, [100, 200])
+
+
+def test_order_may_change_from_message_to_message():
+    ours = reader()
+    first = ours.read(joint_state(1.0), 0.0)
+    second = ours.read(joint_state(2.0, names=('b', 'a'), q=(0.2, 0.1)), 0.0)
+    np.testing.assert_array_equal(first.q, second.q)
+
+
+def test_scale_turns_units_and_sign():
+    reading = reader(effort_scale=(-2.0, 0.5)).read(joint_state(), 0.0)
+    np.testing.assert_array_equal(reading.tau, [-2.0, 1.0])
+    with pytest.raises(OptionError, match='3 values for 2'):
+        reader(effort_scale=(1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize('change, reason', [
+    ({'names': ('a', 'c')}, 'missing_joint'),
+    ({'names': ('c', 'd')}, 'other_joints'),
+    ({'names': (), 'q': ()}, 'other_joints'),
+    ({'names': ('a', 'a')}, 'duplicate_joint'),
+    ({'names': ('a', 'b', 'a'), 'q': (1.0, 2.0, 3.0)}, 'duplicate_joint'),
+    ({'q': (0.1,)}, 'wrong_size'),
+    ({'q': ()}, 'wrong_size'),
+    ({'q': (0.1, 0.2, 0.3)}, 'wrong_size'),
+    ({'q': (0.1, NAN)}, 'position_not_finite'),
+    ({'q': (-INF, 0.0)}, 'position_not_finite'),
+    ({'q': (1e5, 0.0)}, 'position_absurd'),
+])
+def test_a_message_without_a_usable_pose_is_dropped(change, reason):
+    ours = reader()
+    assert ours.read(joint_state(**change), 0.0) is None
+    assert ours.counts == {reason: 1} and ours.received == 1
+    assert ours.read(joint_state(2.0), 0.0) is not None
+
+
+@pytest.mark.parametrize('change, reason, lost', [
+    ({'tau': ()}, 'no_effort', 'tau'),
+    ({'tau': (1.0, NAN)}, 'effort_not_finite', 'tau'),
+    ({'tau': (1.0,)}, 'wrong_size', 'tau'),
+    ({'qd': (INF, 0.0)}, 'velocity_not_finite', 'qd'),
+    ({'qd': (0.0, 0.0, 0.0)}, 'wrong_size', 'qd'),
+    ({'qd': ()}, 'no_velocity', 'qd'),
+])
+def test_a_pose_without_the_rest_still_serves_the_feed_forward(change, reason, lost):
+    ours = reader()
+    reading = ours.read(joint_state(**change), 0.0)
+    np.testing.assert_array_equal(reading.q, [0.1, 0.2])
+    assert getattr(reading, lost) is None and ours.counts == {reason: 1}
+
+
+def test_velocity_is_the_slope_where_the_message_has_none():
+    ours, found = reader(), []
+    for k in range(30):
+        t = 1.0 + 0.01 * k
+        reading = ours.read(joint_state(t, q=(0.05 * t, -0.1 * t), qd=()), 0.0)
+        found.append(reading.qd)
+    assert found[5] is None
+    np.testing.assert_allclose(found[-1], [0.05, -0.1], atol=1e-9)
+
+
+def test_after_a_gap_the_slope_is_unknown():
+    ours = reader()
+    for k in range(20):
+        ours.read(joint_state(1.0 + 0.02 * k, qd=()), 0.0)
+    assert ours.read(joint_state(9.0, q=(1.0, 1.0), qd=()), 0.0).qd is None
+
+
+def test_time_that_stands_still_or_goes_back_is_dropped():
+    ours = reader()
+    assert ours.read(joint_state(5.0), 0.0) is not None
+    assert ours.read(joint_state(5.0), 0.0) is None
+    assert ours.read(joint_state(4.9), 0.0) is None
+    assert ours.read(joint_state(5.1), 0.0) is not None
+    assert ours.counts == {'time_still': 1, 'time_back': 1}
+
+
+def test_a_clock_that_was_set_back_is_believed_after_a_while():
+    ours = reader()
+    ours.read(joint_state(100.0), 0.0)
+    readings = [ours.read(joint_state(1.0 + k), 0.0) for k in range(RISING_TO_BELIEVE + 1)]
+    assert [r is None for r in readings] == [True] * (RISING_TO_BELIEVE - 1) + [False, False]
+    assert readings[-2].new_run and not readings[-1].new_run
+    assert ours.counts['clock_jump'] == 1
+
+
+def test_a_stamp_that_stands_still_in_the_past_is_never_believed():
+    ours = reader()
+    ours.read(joint_state(100.0), 0.0)
+    assert all(ours.read(joint_state(7.0), 0.0) is None for _ in range(50))
+
+
+def test_without_a_stamp_the_time_of_arrival_counts():
+    ours = reader()
+    assert ours.read(joint_state(0.0), 17.5).t == 17.5
+    assert ours.counts == {'no_stamp': 1}
+
+
+values = st.floats(allow_nan=True, allow_infinity=True, width=64)
+names = st.lists(st.sampled_from(['a', 'b', 'c', '']), max_size=5)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(names, st.lists(values, max_size=5), st.lists(values, max_size=5),
+                          st.lists(values, max_size=5), st.integers(0, 9)), max_size=12))
+def test_no_message_can_break_the_reader(messages):
+    ours, last = reader(), -np.inf
+    for joint_names, q, qd, tau, t in messages:
+        before = sum(ours.counts.values())
+        reading = ours.read(joint_state(float(t), joint_names, q, qd, tau), 20.0)
+        if reading is None:
+            assert sum(ours.counts.values()) == before + 1
+            continue
+        assert np.isfinite(reading.q).all() and reading.q.shape == (2,)
+        assert reading.qd is None or np.isfinite(reading.qd).all()
+        assert reading.tau is None or np.isfinite(reading.tau).all()
+        assert reading.t > last or reading.new_run
+        last = reading.t
