@@ -1,11 +1,10 @@
 """The ring: bounded, in order of time, and diverse rather than recent."""
 
+from gravity_comp_ros.buffer import SampleRing
+from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
-
-from gravity_comp_ros.buffer import SampleRing
-from gravity_comp_ros.errors import DataError, OptionError
 
 
 def offer(ring, t, q, qd=0.0, tau=0.0):

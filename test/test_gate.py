@@ -1,13 +1,12 @@
 """The gate: hand-worked decisions, and the same decision online and offline."""
 
-from hypothesis import given, settings, strategies as st
-import numpy as np
-import pytest
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.gate import (ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE,
                                    slow_samples, TIME)
 from gravity_comp_ros.samples import concatenate, JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
 
 
 def still(t, n=2, label='run'):

@@ -1,10 +1,9 @@
 """An epoch: what is held out, when a fit is due, when it closes."""
 
-import numpy as np
-import pytest
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+import numpy as np
+import pytest
 
 OPTIONS = EpochOptions(capacity=200, min_samples=15, full_samples=60, min_span=0.5, block=5)
 

@@ -2,13 +2,12 @@
 
 from dataclasses import replace
 
-from hypothesis import given, settings, strategies as st
-import numpy as np
-import pytest
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node import feedforward as ff
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
 
 Q = np.zeros(1)
 FREE = FeedForwardOptions(ramp_time=1.0, max_torque_rate=(), extrapolation='trust',

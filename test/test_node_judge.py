@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from gravity_comp_ros.node.judge import judge
 from gravity_comp_ros.samples import JointSamples
+import numpy as np
 
 
 @dataclass

@@ -1,13 +1,12 @@
 """Joint states of every kind become vectors, or a fault with a name."""
 
 from builtin_interfaces.msg import Time
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.messages import Reader, RISING_TO_BELIEVE
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-
-from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.messages import Reader, RISING_TO_BELIEVE
 
 NAN, INF = float('nan'), float('inf')
 

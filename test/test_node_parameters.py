@@ -4,11 +4,10 @@ from pathlib import Path
 import subprocess
 import sys
 
-import pytest
-import yaml
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults, markdown, TABLE
+import pytest
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 

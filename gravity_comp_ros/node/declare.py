@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.parameters import BY_NAME, check_together, Parameter, TABLE, Value
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
-
-from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.parameters import BY_NAME, check_together, Parameter, TABLE, Value
 
 
 class Settings:

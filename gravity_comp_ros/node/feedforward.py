@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
-import numpy as np
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import FloatArray
+import numpy as np
 
 Predict = Callable[[FloatArray], FloatArray]
 

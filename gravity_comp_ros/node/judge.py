@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
 
 # Below this part of a joint's effort variance explained by pose there is no gravity in it.
 EXPLAINED = 0.2

@@ -7,8 +7,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, cast
 
-import numpy as np
-
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
 from gravity_comp_ros.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.gravity.fit import FitOptions
@@ -22,6 +20,7 @@ from gravity_comp_ros.node.messages import Reader, Reading
 from gravity_comp_ros.node.models import Entry, Models
 from gravity_comp_ros.node.parameters import check_together, Value
 from gravity_comp_ros.samples import FloatArray
+import numpy as np
 
 Answer = tuple[bool, str]
 Reply = Callable[[bool, str], None]

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 import sys
 
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.node.node import GravityCompNode
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import TransitionCallbackReturn
-
-from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.node import GravityCompNode
 
 
 def main(args: Sequence[str] | None = None) -> int:

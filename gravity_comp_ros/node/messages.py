@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import FloatArray
+import numpy as np
 
 # Faults: the message, or its part, is dropped.
 OTHER_JOINTS = 'other_joints'

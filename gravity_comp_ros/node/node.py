@@ -7,6 +7,11 @@ import importlib.util
 from threading import Thread
 import time
 
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.node.declare import Settings
+from gravity_comp_ros.node.live import Answer, Live
+from gravity_comp_ros.node.outputs import Outputs
+from gravity_comp_ros.node.parameters import check_together, Value
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -17,12 +22,6 @@ from rclpy.task import Future
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-
-from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.declare import Settings
-from gravity_comp_ros.node.live import Answer, Live
-from gravity_comp_ros.node.outputs import Outputs
-from gravity_comp_ros.node.parameters import check_together, Value
 
 # Matches every publisher; deep enough for a burst after the machine has paused.
 INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
 from gravity_comp_ros.samples import JointSamples
+import numpy as np
 
 
 def fit_change(samples: JointSamples, old: GravityModel, options: FitOptions) -> FitResult:
