@@ -2,6 +2,7 @@
 
 import ast
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -91,6 +92,14 @@ def test_only_the_node_imports_ros(path):
 def test_the_core_needs_numpy_and_scipy_alone(path):
     known = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
     assert {name.split('.')[0] for name in imported(path)} <= known
+
+
+def test_package_xml_lists_every_ros_package_that_is_imported():
+    listed = set(re.findall(r'<exec_depend>(.*)</exec_depend>', (ROOT / 'package.xml').read_text()))
+    launch = sorted((ROOT / 'launch').glob('*.py'))
+    used = {name.split('.')[0] for path in [*MODULES, *launch] for name in imported(path)}
+    assert used & ROS <= listed
+    assert listed & ROS <= used, 'listed but not used'
 
 
 def test_the_rules_catch_a_breach(tmp_path):
