@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.gravity.inflation import choose_inflation
+from gravity_comp_ros.gravity.inflation import choose_inflation, correlation_time
 from gravity_comp_ros.gravity.sparse import (
-    finish, grow, prune, SparseFit, SparseOptions, SparseProblem)
+    finish, grow, prune, SparseFit, SparseOptions, SparseProblem, with_all_samples)
+
+# More samples than this, evenly spread over a motion, do not change the support.
+_ENOUGH = 1500
 
 
 def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     """
-    Return the sparse fit of `problem`.
+    Return the sparse fit of `problem`: the support from part of the samples, the rest from all.
 
     :raises FitError: if there are no samples.
     """
-    grown = grow(problem, options)
+    few = problem.thinned(_ENOUGH)
+    grown = grow(few, options)
     inflation = options.inflation
     if inflation is None:
-        inflation = choose_inflation(problem, grown, options).inflation
-    return finish(problem, prune(problem, grown, inflation), inflation, options)
+        inflation = choose_inflation(few, grown, options).inflation
+    pruned = prune(few, grown, inflation)
+    if few is problem:
+        return finish(problem, pruned, inflation, options)
+    settled = with_all_samples(problem, pruned)
+    # Samples that lie closer in time are more alike: more of them count as one.
+    closer = correlation_time(problem, settled) / correlation_time(few, pruned)
+    return finish(problem, settled, inflation * max(closer, 1.0), options)

@@ -37,8 +37,7 @@ def choose_inflation(problem: SparseProblem, grown: Settled,
                      options: SparseOptions) -> Choice:
     """Return the inflation for a grown support (module docstring)."""
     residual = problem.tau - grown.predicted
-    time = float(np.median([noise.correlation_time(column, problem.runs)
-                            for column in residual.T]))
+    time = correlation_time(problem, grown)
     tried = [k for k in _LADDER if k == 1.0 or k < 2.0 * time]
     if time < _WHITE or len(tried) < 2:
         return Choice(1.0, time, (1.0,), ())
@@ -51,6 +50,13 @@ def choose_inflation(problem: SparseProblem, grown: Settled,
     allowed = extra.mean(axis=0) <= extra.std(axis=0, ddof=1) / np.sqrt(len(errors))
     taken = max(k for k, fine in zip(tried, allowed) if fine or k == tried[best])
     return Choice(taken, time, tuple(tried), tuple(mean.tolist()))
+
+
+def correlation_time(problem: SparseProblem, settled: Settled) -> float:
+    """Return the median over the torques of how many samples of the residual count as one."""
+    residual = problem.tau - settled.predicted
+    return float(np.median([noise.correlation_time(column, problem.runs)
+                            for column in residual.T]))
 
 
 def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],

@@ -85,6 +85,11 @@ class SparseProblem:
         plain = self.design_type(self.q, np.ones(self.tau.shape))
         return (plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
 
+    def thinned(self, most: int) -> SparseProblem:
+        """Return at most `most` samples, evenly spread; itself if it has no more."""
+        step = -(-len(self.q) // most)
+        return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
+
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
         return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
@@ -132,6 +137,12 @@ def grow(problem: SparseProblem, options: SparseOptions) -> Settled:
 def prune(problem: SparseProblem, grown: Settled, inflation: float) -> Settled:
     """Return the support that remains when `inflation` samples count as one."""
     return _settle(problem, grown, inflation) if inflation > 1.0 else grown
+
+
+def with_all_samples(problem: SparseProblem, settled: Settled) -> Settled:
+    """Return a support that was settled on part of the samples, with the torques of all."""
+    refit = settled.refit
+    return replace(settled, predicted=problem.predict(refit.indices, refit.x))
 
 
 def finish(problem: SparseProblem, settled: Settled, inflation: float,
