@@ -126,9 +126,11 @@ def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
     :return: the average and how many other models went into it.
     """
     search = _Search(design, b, n_joints, usable, best.indices)
-    near = [(change, other) for change, other in search.swaps() if change < _TIE]
-    models = [best] + [refit(design, b, other) for _, other in near]
-    weights = np.exp(-0.5 * np.array([0.0] + [change for change, _ in near]))
+    near = [refit(design, b, other) for change, other in search.swaps() if change < _TIE]
+    models = [best] + near
+    # From the refits, because what the search promises is rounded (`_Search.step`).
+    scores = np.array([score(model, n_joints, design.n_rows) for model in models])
+    weights = np.exp(-0.5 * (scores - scores.min()))
     return _mixture(models, weights / weights.sum(), best.chi2), len(near)
 
 
@@ -169,14 +171,25 @@ class _Search:
         self.inverse = linalg.inv(self.gram[np.ix_(self.place, self.place)],
                                   check_finite=False) if len(self.place) else np.zeros((0, 0))
         self.x = self.inverse @ self.c[self.place]
+        self.residual = self.b - self.columns[:, self.place] @ self.x
+        self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
 
     def step(self) -> bool:
-        """Take the best drop, else the best addition, else the best swap that pays."""
+        """
+        Take the best drop, else the best addition, else the best swap that pays.
+
+        What a move promises comes from the Gram matrix, whose rounding can exceed the noise
+        where columns look alike; so a move that does not keep its promise is taken back.
+        """
+        before, here = self.score, self.support
         for moves in (self.drops, self.additions, self.swaps):
             change, support = min(moves(), key=lambda move: move[0], default=(0.0, None))
-            if support is not None and change < -_PAYS:
-                self.change_support(np.sort(support))
+            if support is None or change >= -_PAYS:
+                continue
+            self.change_support(np.sort(support))
+            if self.score < before:
                 return True
+            self.change_support(here)
         return False
 
     def drops(self) -> list[Move]:
@@ -186,9 +199,8 @@ class _Search:
 
     def additions(self) -> list[Move]:
         """Return what adding each of the most promising features changes."""
-        residual = self.b - self.columns[:, self.place] @ self.x
-        correlation = np.where(self.usable, self.design.correlate(residual), 0.0) / np.where(
-            self.usable, self.lengths, 1.0)
+        correlation = np.where(self.usable, self.design.correlate(self.residual), 0.0)
+        correlation = correlation / np.where(self.usable, self.lengths, 1.0)
         promise = np.where(self.usable, correlation ** 2 - self.costs, -np.inf)
         promise[self.support] = -np.inf
         candidates = _largest(promise, _CANDIDATES)
