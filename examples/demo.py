@@ -35,6 +35,7 @@ UNLOADED, LOADED = 'eq17_unloaded.mcap', 'eq17_2kg.mcap'
 FIRST, LEARNED, JUDGED = 10.0, 75.0, 78.0
 SPEED = 20.0
 FIT_TIMEOUT = 60.0
+SETTLED = 0.5
 SMALL = 0.05
 
 
@@ -142,7 +143,9 @@ def running_node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Run gravity_comp_node as a process of its own; on a failure show its last words."""
     log = folder / 'node.log'
     command = [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
-               '-p', 'auto_fit:=false', '-p', 'capacity:=2000']
+               '-p', 'auto_fit:=false', '-p', 'capacity:=2000',
+               # The robot's time passes faster than the node's.
+               '-p', f'settle_time:={SETTLED / SPEED}']
     say(f'Starting the node: {Path(sys.executable).name} {" ".join(command[1:])}')
     with log.open('wb') as stream:
         node = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, cwd=folder)

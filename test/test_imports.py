@@ -95,7 +95,8 @@ def test_the_core_needs_numpy_and_scipy_alone(path):
 
 
 def test_package_xml_lists_every_ros_package_that_is_imported():
-    listed = set(re.findall(r'<exec_depend>(.*)</exec_depend>', (ROOT / 'package.xml').read_text()))
+    manifest = (ROOT / 'package.xml').read_text()
+    listed = set(re.findall(r'<exec_depend>(.*)</exec_depend>', manifest))
     launch = sorted((ROOT / 'launch').glob('*.py'))
     used = {name.split('.')[0] for path in [*MODULES, *launch] for name in imported(path)}
     assert used & ROS <= listed

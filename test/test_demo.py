@@ -1,0 +1,42 @@
+"""`make demo`'s program, as a user runs it: the node as a process of its own, over DDS."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+DEADLINE = 120.0
+
+
+@pytest.fixture(scope='module')
+def demo():
+    return subprocess.run([sys.executable, str(ROOT / 'examples' / 'demo.py')],
+                          capture_output=True, text=True, timeout=DEADLINE, cwd=ROOT)
+
+
+@pytest.fixture(scope='module')
+def table(demo):
+    """Return the rows of the printed table: learned, stale, after 10 s, after 75 s, in N·m."""
+    rows = re.findall(r'^ ?(iiwa_joint_\d)((?: +\d+\.\d{3}){4})', demo.stdout, re.MULTILINE)
+    return {name: [float(cell) for cell in cells.split()] for name, cells in rows}
+
+
+def test_demo_succeeds_quietly(demo):
+    assert demo.returncode == 0, demo.stdout + demo.stderr
+    assert demo.stderr == ''
+    assert 'Worst joint while stale: iiwa_joint_2' in demo.stdout
+
+
+def test_every_joint_is_in_the_table(table):
+    assert sorted(table) == [f'iiwa_joint_{n}' for n in range(1, 8)]
+
+
+def test_the_payload_shows_and_relearning_removes_it(table):
+    # 2 kg at the flange bend the shoulder by about ten N·m on this motion; 0.1 N·m is noise.
+    learned, stale, quick, relearned = table['iiwa_joint_2']
+    assert stale > 5.0 and quick < stale / 2
+    for learned, stale, quick, relearned in table.values():
+        assert learned < 0.2 and relearned < 0.2
