@@ -19,6 +19,11 @@ from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 from scipy import linalg
 
+# An eigenvalue of the Gram matrix smaller than this, relative to the largest, is rounding.
+_DEPENDENT = 1e-13
+# Many times any coefficient.
+_FAR = 1e3
+
 
 @dataclass(frozen=True)
 class AdmmOptions:
@@ -141,14 +146,16 @@ def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
 
     On a support with given signs the minimiser solves a linear system. Where that turns a sign,
     the step stops at the first coefficient that reaches 0, which leaves the support; where the
-    optimality conditions fail outside, the worst offender enters. Each step lowers the
-    objective, so the walk ends; it is cut short after a few times K steps.
+    optimality conditions fail outside, the worst offender enters. Columns that depend on each
+    other are thinned out first. Each step lowers the objective, so the walk ends; it is cut
+    short after a few times K steps.
     """
     z, signs = z.copy(), np.sign(z)
     for _ in range(3 * len(z) + 10):
         active = np.flatnonzero(signs)
-        target = _solve_symmetric(gram[np.ix_(active, active)],
-                                  correlation[active] - penalties[active] * signs[active])
+        signed = penalties[active] * signs[active]
+        target = _minimiser(gram[np.ix_(active, active)], correlation[active] - signed,
+                            signed, z[active])
         turned = (target * signs[active] < 0.0) & (z[active] != target)
         if turned.any():
             _step_to_zero(z, signs, active, target, turned)
@@ -189,10 +196,24 @@ def _inverse(gram: FloatArray, rho: float) -> FloatArray:
     return np.tril(inverse) + np.tril(inverse, -1).T
 
 
-def _solve_symmetric(matrix: FloatArray, right: FloatArray) -> FloatArray:
-    """Solve G x = r; with the least x where columns depend on each other."""
+def _minimiser(gram: FloatArray, right: FloatArray, signed: FloatArray,
+               here: FloatArray) -> FloatArray:
+    """
+    Solve G x = r, or where columns depend on each other, go downhill without changing A x.
+
+    Along such a direction only the penalty changes, at a constant rate `signed`, so some
+    coefficient reaches 0: the point returned lies so far away that one has turned its sign.
+    """
     try:
-        return linalg.cho_solve(linalg.cho_factor(matrix, check_finite=False), right,
+        return linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), right,
                                 check_finite=False)
     except linalg.LinAlgError:
-        return np.asarray(linalg.lstsq(matrix, right, check_finite=False)[0])
+        pass
+    values, vectors = linalg.eigh(gram, check_finite=False)
+    kept = values > _DEPENDENT * values[-1]
+    still = vectors[:, ~kept]
+    downhill = -still @ (still.T @ signed)
+    steepness = float(np.abs(downhill).max(initial=0.0))
+    if steepness > _DEPENDENT * np.abs(signed).max():
+        return here + downhill * (_FAR * np.abs(here).max() / steepness)
+    return np.asarray(vectors[:, kept] @ ((vectors[:, kept].T @ right) / values[kept]))
