@@ -1,0 +1,142 @@
+"""Noise: its size absolute and relative, and over how many samples it is one."""
+
+from gravity_comp_ros.gravity import noise
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+NONE_USED = np.zeros(1)
+
+
+def estimate(residual: np.ndarray, load: np.ndarray, used=NONE_USED) -> tuple[float, float]:
+    found = noise.estimate(residual[:, None], load[:, None], 1e-6, used)
+    return float(found.absolute[0]), float(found.relative[0])
+
+
+def loads(count: int, rng: np.random.Generator) -> np.ndarray:
+    return 60 * np.sin(rng.uniform(-3, 3, count))
+
+
+def test_sigma_by_hand():
+    model = noise.NoiseModel(np.array([3.0, 1.0]), np.array([0.1, 0.0]))
+    np.testing.assert_allclose(model.sigma(np.array([[40.0, 40.0], [0.0, 5.0]])),
+                               [[5.0, 1.0], [3.0, 1.0]])
+
+
+@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('size', [0.01, 0.1, 3.0])
+def test_absolute_noise(seed, size):
+    rng = np.random.default_rng(seed)
+    absolute, relative = estimate(size * rng.normal(size=500), loads(500, rng))
+    # Ten per cent is three standard errors of a standard deviation of 500 samples.
+    assert absolute == pytest.approx(size, rel=0.1)
+    assert relative * 60 < 0.5 * size
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_relative_noise(seed):
+    rng = np.random.default_rng(seed)
+    load = loads(1000, rng)
+    absolute, relative = estimate(0.01 * load * rng.normal(size=1000), load)
+    assert relative == pytest.approx(0.01, rel=0.1)
+    assert absolute < 0.02
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_both_kinds_of_noise(seed):
+    rng = np.random.default_rng(seed)
+    load = loads(4000, rng)
+    residual = 0.2 * rng.normal(size=4000) + 0.02 * load * rng.normal(size=4000)
+    absolute, relative = estimate(residual, load)
+    assert absolute == pytest.approx(0.2, rel=0.15)
+    assert relative == pytest.approx(0.02, rel=0.1)
+
+
+def test_joints_are_estimated_by_themselves():
+    rng = np.random.default_rng(0)
+    residual = rng.normal(size=(800, 3)) * [0.1, 1.0, 5.0]
+    found = noise.estimate(residual, np.zeros((800, 3)), 1e-6, np.zeros(3))
+    np.testing.assert_allclose(found.absolute, [0.1, 1.0, 5.0], rtol=0.1)
+    np.testing.assert_array_equal(found.relative, 0.0)
+
+
+def test_what_a_fit_spent_is_given_back():
+    rng = np.random.default_rng(1)
+    sizes = []
+    for _ in range(200):
+        a, b = rng.normal(size=(40, 15)), rng.normal(size=40)
+        residual = b - a @ np.linalg.lstsq(a, b, rcond=None)[0]
+        sizes.append(estimate(residual, np.zeros(40), np.array([15.0]))[0] ** 2)
+    assert np.mean(sizes) == pytest.approx(1.0, abs=0.05)
+
+
+def test_no_joint_is_believed_to_be_perfect():
+    tau = np.zeros((50, 2))
+    tau[:, 1] = 100.0
+    least = noise.floor(tau)
+    assert least == pytest.approx(0.01)
+    found = noise.estimate(np.zeros((50, 2)), tau, least, np.zeros(2))
+    assert (found.absolute >= least).all()
+
+
+def test_no_torque_at_all_has_a_floor():
+    assert noise.floor(np.zeros((10, 2))) > 0.0
+    assert (noise.first_guess(np.zeros((10, 2))).absolute > 0.0).all()
+
+
+def test_the_first_guess_is_the_torque_itself():
+    found = noise.first_guess(np.array([[3.0, 0.0], [-4.0, 0.0]]))
+    assert found.absolute[0] == pytest.approx(np.sqrt(12.5))
+    assert 0.0 < found.absolute[1] < 1e-2
+    np.testing.assert_array_equal(found.relative, 0.0)
+
+
+def test_close_estimates():
+    model = noise.NoiseModel(np.array([1.0]), np.array([0.01]))
+    assert model.is_close_to(noise.NoiseModel(np.array([1.04]), np.array([0.0105])))
+    assert not model.is_close_to(noise.NoiseModel(np.array([1.2]), np.array([0.01])))
+    assert not model.is_close_to(noise.NoiseModel(np.array([1.0]), np.array([0.02])))
+
+
+def autoregressive(phi: float, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return x_k = phi x_(k-1) + e_k from its stationary distribution."""
+    x = rng.normal(size=count)
+    x[0] /= np.sqrt(1 - phi ** 2)
+    for k in range(1, count):
+        x[k] += phi * x[k - 1]
+    return x
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_white_noise_counts_every_sample(seed):
+    residual = np.random.default_rng(seed).normal(size=500)
+    time = noise.correlation_time(residual, np.zeros(500, dtype=int))
+    assert 1.0 <= time < 1.5
+
+
+@pytest.mark.parametrize('phi, expected', [(0.5, 3.0), (0.8, 9.0), (0.95, 39.0)])
+def test_correlation_time_of_an_autoregression(phi, expected):
+    # Its autocorrelation is phi^k, and 1 + 2 sum phi^k = (1 + phi) / (1 - phi).
+    rng, runs = np.random.default_rng(3), np.zeros(20000, dtype=int)
+    times = [noise.correlation_time(autoregressive(phi, 20000, rng), runs) for _ in range(5)]
+    assert np.mean(times) == pytest.approx(expected, rel=0.15)
+
+
+def test_samples_of_different_runs_are_independent():
+    rng = np.random.default_rng(0)
+    pairs = np.repeat(rng.normal(size=300), 2)
+    together = noise.correlation_time(pairs, np.zeros(600, dtype=int))
+    apart = noise.correlation_time(pairs, np.arange(600))
+    # Of pairs of equal values half of all neighbours are alike: 1 + 2 * 0.5.
+    assert together == pytest.approx(2.0, abs=0.3) and apart == 1.0
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(-1e6, 1e6), max_size=12))
+def test_correlation_time_is_at_least_one(values):
+    residual = np.array(values)
+    assert 1.0 <= noise.correlation_time(residual, np.zeros(len(values), dtype=int)) < np.inf
+
+
+def test_a_residual_of_zeros_counts_every_sample():
+    assert noise.correlation_time(np.zeros(100), np.zeros(100, dtype=int)) == 1.0

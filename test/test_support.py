@@ -1,0 +1,239 @@
+"""The support search: prices, hand-worked steps, and no single step left that would pay."""
+
+from dense import DenseDesign
+from gravity_comp_ros.gravity import dictionary, support
+from gravity_comp_ros.gravity.design import EnergyDesign, TorqueDesign
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+LN = np.log
+ALL_OF_ONE = np.ones(3, dtype=bool)
+
+
+def orthonormal(coefficients, rows: int = 20):
+    """Return a design of one joint's three features as unit vectors, and b with these."""
+    a = np.eye(rows)[:, :3]
+    return DenseDesign(a), a @ np.asarray(coefficients, dtype=float)
+
+
+@pytest.mark.parametrize('n_joints', [1, 2, 5, 8])
+def test_the_prior_over_all_features_sums_to_one(n_joints):
+    price = support.costs(n_joints, 50)
+    assert price.shape == (3 ** n_joints,)
+    assert np.exp(-0.5 * (price - LN(50))).sum() == pytest.approx(1.0, rel=1e-12)
+
+
+def test_prices_by_hand():
+    price = support.costs(2, 100)
+    assert price[0] == pytest.approx(LN(100) + 4 * LN(1.5))                 # 1
+    assert price[1] == pytest.approx(LN(100) + 2 * LN(1.5) + 2 * LN(6))     # s2
+    assert price[8] == pytest.approx(LN(100) + 4 * LN(6))                   # c1 c2
+
+
+def test_score_by_hand():
+    design, b = orthonormal([1.0, 4.0, 3.0])
+    kept = support.refit(design, b, np.array([1]))
+    assert kept.chi2 == pytest.approx(10.0)
+    assert support.score(kept, 1, 20) == pytest.approx(10.0 + LN(20) + 2 * LN(6))
+
+
+@pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0), (2, 6.0)])
+@pytest.mark.parametrize('margin, stays', [(1e-3, True), (-1e-3, False)])
+@pytest.mark.parametrize('start', ['inside', 'outside'])
+def test_a_feature_stays_if_and_only_if_it_pays_its_price(feature, factor, margin, stays, start):
+    # Of an orthonormal design, leaving out k raises chi^2 by b_k^2 and saves its price.
+    x = np.zeros(3)
+    x[feature] = np.sqrt(LN(20) + 2 * LN(factor) + margin)
+    others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
+    design, b = orthonormal(x + others)
+    given_start = np.arange(3) if start == 'inside' else np.flatnonzero(others)
+    found = support.settle(design, b, given_start, 1, ALL_OF_ONE)
+    assert (feature in found.indices) == stays
+    assert set(np.flatnonzero(others)) <= set(found.indices)
+
+
+def test_refit_is_least_squares():
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(30, 9)) * np.logspace(-3, 3, 9), rng.normal(size=30)
+    found = support.refit(DenseDesign(a), b, np.array([7, 2, 5]))
+    chosen = a[:, [2, 5, 7]]
+    expected, chi2 = np.linalg.lstsq(chosen, b, rcond=None)[:2]
+    np.testing.assert_array_equal(found.indices, [2, 5, 7])
+    np.testing.assert_allclose(found.x, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(chosen.T @ chosen), rtol=1e-8)
+    assert found.chi2 == pytest.approx(chi2[0])
+
+
+def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
+    b = np.array([1.0, 2.0, 2.0])
+    nothing = support.refit(DenseDesign(np.eye(3)), b, np.zeros(0, dtype=np.int64))
+    assert nothing.chi2 == 9.0 and nothing.x.size == 0
+    a = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    found = support.refit(DenseDesign(a), b, np.arange(3))
+    np.testing.assert_allclose(found.x, [0.5, 0.5, 0.0], atol=1e-12)
+    assert found.chi2 == pytest.approx(8.0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 9).flatmap(lambda n: st.tuples(st.just(n),
+                                                     st.integers(0, 3 ** n - 1))))
+def test_neighbours_differ_in_one_factor(case):
+    n_joints, index = case
+    near = support.neighbours(index, n_joints)
+    assert len(near) == 2 * n_joints
+    here = dictionary.digits(np.array([index]), n_joints)[0]
+    differences = (dictionary.digits(near, n_joints) != here).sum(axis=1)
+    assert (differences == 1).all()
+
+
+def every_single_step(indices: np.ndarray, usable: np.ndarray, n_joints: int):
+    """Yield the supports that a drop, an addition or a swap with a neighbour leads to."""
+    inside = set(indices.tolist())
+    outside = set(np.flatnonzero(usable).tolist()) - inside
+    for k in inside:
+        yield inside - {k}
+        for near in set(support.neighbours(k, n_joints).tolist()) & outside:
+            yield inside - {k} | {near}
+    for k in outside:
+        yield inside | {k}
+
+
+@st.composite
+def problems(draw):
+    """Draw a design of one or two joints, a torque, usable features and a start."""
+    n_joints = draw(st.integers(1, 2))
+    rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
+    kind = draw(st.sampled_from([TorqueDesign, EnergyDesign]))
+    count = draw(st.integers(8, 40))
+    q = rng.uniform(-1, 1, (count, n_joints)) * draw(st.sampled_from([0.5, 3.0]))
+    weights = rng.uniform(5, 20, (count, n_joints if kind is EnergyDesign else 1))
+    design, size = kind(q, weights), 3 ** n_joints
+    x = rng.normal(0, 3, size) * (rng.random(size) < 0.4)
+    b = design.columns(np.arange(size)) @ x + rng.normal(size=design.n_rows)
+    usable = rng.random(size) < draw(st.sampled_from([0.7, 1.0]))
+    start = np.flatnonzero(rng.random(size) < 0.5)
+    return design, b, n_joints, usable, start
+
+
+@settings(max_examples=60, deadline=None)
+@given(problems())
+def test_no_single_step_from_a_settled_support_pays(problem):
+    design, b, n_joints, usable, start = problem
+    found = support.settle(design, b, start, n_joints, usable)
+    assert usable[found.indices].all()
+    score = support.score(found, n_joints, design.n_rows)
+    for other in every_single_step(found.indices, usable, n_joints):
+        there = support.refit(design, b, np.array(sorted(other), dtype=np.int64))
+        # What dependent columns add to the fit is rounding, and no step.
+        assert support.score(there, n_joints, design.n_rows) > score - 1e-3
+
+
+@settings(max_examples=40, deadline=None)
+@given(problems())
+def test_settling_lowers_the_score_and_has_an_end(problem):
+    design, b, n_joints, usable, start = problem
+    before = support.refit(design, b, start[usable[start]])
+    found = support.settle(design, b, start, n_joints, usable)
+    again = support.settle(design, b, found.indices, n_joints, usable)
+    scores = [support.score(r, n_joints, design.n_rows) for r in (before, found)]
+    assert scores[1] <= scores[0] + 1e-6
+    np.testing.assert_array_equal(again.indices, found.indices)
+
+
+def test_the_score_falls_with_every_step():
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-0.4, 0.4, (60, 4))
+    design = TorqueDesign(q, np.full((60, 1), 10.0))
+    b = 10 * (9 * np.sin(q[:, 0]) * np.cos(q[:, 2]) + 4 * np.cos(q[:, 3])
+              + 0.1 * rng.normal(size=60))
+    search = support._Search(design, b, 4, np.ones(81, dtype=bool), np.arange(0, 81, 7))
+    scores = [search.score]
+    while search.step():
+        scores.append(support.score(support.refit(design, b, search.support), 4, 60))
+        assert search.score == pytest.approx(scores[-1], abs=1e-5)
+    assert len(scores) > 3 and (np.diff(scores) < 0).all()
+
+
+@pytest.mark.parametrize('samples', [15, 20, 40])
+def test_rounding_makes_no_step_pay_for_ever(samples):
+    # Over 0.05 rad all features look alike, and the torque is 10^5 times its noise.
+    rng = np.random.default_rng(0)
+    q = 0.3 + 0.05 * rng.uniform(-1, 1, (samples, 5))
+    torque = 40 * np.sin(q[:, 0]) * np.cos(q[:, 1]) + 9 * np.cos(q[:, 3])
+    design = TorqueDesign(q, np.full((samples, 1), 1e4))
+    b = 1e4 * (torque + 1e-4 * rng.normal(size=samples))
+    search = support._Search(design, b, 5, np.ones(243, dtype=bool), np.arange(0, 243, 20))
+    steps = 0
+    while search.step():
+        steps += 1
+    assert steps < 100
+    average, _ = support.average_ties(design, b, support.refit(design, b, search.support), 5,
+                                      np.ones(243, dtype=bool))
+    assert np.isfinite(average.x).all() and np.isfinite(average.covariance).all()
+
+
+def test_of_dependent_columns_the_simple_ones_stay():
+    # Joint 2 stands still at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
+    rng = np.random.default_rng(2)
+    q = np.column_stack([rng.uniform(-2, 2, 50), np.full(50, 0.5)])
+    design = TorqueDesign(q, np.full((50, 1), 10.0))
+    b = 10 * (7 * np.sin(q[:, 0]) + 0.1 * rng.normal(size=50))
+    found = support.settle(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
+    np.testing.assert_array_equal(found.indices, [3])
+    assert found.x[0] == pytest.approx(7.0, abs=0.1)
+
+
+@pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
+@pytest.mark.parametrize('seed', range(5))
+def test_a_true_small_support_is_found(kind, seed):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-2.5, 2.5, (200, 4))
+    truth = np.sort(1 + rng.choice(80, 5, replace=False))
+    x = rng.choice([-1, 1], 5) * rng.uniform(1, 20, 5)
+    design = kind(q, np.full((200, 4 if kind is EnergyDesign else 1), 10.0))
+    b = design.columns(truth) @ x + rng.normal(size=design.n_rows)
+    start = rng.choice(81, 12, replace=False)
+    found = support.settle(design, b, start, 4, np.ones(81, dtype=bool))
+    np.testing.assert_array_equal(found.indices, truth)
+    assert (np.abs(found.x - x) < 5 * np.sqrt(np.diag(found.covariance))).all()
+
+
+def test_a_tie_of_equals_is_shared_evenly():
+    # The columns of s1 and c1 are the same vector: the data cannot tell them apart.
+    a = np.eye(20)[:, [0, 1, 1]]
+    design, b = DenseDesign(a), a @ [0.0, 8.0, 0.0]
+    best = support.settle(design, b, np.array([1]), 1, ALL_OF_ONE)
+    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    assert ties == 1
+    np.testing.assert_array_equal(average.indices, [1, 2])
+    np.testing.assert_allclose(average.x, [4.0, 4.0])
+    # Each coefficient is 0 or 8 with variance 1 within a model: 1/2 + 16 in all.
+    np.testing.assert_allclose(np.diag(average.covariance), [16.5, 16.5])
+
+
+def test_models_weigh_by_their_scores():
+    # s1 alone leaves 18, c1 alone 20: the better weighs e times the other.
+    design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(18.0)])
+    best = support.refit(design, b, np.array([1]))
+    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    share = 1 / (1 + np.exp(-1.0))
+    assert ties == 1
+    np.testing.assert_allclose(average.x, [share * np.sqrt(20), (1 - share) * np.sqrt(18)])
+
+
+def test_what_is_clearly_worse_is_not_averaged():
+    design, b = orthonormal([0.0, 10.0, 1.0])
+    best = support.refit(design, b, np.array([1]))
+    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    assert ties == 0
+    np.testing.assert_array_equal(average.x, best.x)
+
+
+def test_an_empty_support_stays_empty_on_noise():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-2, 2, (300, 4))
+    design = TorqueDesign(q, np.ones((300, 1)))
+    found = [support.settle(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
+                            np.ones(81, dtype=bool)).indices.size for _ in range(20)]
+    assert sum(found) <= 2
