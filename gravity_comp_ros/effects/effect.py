@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
 
 Setting = Mapping[str, float]
 
@@ -30,6 +30,7 @@ class Motion:
     them; `gravity` (M, N) in N·m is the torque that the gravity model predicts; `gradient`
     (M, N, N) in N·m/rad is d gravity_n / d q_j, the model's stiffness; `sign_width` (N,) in
     rad/s is the speed over which a joint's friction turns its sign, as far as the data tells.
+    `model` is the gravity model itself, for effects that are made of its terms.
     """
 
     samples: JointSamples
@@ -37,6 +38,7 @@ class Motion:
     gravity: FloatArray
     gradient: FloatArray
     sign_width: FloatArray
+    model: GravityModel | None = None
 
     def direction(self, joint: int) -> FloatArray:
         """Return the smoothed sign of a joint's speed, (M,): tanh(qd / sign_width)."""
@@ -54,8 +56,12 @@ class Coefficient:
 
 # (motion, joint, setting) -> columns: (M, K) for an effect of one joint, (M, N, K) of the arm.
 Columns = Callable[[Motion, int, Setting], FloatArray]
+# (motion, joint, setting) -> the K coefficients, where their number depends on the arm.
+Symbols = Callable[[Motion, int, Setting], tuple[Coefficient, ...]]
 # (motion, joint) -> the settings worth trying on this motion; none if it cannot be judged.
 Settings = Callable[[Motion, int], list[dict[str, float]]]
+# (motion, joint, setting) -> finer settings around one that the scan has found.
+Refinement = Callable[[Motion, int, Setting], list[dict[str, float]]]
 # (motion, joint) -> why this motion cannot show the effect, or None if it can.
 Untestable = Callable[[Motion, int], str | None]
 # (coefficients, setting, motion, joint) -> why these values are not physical, or None.
@@ -65,6 +71,11 @@ Implausible = Callable[[FloatArray, Setting, Motion, int], str | None]
 def no_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return the one empty setting of an effect that is linear throughout."""
     return [{}]
+
+
+def no_refinement(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    """Return nothing: the scan is fine enough."""
+    return []
 
 
 def always_testable(motion: Motion, joint: int) -> str | None:
@@ -84,8 +95,13 @@ class Effect:
     A physical effect, with all that the tool says about it.
 
     `scope` is 'joint' (acts on the torque of one joint) or 'arm' (on several at once; columns
-    are then (M, N, K)). `confounders` names effects that can look alike; `experiment` is the
-    motion that tells them apart; `signature` names the plot in which it shows (x axis).
+    are then (M, N, K)). `per_joint` says whether the effect is about a joint, as an encoder's
+    offset is although it acts on several torques; a tilted base is not, so it is tried once,
+    and the joint number that its functions are given means nothing. `coefficients` has one
+    entry a column; where their number depends on the arm, it shows the kinds that occur and
+    `coefficients_of` gives them all. `confounders` names effects that can look alike;
+    `experiment` is the motion that tells them apart, with `{joint}` for the joint's name;
+    `signature` names the plot in which it shows (x axis).
 
     :raises OptionError: if the scope is unknown or there is no coefficient.
     """
@@ -102,10 +118,13 @@ class Effect:
     signature: str
     source: str
     scope: str = 'joint'
+    per_joint: bool = True
     settings: Settings = no_settings
     untestable: Untestable = always_testable
     implausible: Implausible = always_plausible
     setting_units: Mapping[str, str] = field(default_factory=dict)
+    refine: Refinement = no_refinement
+    symbols: Symbols | None = None
 
     def __post_init__(self) -> None:
         if self.scope not in ('joint', 'arm'):
@@ -113,3 +132,12 @@ class Effect:
                               f"'joint' or 'arm'")
         if not self.coefficients:
             raise OptionError(f'effect {self.name} has no coefficient')
+        if not self.per_joint and self.scope == 'joint':
+            raise OptionError(f"effect {self.name}: it has scope 'joint', so it is per_joint")
+
+    def coefficients_of(self, motion: Motion, joint: int,
+                        setting: Setting) -> tuple[Coefficient, ...]:
+        """Return one coefficient for each column that `columns` returns for the same motion."""
+        if self.symbols is None:
+            return self.coefficients
+        return self.symbols(motion, joint, setting)
