@@ -207,3 +207,9 @@ def test_violation_by_hand():
     # x1 is active: |-1 + 2| = 1; x2 is 0: |3| - 2 = 1; both relative to the penalty 2.
     z, gradient = np.array([1.0, 0.0]), np.array([-1.0, 3.0])
     assert admm.violation(z, gradient, np.array([2.0, 2.0])) == 0.5
+
+
+def test_the_polish_of_an_empty_support_stays_empty():
+    # Older releases of SciPy refuse to factorise an empty matrix.
+    found = admm.polish(np.eye(2), np.array([0.5, -0.5]), np.ones(2), np.zeros(2), 1e-9)
+    assert found.tolist() == [0.0, 0.0]

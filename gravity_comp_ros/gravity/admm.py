@@ -204,6 +204,8 @@ def _minimiser(gram: FloatArray, right: FloatArray, signed: FloatArray,
     Along such a direction only the penalty changes, at a constant rate `signed`, so some
     coefficient reaches 0: the point returned lies so far away that one has turned its sign.
     """
+    if not right.size:
+        return right  # which the LAPACK of SciPy 1.11 refuses to solve
     try:
         return linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), right,
                                 check_finite=False)
