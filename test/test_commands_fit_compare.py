@@ -195,3 +195,16 @@ def test_names_in_a_bag_cannot_command_the_terminal(tmp_path, capsys):
 def test_fast_samples_can_be_asked_for(bags, model, capsys):
     found = run_json(capsys, 'compare', bags['fast'], '--model', model, '--all-samples')
     assert found['gate'] == {'total': 400, 'kept': 400, 'dropped': {}, 'all_samples': True}
+
+
+def test_json_into_a_file_leaves_the_screen_to_people(bags, model, capsys, tmp_path):
+    target = tmp_path / 'errors.json'
+    assert main(['compare', bags['later'], '--model', model, '--json', str(target)]) == 0
+    assert 'worst joint' in capsys.readouterr().out
+    assert set(json.loads(target.read_text())['joints']) == set(JOINTS)
+
+
+def test_json_without_a_place_to_go_says_so(bags, model, capsys, tmp_path):
+    argv = ['compare', bags['later'], '--model', model, '--json', str(tmp_path / 'no/where.json')]
+    assert main(argv) == 1
+    assert 'cannot write' in capsys.readouterr().err.splitlines()[-1]
