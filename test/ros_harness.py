@@ -13,6 +13,7 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import GetState
 import numpy as np
 import rclpy
 from rclpy.context import Context
@@ -83,12 +84,14 @@ class Probe(Node):
         self.predictions: list[JointState] = []
         self.residuals: list[JointState] = []
         self.status: dict[str, object] = {}
+        self._heard: list = []
         self.reports = 0
         for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
                                   (Float64MultiArray, 'commands', self.commands),
                                   (JointState, 'prediction', self.predictions),
                                   (JointState, 'residual', self.residuals)):
-            self.create_subscription(kind, f'/gravity_comp/{topic}', into.append, 1000)
+            self._heard.append(
+                self.create_subscription(kind, f'/gravity_comp/{topic}', into.append, 1000))
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
         self._asked: dict[str, object] = {}
         self.loop = SingleThreadedExecutor(context=context)
@@ -114,11 +117,19 @@ class Probe(Node):
                 f'diagnostics: { {k: v.message for k, v in self.status.items()} }'
             self.loop.spin_once(timeout_sec=0.05)
 
-    def until_node(self) -> None:
+    def until_node(self, node: NodeProcess | None = None) -> None:
         """Wait until the node listens to us and we to it."""
-        self.until(lambda: self.publisher.get_subscription_count() > 0
-                   and self.count_publishers('/gravity_comp/commands') > 0
-                   and self.reports > 0, 20.0, 'the node')
+        def ended() -> bool:
+            if node is not None and node.process.poll() is not None:
+                raise AssertionError(f'the node ended: {node.wait()}')
+            return False
+
+        self.until(lambda: not ended() and self.publisher.get_subscription_count() > 0
+                   and all(heard.get_publisher_count() > 0 for heard in self._heard),
+                   20.0, 'the node')
+        # That we know the node does not mean that it knows us. Endpoints are announced in
+        # order, so one that was made later and is answered says that the others are known.
+        self.call('get_state', kind=GetState)
 
     def report(self, name: str, seconds: float = 5.0):
         """Return the status of this name from the next report."""
@@ -177,7 +188,7 @@ def running(parameters: dict[str, object] | None = None, arguments: tuple[str, .
     probe = Probe(context, reliable)
     try:
         if wait:
-            probe.until_node()
+            probe.until_node(node)
         yield node, probe
     finally:
         node.end()

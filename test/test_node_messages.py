@@ -126,6 +126,14 @@ def test_without_a_stamp_the_time_of_arrival_counts():
     assert ours.counts == {'no_stamp': 1}
 
 
+def test_a_simulation_that_begins_at_zero_loses_nothing():
+    ours = reader()
+    readings = [ours.read(joint_state(0.1 * k), 1.7e9) for k in range(4)]
+    assert [r.new_run for r in readings] == [False, True, False, False]
+    assert ours.read(joint_state(0.0), 1.7e9 + 1) is None
+    assert ours.counts == {'no_stamp': 1, 'time_back': 1}
+
+
 values = st.floats(allow_nan=True, allow_infinity=True, width=64)
 names = st.lists(st.sampled_from(['a', 'b', 'c', '']), max_size=5)
 

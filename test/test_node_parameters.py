@@ -44,6 +44,10 @@ def test_bad_values_are_refused_with_the_reason(name, value, why):
         BY_NAME[name].parse(value)
 
 
+def test_an_empty_list_in_yaml_is_an_empty_list():
+    assert BY_NAME['max_torque'].parse(None) == () == BY_NAME['joints'].parse([])
+
+
 def test_whole_numbers_stand_for_doubles():
     assert BY_NAME['max_torque'].parse([1, 2.5]) == (1.0, 2.5)
     assert isinstance(BY_NAME['max_speed'].parse(1), float)

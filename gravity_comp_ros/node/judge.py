@@ -31,7 +31,7 @@ class Verdict:
 
     `rmse_new` and `rmse_old` (N,) in N·m; without an old model `rmse_old` is that of a
     constant torque. `explained` (N,) is the part of the effort's variance that the new model
-    explains. `reason` says all this in one line.
+    explains in training and on held-out samples. `reason` says all this in one line.
     """
 
     better: bool
@@ -60,9 +60,12 @@ def judge(new: Predicts, old: Predicts | None, train: JointSamples,
     noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
     if old is not None:
         noise = np.maximum(noise, old.noise)
-    # The variance of all samples: within a held-out second the arm may hardly have moved.
-    spread = np.concatenate((train.tau, held.tau)).std(axis=0)
-    explained = 1.0 - rmse_new ** 2 / np.maximum(spread ** 2, 1e-18)
+    # Of both sets the smaller share: in a few held-out seconds chance explains much, but hardly
+    # the same that it explains in training. Variance is that of all samples, because within a
+    # held-out second the arm may hardly have moved.
+    spread = np.maximum(np.concatenate((train.tau, held.tau)).std(axis=0), 1e-9)
+    residual = np.maximum(rmse_new, _rms(train.tau - new.predict(train.q)))
+    explained = 1.0 - (residual / spread) ** 2
     figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
     compensated = _is_compensated(train, explained)
     if compensated:

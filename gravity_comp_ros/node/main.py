@@ -20,13 +20,18 @@ def main(args: Sequence[str] | None = None) -> int:
         node = GravityCompNode()
     except (GravityCompError, InvalidParameterTypeException,
             InvalidParameterValueException) as problem:
-        print(f'gravity_comp_node: {problem}', file=sys.stderr)
+        reason = str(problem).rpartition('Reason: ')[2]
+        print(f'gravity_comp_node: {reason}', file=sys.stderr)
         rclpy.try_shutdown()
         return 1
     try:
         _run(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except Exception:
+        # A signal invalidates the context in the middle of a callback, which then fails.
+        if rclpy.ok():
+            raise
     finally:
         node.close()
         node.destroy_node()

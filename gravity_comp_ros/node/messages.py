@@ -81,6 +81,7 @@ class Reader:
         self._size = 0
         self._order = np.zeros(0, dtype=np.intp)
         self._last = -np.inf
+        self._stamped = False
         self._rebellion: list[float] = []
         self._past: deque[tuple[float, FloatArray]] = deque()
 
@@ -106,11 +107,15 @@ class Reader:
             return None
         stamp = message.header.stamp
         t = stamp.sec + 1e-9 * stamp.nanosec
-        if t == 0.0:
+        new_run = False
+        if t == 0.0 and not self._stamped:
             self.counts[NO_STAMP] += 1
             t = arrival
-        new_run = False
-        if t <= self._last:
+        elif not self._stamped:
+            # A simulation that begins at 0 looks like no stamp at all, for one message.
+            self._stamped, new_run = True, self._last > -np.inf
+            self._past.clear()
+        if t <= self._last and not new_run:
             if not self._believe(t):
                 self._drop(TIME_STILL if t == self._last else TIME_BACK)
                 return None

@@ -46,6 +46,9 @@ class Parameter:
             not among the choices; the message says what is allowed.
         """
         if self.kind in ARRAYS:
+            if value is None:
+                # What an empty list in YAML, or after -p on a command line, arrives as.
+                return ()
             if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
                 raise self._wrong(value, f'it must be a list of type {self.kind}')
             items = tuple(self._item(item, self.kind[:-2]) for item in value)

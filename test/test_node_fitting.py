@@ -1,0 +1,176 @@
+"""The fit process, a real one: it is kept warm, and its death, hang or failure is noticed."""
+
+from contextlib import contextmanager
+import os
+import signal
+import sys
+import time
+
+from gravity_comp_ros.gravity.fit import FitOptions
+from gravity_comp_ros.node.fitting import BUSY, DOWN, Failure, FitProcess, READY
+from gravity_comp_ros.node.job import Job, Outcome, work
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+import pytest
+
+
+def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
+    """Two links whose torque is known: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (n, 2))
+    tau = mass * np.array([5.0, 2.0]) * np.sin(q) + noise * rng.standard_normal((n, 2))
+    return JointSamples.single_run(['a', 'b'], np.arange(n), q, 0 * q, tau)
+
+
+def job(number=1, old=None, mass=1.0, train=None):
+    return Job(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
+               FitOptions())
+
+
+@contextmanager
+def process(timeout=30.0, **options):
+    fits = FitProcess(timeout, **options)
+    fits.start(time.monotonic())
+    try:
+        yield fits
+    finally:
+        fits.stop()
+
+
+def wait(fits, condition, seconds=30.0):
+    """Poll until the condition holds; return the events on the way."""
+    events, end = [], time.monotonic() + seconds
+    while not condition(events):
+        assert time.monotonic() < end, f'state {fits.state}: {fits.last_failure}'
+        events += fits.poll(time.monotonic())
+        time.sleep(0.002)
+    return events
+
+
+def ready(fits):
+    return wait(fits, lambda _: fits.state == READY)
+
+
+def test_it_fits_and_stays_warm():
+    with process() as fits:
+        ready(fits)
+        pid = fits.pid
+        for number in (1, 2):
+            assert fits.submit(job(number), time.monotonic()) and fits.state == BUSY
+            assert not fits.submit(job(9), time.monotonic())
+            outcome, = wait(fits, lambda events: events)
+            assert isinstance(outcome, Outcome) and outcome.number == number
+            assert outcome.verdict.better
+            np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
+                                       [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
+        assert fits.pid == pid and fits.restarts == 0
+    assert fits.pid is None
+
+
+def test_the_result_is_that_of_a_fit_in_this_process():
+    with process() as fits:
+        ready(fits)
+        fits.submit(job(), time.monotonic())
+        outcome, = wait(fits, lambda events: events)
+    q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
+    np.testing.assert_allclose(outcome.model.predict(q), work(job()).model.predict(q),
+                               atol=1e-9)
+
+
+def test_a_killed_process_is_noticed_and_replaced():
+    with process() as fits:
+        ready(fits)
+        first = fits.pid
+        fits.submit(job(4), time.monotonic())
+        os.kill(first, signal.SIGKILL)
+        failure, = wait(fits, lambda events: events)
+        assert failure == Failure('the fit process died (signal 9)', 4, True)
+        assert fits.state == DOWN and fits.job is None
+        ready(fits)
+        assert fits.pid != first and fits.restarts == 1
+        fits.submit(job(5), time.monotonic())
+        outcome, = wait(fits, lambda events: events)
+        assert outcome.number == 5
+
+
+def test_a_hanging_process_is_noticed_and_replaced():
+    with process(timeout=0.3) as fits:
+        ready(fits)
+        first = fits.pid
+        os.kill(first, signal.SIGSTOP)
+        fits.submit(job(6), time.monotonic())
+        failure, = wait(fits, lambda events: events)
+        assert failure.number == 6 and failure.lost and 'the fit hung' in failure.reason
+        ready(fits)
+        assert fits.pid != first
+
+
+def test_a_fit_that_fails_is_told_and_costs_no_process():
+    still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
+                                    np.zeros((20, 2)), np.ones((20, 2)))
+    with process() as fits:
+        ready(fits)
+        pid = fits.pid
+        fits.submit(job(7, train=still), time.monotonic())
+        failure, = wait(fits, lambda events: events)
+        assert failure == Failure('no joint moves; a fit needs poses that differ', 7, False)
+        assert fits.state == READY and fits.pid == pid
+
+
+@pytest.mark.parametrize('command, reason', [
+    ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
+    (('/no/such/program',), 'cannot be started')])
+def test_a_process_that_does_not_start_is_not_started_without_end(command, reason):
+    fits = FitProcess(1.0, command)
+    now = time.monotonic()
+    fits.start(now)
+    end = time.monotonic() + 20.0
+    while fits.restarts < 1:
+        assert time.monotonic() < end
+        fits.poll(now)
+    assert reason in fits.last_failure
+    for _ in range(50):
+        fits.poll(now + 0.4)
+    assert fits.restarts == 1
+    fits.stop()
+
+
+def test_it_ends_with_the_process_that_started_it(tmp_path):
+    import subprocess
+    code = ('import time\nfrom gravity_comp_ros.node.fitting import FitProcess\n'
+            'fits = FitProcess(9.0); fits.start(0.0)\n'
+            'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
+            'print(fits.pid, flush=True); time.sleep(60)')
+    parent = subprocess.Popen([sys.executable, '-c', code], stdout=subprocess.PIPE, text=True,
+                              env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
+    pid = int(parent.stdout.readline())
+    parent.kill()
+    parent.communicate()
+    end = time.monotonic() + 10.0
+    while alive(pid):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
+def alive(pid):
+    try:
+        with open(f'/proc/{pid}/stat') as stat:
+            return stat.read().rpartition(')')[2].split()[0] != 'Z'
+    except FileNotFoundError:
+        return False
+
+
+def test_few_samples_change_the_old_model_rather_than_start_again():
+    old = work(job()).model
+    few = pendulum(30, 5, mass=1.5)
+    outcome = work(job(2, old, 1.5, few))
+    assert outcome.how == 'change of the old model' and outcome.verdict.better
+    assert outcome.model.energy is not None
+    q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
+    truth = 1.5 * np.array([5.0, 2.0]) * np.sin(q)
+    assert np.abs(outcome.model.predict(q) - truth).max() < 0.1
+    assert outcome.model.coverage.q_min[0] <= old.coverage.q_min[0]
+    gradient = [outcome.model.energy.gradient(2, k) for k in range(2)]
+    for found, torque in zip(gradient, outcome.model.torques):
+        np.testing.assert_array_equal(found.indices, torque.indices)
+        np.testing.assert_allclose(found.weights, torque.weights)

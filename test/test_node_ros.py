@@ -1,0 +1,319 @@
+"""The node as its own process on real DDS: it learns, publishes, answers and ends."""
+
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from gravity_comp_ros.bag import read_bag
+from gravity_comp_ros.commands import replay
+from gravity_comp_ros.gate import slow_samples
+from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.modelfile import load_model, save_model
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import numpy as np
+import pytest
+from ros_harness import matrix, ROOT, running, set_parameter
+from rosgraph_msgs.msg import Clock
+
+BAGS = ROOT / 'bags'
+UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
+PATIENT = {'stale_after': 10.0}
+
+
+@pytest.fixture(scope='module')
+def bags():
+    return {path.stem: read_bag(path).samples for path in BAGS.glob('eq17*.mcap')}
+
+
+@pytest.fixture(scope='module')
+def model_file(bags, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp('models') / 'unloaded.json'
+    save_model(path, fit(slow_samples(bags['eq17_unloaded']).samples).model)
+    return path
+
+
+def part(samples, start, stop):
+    return samples.select(np.arange(start, stop))
+
+
+def published(samples, messages, offset=0.0):
+    """Return the rows of samples that messages answer, matched by stamp, and their efforts."""
+    stamps = {round(t + offset, 6): k for k, t in enumerate(samples.t)}
+    rows = [stamps[round(m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec, 6)]
+            for m in messages]
+    return rows, matrix(messages)
+
+
+def test_node_and_commands_give_the_same_torques(bags, tmp_path):
+    path = tmp_path / 'learned.json'
+    with running({**UNLIMITED, **PATIENT, 'model_file': path}) as (_, probe):
+        assert 'no model' in probe.report('model').message and not probe.torques
+        answer = probe.call('refit')
+        assert not answer.success and 'no joint states yet' in answer.message
+        probe.stream(bags['eq17_unloaded'])
+        probe.until(lambda: '500 of 500 samples' in probe.report('learning').message
+                    and probe.values('learning')['fit process'] == 'ready', 40, 'the fits')
+        saved = probe.call('save_model')
+        assert saved.success and str(path) in saved.message
+        probe.torques.clear(), probe.predictions.clear(), probe.residuals.clear()
+        probe.commands.clear()
+        later = bags['eq17_later']
+        probe.stream(later, start=200.0)
+        probe.until(lambda: len(probe.torques) == len(probe.commands) == len(probe.predictions)
+                    == len(probe.residuals) == len(later), 10, 'torque for every message')
+    model = load_model(path)
+    rows, torques = published(later, probe.torques, -200.0)
+    np.testing.assert_allclose(torques, model.predict(later.q[rows]), atol=1e-9)
+    np.testing.assert_array_equal(torques, [list(m.data) for m in probe.commands])
+    rows, predictions = published(later, probe.predictions, -200.0)
+    assert replay_command(path, tmp_path) == pytest.approx(predictions, abs=1e-9)
+    rows, residuals = published(later, probe.residuals, -200.0)
+    np.testing.assert_allclose(residuals, later.tau[rows] - predictions, atol=1e-9)
+    # 0.1 N·m of it is noise, and some is the inertia that a gravity model leaves out.
+    assert np.sqrt(np.mean(residuals ** 2, axis=0)).max() < 0.2
+    assert list(probe.torques[0].name) == list(later.names)
+
+
+def replay_command(model: Path, folder: Path) -> np.ndarray:
+    """Return what `gravity_comp replay` says about the same bag."""
+    out = folder / 'out.mcap'
+    done = subprocess.run(
+        [sys.executable, '-m', 'gravity_comp_ros.cli', 'replay', BAGS / 'eq17_later.mcap',
+         '--model', model, '-o', out], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    from gravity_comp_ros.bag import ReadOptions
+    return read_bag(out, ReadOptions(topic=replay.PREDICTION)).samples.tau
+
+
+def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, model_file):
+    loaded = bags['eq17_2kg']
+    with running({**UNLIMITED, **PATIENT, 'model_file': model_file}) as (_, probe):
+        probe.stream(part(loaded, 0, 20))
+        probe.until(lambda: len(probe.residuals) == 20, 10)
+        _, stale = published(loaded, probe.residuals)
+        answer = probe.call('payload_changed')
+        assert answer.success and 'epoch 1 open' in answer.message
+        again = probe.call('payload_changed')
+        assert again.success and 'open already' in again.message
+        probe.spin(0.6)
+        probe.stream(part(loaded, 20, 170), period=0.01)
+        probe.until(lambda: 'change of the old model' in probe.status['model'].message, 20)
+        first, second = probe.ask('refit'), probe.ask('refit')
+        probe.until(lambda: first.done() and second.done(), 30)
+        texts = sorted(f.result().message for f in (first, second))
+        assert any('is running already' in text for text in texts), texts
+        probe.residuals.clear()
+        probe.stream(part(loaded, 170, 220))
+        probe.until(lambda: len(probe.residuals) == 50, 10)
+        _, relearned = published(loaded, probe.residuals)
+        back = probe.call('rollback')
+        assert back.success and 'back to the' in back.message
+        assert 'closed' in probe.report('learning').message
+        for _ in range(12):
+            last = probe.call('rollback')
+        assert not last.success and 'no earlier model' in last.message
+    worst = np.sqrt(np.mean(stale ** 2, axis=0)).max()
+    assert worst > 2.0
+    assert np.sqrt(np.mean(relearned ** 2, axis=0)).max() < 0.25 * worst
+
+
+def test_a_worse_model_is_not_taken(bags, model_file):
+    good = bags['eq17_unloaded']
+    rng = np.random.default_rng(1)
+    with running({**UNLIMITED, **PATIENT, 'model_file': model_file}) as (_, probe):
+        for k in range(80):
+            # Effort as the model says, but learned from with ten times the noise.
+            tau = good.tau[k] + (rng.normal(0, 3.0, 7) if (k // 5) % 4 != 3 else 0.0)
+            probe.send(good.names, good.t[k], good.q[k], good.qd[k], tau)
+            probe.spin(0.004)
+        before = probe.report('model').message
+        answer = probe.call('refit', 40)
+        assert not answer.success and 'the old model stays' in answer.message
+        assert answer.message.count('N·m') >= 2
+        assert probe.report('model').message == before
+        assert 'old model kept' in probe.status['learning'].message
+
+
+def test_a_dead_fit_process_is_replaced_and_the_model_stays(bags, model_file):
+    import os
+    good = bags['eq17_later']
+    with running({**PATIENT, 'model_file': model_file, 'max_torque': '[200.0]',
+                  'auto_fit': False}) as (_, probe):
+        probe.stream(part(good, 0, 200))
+        probe.report('learning')
+        probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 20)
+        pid = int(probe.values('learning')['fit process id'])
+        os.kill(pid, signal.SIGSTOP)
+        waiting = probe.ask('refit')
+        probe.until(lambda: probe.report('learning')
+                    and probe.values('learning')['fit process'] == 'fitting', 10)
+        os.kill(pid, signal.SIGKILL)
+        probe.until(waiting.done, 10, 'the answer about the dead process')
+        assert not waiting.result().success
+        assert 'the fit process died (signal 9); the old model stays' in \
+            waiting.result().message
+        status = probe.report('learning')
+        assert status.level == b'\x02' and 'died' in status.message
+        probe.until(lambda: probe.report('learning')
+                    and probe.values('learning')['fit process'] == 'ready', 20)
+        assert int(probe.values('learning')['fit process id']) != pid
+        assert probe.call('refit', 40).message
+        assert probe.report('learning').level != b'\x02'
+
+
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
+def test_signals_end_it_cleanly_within_a_second(number, model_file, bags):
+    with running({'model_file': model_file}) as (node, probe):
+        probe.stream(part(bags['eq17_later'], 0, 30))
+        start = time.monotonic()
+        code, output = node.stop(number)
+        assert time.monotonic() - start < 1.0
+    assert code == 0 and 'Traceback' not in output, output
+
+
+def test_bad_parameters_are_refused_with_the_reason(model_file):
+    with running({'model_file': model_file}) as (_, probe):
+        for name, value, why in [
+                ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'of type double'),
+                ('formulation', 'magic', 'one of potential, per_joint'),
+                ('max_torque', [1.0, 2.0], '2 values for 7 joints'),
+                ('max_torque', [float('nan')], 'finite'), ('joints', ['a'], 'read-only'),
+                ('full_samples', 5000, 'more than capacity'),
+                ('effects', ['coulomb_friction'], '')]:
+            result = set_parameter(probe, name, value)
+            if name == 'effects' and result.successful:
+                continue
+            assert not result.successful and why in result.reason, (name, result)
+        assert set_parameter(probe, 'max_torque', [100.0]).successful
+        assert set_parameter(probe, 'max_speed', 1).successful
+        assert probe.report('feed-forward').level == b'\x00' or True
+
+
+@pytest.mark.parametrize('parameters, why', [
+    ({'max_speed': -3.0}, 'max_speed'), ({'formulation': 'magic'}, 'one of potential'),
+    ({'joints': '[a,b]', 'max_torque': '[1.0,2.0,3.0]'}, '3 values for 2 joints')])
+def test_bad_parameters_at_the_start_end_it_with_one_line(parameters, why):
+    with running(parameters, wait=False) as (node, _):
+        code, output = node.wait(20)
+    assert code == 1 and why in output and 'Traceback' not in output, output
+    assert len(output.strip().splitlines()) == 1
+
+
+def test_a_damaged_model_file_is_told_and_nothing_is_published(tmp_path, model_file, bags):
+    path = tmp_path / 'half.json'
+    path.write_bytes(model_file.read_bytes()[:500])
+    with running({**PATIENT, 'model_file': path}) as (_, probe):
+        status = probe.report('model')
+        assert status.level == b'\x02' and 'half.json' in status.message
+        probe.stream(part(bags['eq17_later'], 0, 20))
+        assert probe.report('input').level == b'\x00' and not probe.torques
+        assert not probe.call('save_model').success
+    assert path.read_bytes() == model_file.read_bytes()[:500]
+
+
+def test_life_cycle(model_file, bags):
+    later = bags['eq17_later']
+    with running({'model_file': model_file, 'autostart': False}, wait=False) as (_, probe):
+        def change(number):
+            request = ChangeState.Request(transition=Transition(id=number))
+            return probe.call('change_state', kind=ChangeState, request=request).success
+
+        def state():
+            return probe.call('get_state', kind=GetState).current_state.label
+
+        assert state() == 'unconfigured'
+        assert change(Transition.TRANSITION_CONFIGURE) and state() == 'inactive'
+        probe.until_node()
+        probe.stream(part(later, 0, 10))
+        assert not probe.torques
+        assert 'not active' in probe.call('refit').message
+        assert change(Transition.TRANSITION_ACTIVATE) and state() == 'active'
+        probe.stream(part(later, 10, 20))
+        probe.until(lambda: len(probe.torques) == 10, 5)
+        assert change(Transition.TRANSITION_DEACTIVATE)
+        probe.stream(part(later, 20, 30))
+        assert change(Transition.TRANSITION_CLEANUP) and state() == 'unconfigured'
+        assert len(probe.torques) == 10
+        assert change(Transition.TRANSITION_CONFIGURE)
+        assert change(Transition.TRANSITION_ACTIVATE)
+        probe.until_node()
+        probe.stream(part(later, 30, 40))
+        probe.until(lambda: len(probe.torques) == 20, 5)
+        assert change(Transition.TRANSITION_ACTIVE_SHUTDOWN) and state() == 'finalized'
+
+
+def test_stale_input_holds_then_fades(model_file, bags):
+    later = bags['eq17_later']
+    options = {'model_file': model_file, 'ramp_time': 0.0, 'max_torque_rate': '[]',
+               'stale_after': 0.2, 'hold_time': 0.3, 'fade_time': 0.5, 'max_torque': '[176.0]'}
+    with running(options) as (_, probe):
+        probe.stream(part(later, 0, 20))
+        probe.until(lambda: len(probe.torques) >= 20, 5)
+        held = np.array(probe.torques[-1].effort)
+        probe.until(lambda: not np.any(probe.torques[-1].effort), 5, 'zero torque')
+        fade = matrix(probe.torques[20:])
+        status = probe.report('feed-forward')
+        assert status.level == b'\x02' and 'faded to zero' in status.message
+        assert 'stale' in probe.status['input'].message
+        count = len(probe.torques)
+        probe.stream(part(later, 20, 30))
+        probe.until(lambda: len(probe.torques) >= count + 10, 5)
+        assert np.abs(probe.torques[-1].effort).max() > 1.0
+    joint = int(np.argmax(np.abs(held)))
+    share = fade[:, joint] / held[joint]
+    assert np.all(np.diff(share) <= 1e-12) and np.sum(share > 0.999) >= 10
+
+
+def test_an_arm_that_compensates_gravity_itself_is_reported(bags):
+    source, rng = bags['eq17_unloaded'], np.random.default_rng(2)
+    with running({**UNLIMITED, **PATIENT}) as (_, probe):
+        for k in range(300):
+            probe.send(source.names, source.t[k], source.q[k], source.qd[k],
+                       rng.normal(0.0, 0.1, 7))
+            probe.spin(0.003)
+        answer = probe.call('refit', 40)
+        if 'running already' in answer.message:
+            probe.until(lambda: probe.report('learning')
+                        and probe.values('learning')['fit process'] == 'ready', 30)
+            answer = probe.call('refit', 40)
+        assert not answer.success and 'compensate gravity itself' in answer.message
+        assert not probe.torques
+        assert 'compensate gravity itself' in probe.report('learning').message
+
+
+def test_disable_and_enable(model_file, bags):
+    later = bags['eq17_later']
+    with running({**UNLIMITED, **PATIENT, 'model_file': model_file}) as (_, probe):
+        probe.stream(part(later, 0, 10))
+        assert probe.enable(False).success
+        probe.until(lambda: len(probe.torques) == 10, 5)
+        probe.stream(part(later, 10, 20))
+        probe.until(lambda: len(probe.torques) == 11, 5)
+        assert not np.any(probe.torques[-1].effort)
+        assert probe.enable(True).success
+        probe.stream(part(later, 20, 30))
+        probe.until(lambda: len(probe.torques) == 21, 5)
+        assert np.any(probe.torques[-1].effort)
+
+
+def test_simulated_time_drives_the_ramp(model_file, bags):
+    later = bags['eq17_later']
+    options = {'use_sim_time': True, 'model_file': model_file, 'ramp_time': 10.0,
+               'stale_after': 5.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
+    with running(options) as (_, probe):
+        clock = probe.create_publisher(Clock, '/clock', 10)
+        probe.until(lambda: clock.get_subscription_count() > 0, 10)
+        truth = load_model(model_file).predict(later.q)
+        message = Clock()
+        for k in range(12):
+            message.clock.sec = 100 + k
+            clock.publish(message)
+            probe.spin(0.05)
+            probe.send(later.names, later.t[k], later.q[k], later.qd[k], later.tau[k])
+            probe.until(lambda count=k + 1: len(probe.torques) == count, 5)
+        rows, torques = published(later, probe.torques)
+    np.testing.assert_allclose(torques[5], 0.5 * truth[5], rtol=1e-6)
+    np.testing.assert_allclose(torques[11], truth[11], rtol=1e-9)
