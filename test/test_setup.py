@@ -92,6 +92,13 @@ def test_commands_of_the_readme_exist():
     assert verbs and verbs <= {*VERBS, 'payload'}
 
 
+@pytest.mark.parametrize('document', ['README.md', 'docs/dependencies.md'])
+def test_links_lead_somewhere(document):
+    path = ROOT / document
+    links = re.findall(r'\]\(([^)#:]+)\)', path.read_text())
+    assert [link for link in links if not (path.parent / link).exists()] == []
+
+
 @pytest.mark.parametrize('script', ['tools/make_venv.sh', '.ci/run'])
 def test_scripts_are_executable(script):
     assert os.access(ROOT / script, os.X_OK)

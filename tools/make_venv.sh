@@ -74,7 +74,7 @@ check_venv_module() {
 }
 
 fingerprint() {
-    { cat requirements/*.txt setup.py setup.cfg pyproject.toml tools/make_venv.sh
+    { cat requirements/*.txt setup.py tools/make_venv.sh
       echo "$here $venv $set_name $ros $python $version"; } | cksum | tr ' ' '-'
 }
 
