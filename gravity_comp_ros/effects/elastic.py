@@ -1,0 +1,185 @@
+"""What pulls a joint back: springs, cables, end stops, and gears that give way."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+# Less travel leaves a spring, a ramp and gravity's sine alike.
+_LEAST_TRAVEL = 0.2
+# Parts of the range at which a cable may become taut, and near whose ends a stop may begin.
+_CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
+_STOP_DEPTHS = (0.02, 0.04, 0.08)
+_PULLS = 'it would push the joint away instead of holding it back'
+
+
+def _spring(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    q = motion.samples.q[:, [joint]]
+    return q - q.mean()
+
+
+def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return how far the joint is beyond `start` towards `side`, with that side's sign."""
+    beyond = setting['side'] * (motion.samples.q[:, [joint]] - setting['start'])
+    return setting['side'] * np.maximum(beyond, 0.0)
+
+
+def _cable(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """
+    Return the hinge of a cable that is taut on one side, or for side 0 a cube.
+
+    The cube is that of a harness twisted about its rest at `start`; it is scaled so that its
+    coefficient, too, is a stiffness: torque over angle at half the travel from the rest.
+    """
+    if setting['side']:
+        return _hinge(motion, joint, setting)
+    half = max(0.5 * facts.travel(motion, joint), 1e-9)
+    twist = motion.samples.q[:, [joint]] - setting['start']
+    return twist * (twist / half) ** 2
+
+
+def _range(motion: Motion, joint: int) -> tuple[float, float]:
+    q = motion.samples.q[:, joint]
+    return float(q.min()), float(np.ptp(q))
+
+
+def cable_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return starts within the range for either side, and three rest angles of a harness."""
+    low, span = _range(motion, joint)
+    hinges = [{'start': low + part * span, 'side': side}
+              for side in (1.0, -1.0) for part in _CABLE_STARTS]
+    return hinges + [{'start': low + part * span, 'side': 0.0} for part in (0.35, 0.5, 0.65)]
+
+
+def _finer_cable(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    _, span = _range(motion, joint)
+    step = 0.04 * span
+    return [{**setting, 'start': setting['start'] + k * step} for k in (-1.0, 1.0)]
+
+
+def stop_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return starts close to either end of the range."""
+    low, span = _range(motion, joint)
+    return [{'start': low + (1.0 - depth if side > 0 else depth) * span, 'side': side}
+            for side in (1.0, -1.0) for depth in _STOP_DEPTHS]
+
+
+def _needs_travel(motion: Motion, joint: int) -> str | None:
+    reach = facts.travel(motion, joint)
+    if reach < _LEAST_TRAVEL:
+        return (f'the joint travels {reach:.2g} rad; what pulls it back shows from '
+                f'{_LEAST_TRAVEL:g} rad on')
+    return None
+
+
+def _stop_untestable(motion: Motion, joint: int) -> str | None:
+    if _needs_travel(motion, joint):
+        return _needs_travel(motion, joint)
+    low, span = _range(motion, joint)
+    q, deepest = motion.samples.q[:, joint], max(_STOP_DEPTHS)
+    near = min(np.count_nonzero(q < low + deepest * span),
+               np.count_nonzero(q > low + (1.0 - deepest) * span))
+    if near < 10:
+        return 'too few samples near the ends of the range'
+    return None
+
+
+def _flexibility(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """
+    Return what all joints lose when gravity turns this one by -c g_joint, per c.
+
+    g(q - c g_j e_j) - g(q) = -c g_j dg/dq_j to first order.
+    """
+    return -(motion.gradient[:, :, joint] * motion.gravity[:, [joint]])[:, :, None]
+
+
+def _flexibility_untestable(motion: Motion, joint: int) -> str | None:
+    if float(np.abs(_flexibility(motion, joint, {})).max(initial=0.0)) < 1e-6:
+        return 'this joint carries no gravity that could bend it'
+    if facts.travel(motion, joint) < _LEAST_TRAVEL:
+        return _needs_travel(motion, joint)
+    return None
+
+
+EFFECTS = (
+    Effect(
+        name='joint_spring',
+        title='Spring on the joint',
+        family='elastic',
+        equation='tau_n = k (q_n - mean q_n)',
+        description='A spring that pulls the joint to some angle, such as a balancer or a '
+                    'stiff hose.',
+        coefficients=(Coefficient('k', 'N·m/rad', 'stiffness'),),
+        columns=_spring,
+        confounders=('cable_stiffness', 'end_stop', 'torque_offset', 'payload_change'),
+        experiment='move joint {joint} slowly to and fro through its whole range with the '
+                   'others still in a pose where it carries little',
+        signature='position',
+        source='V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016',
+        untestable=_needs_travel,
+        implausible=not_negative(_spring, _PULLS)),
+    Effect(
+        name='cable_stiffness',
+        title='Cable or hose that tightens',
+        family='elastic',
+        equation='tau_n = k s max(0, s (q_n - q_0)), s = ±1; or, s = 0, k (q_n - q_0)^3 / h^2, '
+                 'h half the travel',
+        description='A cable that is slack over part of the range and pulls beyond it, or a '
+                    'harness that stiffens as it is twisted.',
+        coefficients=(Coefficient('k', 'N·m/rad', 'stiffness when taut'),),
+        columns=_cable,
+        confounders=('joint_spring', 'end_stop', 'torque_offset'),
+        experiment='move joint {joint} slowly to and fro through its whole range with the '
+                   'others still; once with the cables taken off, if they can be',
+        signature='position',
+        source='A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
+               'cubic stiffness)',
+        settings=cable_settings,
+        refine=_finer_cable,
+        untestable=_needs_travel,
+        implausible=not_negative(_cable, _PULLS),
+        setting_units={'start': 'rad', 'side': ''}),
+    Effect(
+        name='end_stop',
+        title='End stop',
+        family='elastic',
+        equation='tau_n = k s max(0, s (q_n - q_0)), s = ±1, q_0 near an end of the range',
+        description='A buffer that the joint runs into at an end of its range.',
+        coefficients=(Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),),
+        columns=_hinge,
+        confounders=('cable_stiffness', 'joint_spring', 'presliding_hysteresis'),
+        experiment='move joint {joint} slowly into the end of its range and back several '
+                   'times, with other poses of the other joints',
+        signature='position',
+        source='B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral '
+               'compliant contact)',
+        settings=stop_settings,
+        untestable=_stop_untestable,
+        implausible=not_negative(_hinge, _PULLS),
+        setting_units={'start': 'rad', 'side': ''}),
+    Effect(
+        name='joint_flexibility',
+        title='Gear that gives way',
+        family='elastic',
+        equation='tau = -c g_n(q) dg(q)/dq_n',
+        description='A gear that gives way under load, so that the link hangs lower than the '
+                    'motor encoder says and all joints carry another torque.',
+        coefficients=(Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),),
+        columns=_flexibility,
+        confounders=('encoder_offset', 'torque_gain', 'joint_spring'),
+        experiment='in the pose where joint {joint} carries most, compare the angle that a '
+                   'level on the link shows with the one that the encoder gives, with and '
+                   'without a known load',
+        signature='load',
+        source='M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of '
+               'Dynamic Systems, Measurement and Control 109, 1987',
+        scope='arm',
+        untestable=_flexibility_untestable,
+        implausible=all_of(
+            not_negative(_flexibility, 'the link would rise under its load'),
+            smaller_than(_flexibility, 0.01, 'rad/(N·m)',
+                         'no gear yields half a degree for each newton metre'))),
+)

@@ -1,0 +1,184 @@
+"""
+Friction of one joint: what turns with the direction of motion.
+
+The direction is d = tanh(qd / width), with the width that the data shows. Load is the predicted
+gravity torque, never the measured one, which holds the friction itself.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+_TO_AND_FRO = ('move joint {joint} to and fro through its range with the others still, once '
+               'each at three speeds')
+# A Stribeck speed must be this many sign widths, or it only mends the width.
+_ABOVE_WIDTH = 4.0
+# ... and lie below this share of the top speed, or it is viscous friction upside down.
+_BELOW_TOP = 0.35
+_STRIBECK_SPEEDS = 5
+
+
+def _coulomb(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return motion.direction(joint)[:, None]
+
+
+def _viscous(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return motion.samples.qd[:, [joint]]
+
+
+def _stribeck(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
+    return (motion.direction(joint) * fall)[:, None]
+
+
+def _asymmetric(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return np.abs(motion.direction(joint))[:, None]
+
+
+def _load_dependent(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
+
+
+def stribeck_speeds(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return Stribeck speeds between the sign width and the speeds that occur."""
+    low, high = _stribeck_range(motion, joint)
+    if high <= low:
+        return []
+    count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
+    return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
+
+
+def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
+    return (_ABOVE_WIDTH * float(motion.sign_width[joint]),
+            _BELOW_TOP * facts.top_speed(motion, joint))
+
+
+def _finer_speeds(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    low, high = _stribeck_range(motion, joint)
+    return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
+
+
+def _stribeck_untestable(motion: Motion, joint: int) -> str | None:
+    if facts.lacks_speeds(motion, joint):
+        return facts.lacks_speeds(motion, joint)
+    low, high = _stribeck_range(motion, joint)
+    if high <= low:
+        return (f'a Stribeck speed could be told only from {low:.2g} to {high:.2g} rad/s: the '
+                f'joint is too slow, or its speed too noisy')
+    speeds = np.abs(motion.samples.qd[:, joint])
+    if np.count_nonzero(speeds < 0.5 * high) < 20:
+        return 'too few samples at creeping speed'
+    return None
+
+
+def _load_untestable(motion: Motion, joint: int) -> str | None:
+    reason = facts.lacks_both_ways(motion, joint) or facts.lacks_load(motion, joint)
+    if reason:
+        return reason
+    d, load = motion.direction(joint), np.abs(motion.gravity[:, joint])
+    mean = float(d @ (load * d)) / max(float(d @ d), 1e-300)
+    if np.sqrt(np.mean(((load - mean) * d) ** 2)) < 0.05 * max(mean, 0.1):
+        return 'the load is nearly the same wherever the joint moves'
+    return None
+
+
+_PUSHES = 'friction takes energy from the motion, it never adds any'
+
+EFFECTS = (
+    Effect(
+        name='coulomb_friction',
+        title='Coulomb friction',
+        family='friction',
+        equation='tau_n = F_c tanh(qd_n / width)',
+        description='A constant torque against the motion; the prediction jumps where the '
+                    'joint turns back.',
+        coefficients=(Coefficient('F_c', 'N·m', 'Coulomb friction torque'),),
+        columns=_coulomb,
+        confounders=('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
+                     'presliding_hysteresis', 'asymmetric_friction', 'torque_offset'),
+        experiment=_TO_AND_FRO,
+        signature='speed',
+        source='C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
+               'models and friction compensation, European Journal of Control 4, 1998',
+        untestable=facts.lacks_both_ways,
+        implausible=not_negative(_coulomb, _PUSHES)),
+    Effect(
+        name='viscous_friction',
+        title='Viscous friction',
+        family='friction',
+        equation='tau_n = F_v qd_n',
+        description='A torque against the motion that grows in proportion to speed.',
+        coefficients=(Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),),
+        columns=_viscous,
+        confounders=('coulomb_friction', 'stribeck_friction', 'time_delay'),
+        experiment=_TO_AND_FRO,
+        signature='speed',
+        source='H. Olsson et al., Friction models and friction compensation, European Journal '
+               'of Control 4, 1998',
+        untestable=facts.lacks_speeds,
+        implausible=not_negative(_viscous, _PUSHES)),
+    Effect(
+        name='stribeck_friction',
+        title='Stribeck friction',
+        family='friction',
+        equation='tau_n = F_s tanh(qd_n / width) exp(-(qd_n / v_s)^2)',
+        description='Extra friction at creeping speed that falls off as the joint moves '
+                    'faster; it comes on top of Coulomb friction.',
+        coefficients=(Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),),
+        columns=_stribeck,
+        confounders=('coulomb_friction', 'viscous_friction', 'presliding_hysteresis'),
+        experiment='move joint {joint} to and fro through the same range at five speeds, from '
+                   'the slowest that the drive holds steady to ten times that',
+        signature='speed',
+        source='R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
+               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC '
+               '2005',
+        settings=stribeck_speeds,
+        refine=_finer_speeds,
+        untestable=_stribeck_untestable,
+        implausible=not_negative(_stribeck, 'friction that rises from creeping speed is '
+                                            'viscous, not Stribeck'),
+        setting_units={'speed': 'rad/s'}),
+    Effect(
+        name='asymmetric_friction',
+        title='Friction that differs by direction',
+        family='friction',
+        equation='tau_n = F_a |tanh(qd_n / width)|',
+        description='Friction that is stronger one way than the other; in motion it looks like '
+                    'an offset, which is gone when the joint stands.',
+        coefficients=(Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
+                                                'downwards'),),
+        columns=_asymmetric,
+        confounders=('torque_offset', 'coulomb_friction', 'torque_drift'),
+        experiment='move joint {joint} to and fro and let it stand for some seconds in several '
+                   'places on the way',
+        signature='speed',
+        source='B. Armstrong-Hélouvry et al., A survey of models, analysis tools and '
+               'compensation methods for the control of machines with friction, Automatica '
+               '30, 1994',
+        untestable=facts.lacks_holds,
+        implausible=within_torque(_asymmetric)),
+    Effect(
+        name='load_dependent_friction',
+        title='Friction that grows with load',
+        family='friction',
+        equation='tau_n = mu |g_n(q)| tanh(qd_n / width)',
+        description='Friction in proportion to the gravity torque that the gear carries.',
+        coefficients=(Coefficient('mu', '', 'friction torque per torque carried'),),
+        columns=_load_dependent,
+        confounders=('coulomb_friction', 'torque_gain', 'viscous_friction'),
+        experiment='move joint {joint} to and fro over a short way in a pose with much load '
+                   'and in one with none',
+        signature='load',
+        source='A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling '
+               'and identification of load and temperature effects, ASME Journal of Dynamic '
+               'Systems, Measurement and Control 134, 2012',
+        untestable=_load_untestable,
+        implausible=all_of(not_negative(_load_dependent, _PUSHES),
+                           smaller_than(_load_dependent, 0.5, '',
+                                        'no gear that can be driven loses half its load'))),
+)

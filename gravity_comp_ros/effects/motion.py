@@ -1,0 +1,91 @@
+"""
+From samples and a gravity model to what effects are computed from.
+
+Acceleration is the slope of a cubic fitted to the speed over a short window, on either side of
+each sample alike and within one run, so that nothing is shifted in time. The predicted torque
+and its gradient come from the model in closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion_facts import run_slices
+from gravity_comp_ros.effects.sign_width import sign_widths
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.velocity import differentiate, DifferentiationOptions
+import numpy as np
+
+# Rows of the feature matrix held at once.
+_CHUNK = 4096
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """
+    How acceleration is found: cubic fits to the speed over `window` s.
+
+    0.3 s passes what an arm in careful motion does (up to about 2 Hz) and keeps a speed noise
+    of 1 mrad/s at 50 Hz to about 0.02 rad/s^2.
+
+    :raises OptionError: if the window is not positive.
+    """
+
+    window: float = 0.3
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.window) or self.window <= 0:
+            raise OptionError(f'acceleration window is {self.window} s; it must be positive')
+
+
+def build_motion(samples: JointSamples, model: GravityModel,
+                 options: MotionOptions = MotionOptions()) -> Motion:
+    """
+    Return what effect columns are computed from; joints are put in the model's order.
+
+    :raises DataError: if there are no samples.
+    :raises ModelMismatchError: if a joint of the model is not among the samples'.
+    """
+    samples = samples.joints(model.joints)
+    if not len(samples):
+        raise DataError('no samples to look for effects in')
+    gravity = model.predict(samples.q)
+    return Motion(samples, accelerations(samples, options), gravity,
+                  gravity_gradient(model, samples.q),
+                  sign_widths(samples, samples.tau - gravity), model)
+
+
+def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions()) -> FloatArray:
+    """Return qdd (M, N) in rad/s^2, each run for itself; 0 where a sample is alone in time."""
+    qdd = np.zeros_like(samples.qd)
+    if not samples.qd.any():
+        return qdd
+    how = DifferentiationOptions(window=options.window)
+    for run in run_slices(samples):
+        qdd[run] = differentiate(samples.t[run], samples.qd[run], how)
+    return np.nan_to_num(qdd, nan=0.0)
+
+
+def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
+    """
+    Return d gravity_n / d q_j in N·m/rad, shape (M, N, N) with n before j.
+
+    The derivative of a feature is again a feature (Yu 2022, Property 1), so this is exact.
+
+    :param q: poses (M, N) in rad.
+    """
+    n = model.n_joints
+    parts = [torque.gradient(n, j) for torque in model.torques for j in range(n)]
+    features = np.unique(np.concatenate([part.indices for part in parts]))
+    weights = np.zeros((len(features), n * n))
+    for place, part in enumerate(parts):
+        np.add.at(weights[:, place], np.searchsorted(features, part.indices), part.weights)
+    out = np.zeros((len(q), n * n))
+    for start in range(0, len(q) if len(features) else 0, _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        out[rows] = dictionary.columns(q[rows], features) @ weights
+    return out.reshape(len(q), n, n)

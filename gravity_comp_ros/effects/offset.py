@@ -1,0 +1,94 @@
+"""Faults of the torque signal: its zero, its scale and their change with time."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.plausible import smaller_than, within_torque
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+_SHORTEST = 10.0
+
+
+def _offset(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return np.ones((motion.samples.n_samples, 1))
+
+
+def _gain(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    return motion.gravity[:, [joint]]
+
+
+def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return the time within each run, less its mean, so that every run drifts by itself."""
+    time = facts.run_time(motion.samples)
+    return (time - time.mean())[:, None]
+
+
+def _gain_untestable(motion: Motion, joint: int) -> str | None:
+    if float(motion.gravity[:, joint].std()) < 0.02:
+        return 'gravity hardly varies here, so that a scale of it is the same as an offset'
+    return None
+
+
+def _drift_untestable(motion: Motion, joint: int) -> str | None:
+    longest = facts.longest_run(motion.samples)
+    if longest < _SHORTEST:
+        return f'the longest run takes {longest:.3g} s, too short to drift'
+    return None
+
+
+EFFECTS = (
+    Effect(
+        name='torque_offset',
+        title='Torque offset',
+        family='offset',
+        equation='tau_n = b',
+        description='A torque signal that is not zero when the torque is.',
+        coefficients=(Coefficient('b', 'N·m', 'torque signal at no torque'),),
+        columns=_offset,
+        confounders=('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force'),
+        experiment='let joint {joint} stand in ten poses, each reached from below and from '
+                   'above',
+        signature='time',
+        source='M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method '
+               'for parameter identification of robot dynamics, IEEE Transactions on Control '
+               'Systems Technology 21, 2013',
+        implausible=within_torque(_offset)),
+    Effect(
+        name='torque_gain',
+        title='Torque scale',
+        family='offset',
+        equation='tau_n = k g_n(q)',
+        description='A torque signal of the wrong scale: a torque constant or gear ratio that '
+                    'is off.',
+        coefficients=(Coefficient('k', '', 'relative error of the torque scale'),),
+        columns=_gain,
+        confounders=('payload_change', 'load_dependent_friction'),
+        experiment='hang a known mass on the arm and compare the change of torque of joint '
+                   '{joint} with the one that its weight and lever arm give',
+        signature='load',
+        source='M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
+               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
+               '136, 2014',
+        untestable=_gain_untestable,
+        implausible=smaller_than(_gain, 1.0, '', 'the scale is off by more than the torque '
+                                                 'itself; check --effort-scale')),
+    Effect(
+        name='torque_drift',
+        title='Torque drift',
+        family='offset',
+        equation='tau_n = r (t - mean t), t from the start of each run',
+        description='A torque signal whose zero moves in the course of a run, as strain gauges '
+                    'do when they warm up.',
+        coefficients=(Coefficient('r', 'N·m/s', 'change of the torque signal per second'),),
+        columns=_drift,
+        confounders=('friction_drift', 'torque_offset', 'payload_change'),
+        experiment='let joint {joint} stand in one pose for as long as a run takes, before and '
+                   'after moving it',
+        signature='time',
+        source='K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
+               'Strain Gauges, HBM, 2012',
+        untestable=_drift_untestable,
+        implausible=within_torque(_drift)),
+)

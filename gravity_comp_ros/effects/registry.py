@@ -1,0 +1,71 @@
+"""
+All effects by name: our own, and those that other packages bring.
+
+A package adds effects by an entry point of the group `gravity_comp_ros.effects` that names an
+`Effect`, or a list or tuple of them. What cannot be loaded is left out with one line in
+`broken_plug_ins`: an effect that fails must not take the tool with it.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.metadata import entry_points
+
+from gravity_comp_ros.effects import dynamics, elastic, friction, offset
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.printable import printable
+
+GROUP = 'gravity_comp_ros.effects'
+_FAMILIES = (friction, offset, elastic, dynamics)
+
+
+def all_effects() -> dict[str, Effect]:
+    """Return every effect by its name: the library's in its order, then the plug-ins'."""
+    return dict(_load()[0])
+
+
+def broken_plug_ins() -> tuple[str, ...]:
+    """Return one line for each plug-in that was left out, saying which and why."""
+    return _load()[1]
+
+
+def find_effect(name: str) -> Effect:
+    """
+    Return the effect of that name.
+
+    :raises OptionError: if there is none.
+    """
+    effects = all_effects()
+    if name not in effects:
+        raise OptionError(f'no effect {printable(name)}; known are {", ".join(effects)}')
+    return effects[name]
+
+
+@cache
+def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
+    effects = {effect.name: effect for family in _FAMILIES for effect in family.EFFECTS}
+    complaints = []
+    for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
+        where = f'effect plug-in {printable(point.name)} ({printable(point.value)})'
+        try:
+            added = _effects_of(point.load())
+        # Whatever a stranger's module raises on import is its own affair.
+        except Exception as error:  # noqa: B902
+            reason = printable(error) or type(error).__name__
+            complaints.append(f'{where} is left out: {reason}')
+            continue
+        for effect in added:
+            if effect.name in effects:
+                complaints.append(f'{where} is left out: there is an effect {effect.name} already')
+            else:
+                effects[effect.name] = effect
+    return effects, tuple(complaints)
+
+
+def _effects_of(loaded: object) -> tuple[Effect, ...]:
+    found = loaded if isinstance(loaded, (list, tuple)) else (loaded,)
+    for effect in found:
+        if not isinstance(effect, Effect):
+            raise OptionError(f'it names a {type(effect).__name__}, not an Effect')
+    return tuple(found)
