@@ -42,6 +42,13 @@ def test_the_better_model_wins_both_ways():
     np.testing.assert_allclose(verdict.rmse_new, rmse)
 
 
+def test_of_equals_the_one_that_knows_more_is_taken():
+    truth, nearly = model(5.0, 3.0), model(5.01, 3.005)
+    assert not judge(nearly, truth, TRAIN, HELD).better
+    assert judge(nearly, truth, TRAIN, HELD, knows_more=True).better
+    assert not judge(model(5.1, 3.1), truth, TRAIN, HELD, knows_more=True).better
+
+
 def test_one_joint_may_not_pay_for_another():
     verdict = judge(model(5.0, 2.0), model(0.0, 3.0), TRAIN, HELD)
     assert not verdict.better and verdict.reason.startswith('worse on j1:')

@@ -54,7 +54,8 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         answer = probe.call('refit')
         assert not answer.success and 'no joint states yet' in answer.message
         probe.stream(bags['eq17_unloaded'])
-        probe.until(lambda: '500 of 500 samples' in probe.report('learning').message
+        probe.until(lambda: probe.report('learning')
+                    and probe.values('learning')['samples'] == '500'
                     and probe.values('learning')['fit process'] == 'ready', 40, 'the fits')
         saved = probe.call('save_model')
         assert saved.success and str(path) in saved.message
@@ -65,12 +66,12 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         probe.until(lambda: len(probe.torques) == len(probe.commands) == len(probe.predictions)
                     == len(probe.residuals) == len(later), 10, 'torque for every message')
     model = load_model(path)
-    rows, torques = published(later, probe.torques, -200.0)
+    rows, torques = published(later, probe.torques, 200.0)
     np.testing.assert_allclose(torques, model.predict(later.q[rows]), atol=1e-9)
     np.testing.assert_array_equal(torques, [list(m.data) for m in probe.commands])
-    rows, predictions = published(later, probe.predictions, -200.0)
+    rows, predictions = published(later, probe.predictions, 200.0)
     assert replay_command(path, tmp_path) == pytest.approx(predictions, abs=1e-9)
-    rows, residuals = published(later, probe.residuals, -200.0)
+    rows, residuals = published(later, probe.residuals, 200.0)
     np.testing.assert_allclose(residuals, later.tau[rows] - predictions, atol=1e-9)
     # 0.1 N·m of it is noise, and some is the inertia that a gravity model leaves out.
     assert np.sqrt(np.mean(residuals ** 2, axis=0)).max() < 0.2

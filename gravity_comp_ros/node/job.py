@@ -69,6 +69,7 @@ def work(job: Job) -> Outcome:
     for name, other in candidates[1:]:
         if judge(other.model, best.model, job.train, job.held).better:
             how, best = name, other
-    verdict = judge(best.model, job.old, job.train, job.held)
+    more = job.old is not None and len(job.train) > job.old.coverage.n_samples
+    verdict = judge(best.model, job.old, job.train, job.held, more)
     return Outcome(job.number, job.epoch, best.model, verdict, how, time.monotonic() - start,
                    tuple(str(word) for word in best.report.get('warnings', ())))

@@ -43,15 +43,17 @@ class Verdict:
     reason: str
 
 
-def judge(new: Predicts, old: Predicts | None, train: JointSamples,
-          held: JointSamples) -> Verdict:
+def judge(new: Predicts, old: Predicts | None, train: JointSamples, held: JointSamples,
+          knows_more: bool = False) -> Verdict:
     """
     Return whether `new`, learned from `train`, predicts `held` better than `old` does.
 
     The figure compared is the RMSE relative to each joint's noise, over all joints; besides,
-    no joint may get worse by more than a fifth and its noise.
+    no joint may get worse by more than a fifth and its noise. Where the two figures are equal
+    within what chance does to them, `new` is taken only if it knows more.
 
     :param old: the model in use; without one, a constant torque is the rival.
+    :param knows_more: whether `new` was learned from more samples than `old`.
     """
     error_new = held.tau - new.predict(held.q)
     mean = train.tau.mean(axis=0)
@@ -74,7 +76,10 @@ def judge(new: Predicts, old: Predicts | None, train: JointSamples,
                        'gravity itself, or its axes are all vertical; nothing to learn '
                        f'({figures})')
     worse = np.flatnonzero(rmse_new > 1.2 * rmse_old + noise)
-    better = bool(_rms(rmse_new / noise) < _rms(rmse_old / noise)) and worse.size == 0
+    # The standard error of an RMSE of independent errors, as a part of it.
+    chance = 1.0 / np.sqrt(2.0 * held.tau.size) if knows_more and old is not None else 0.0
+    better = worse.size == 0 and bool(
+        _rms(rmse_new / noise) < (1.0 + chance) * _rms(rmse_old / noise))
     if better and old is None and (explained < EXPLAINED).all():
         return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
                        f'pose does not explain the effort yet ({figures})')
