@@ -129,6 +129,9 @@ def _warnings(samples: JointSamples, fits: list[SparseFit]) -> list[str]:
     if still:
         words.append(f'{", ".join(still)} never moved: features of it are dropped, and the '
                      f'model holds only where it stood')
+    if not any(found.indices.size for found in fits):
+        words.append('no torque stands out of its noise: the model is 0 everywhere. If gravity '
+                     'does load the arm, record more poses')
     if not all(found.lasso.converged for found in fits):
         words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)

@@ -1,0 +1,318 @@
+"""Fits of arms whose torque is known: by hand, of every length, tilted, and at rest in part."""
+
+import json
+
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.gravity import admm, dictionary
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.gravity.sparse import SparseOptions
+from gravity_comp_ros.samples import concatenate
+from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
+from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
+import numpy as np
+import pytest
+from serial_arms import G, planar_2r, poses, samples_of, serial_arm
+
+BOTH = pytest.mark.parametrize('formulation', ['potential', 'per_joint'])
+
+
+def rms(x: np.ndarray) -> np.ndarray:
+    return np.sqrt((x ** 2).mean(axis=0))
+
+
+def uses(model, joint: int, of: int) -> bool:
+    """Return whether the torque of joint `of` has a feature with sin or cos of `joint`."""
+    features = model.torques[of].indices
+    return bool(dictionary.digits(features, model.n_joints)[:, joint].any())
+
+
+@BOTH
+def test_a_pendulum(formulation):
+    # m = 2 kg, l = 0.5 m, hanging at q = 0: tau = m g l sin q, U = -m g l cos q.
+    q = poses(60, 1)
+    result = fit(samples_of(q, 2 * G * 0.5 * np.sin(q), 0.01), FitOptions(formulation))
+    model = result.model
+    assert model.equation('axis0') == f'{model.torques[0].weights[0]:.2f} s1'
+    assert model.torques[0].weights[0] == pytest.approx(9.81, abs=0.01)
+    assert result.converged and result.report['features'] == {'axis0': 1}
+    if formulation == 'potential':
+        np.testing.assert_array_equal(model.energy.indices, [2])
+        assert model.energy.weights[0] == pytest.approx(-9.81, abs=0.01)
+
+
+@BOTH
+def test_a_pendulum_without_noise(formulation):
+    q = poses(60, 1)
+    model = fit(samples_of(q, 9.81 * np.sin(q)), FitOptions(formulation)).model
+    assert model.equation('axis0', digits=4) == '9.8100 s1'
+
+
+@BOTH
+@pytest.mark.parametrize('noise', [0.0, 0.05])
+def test_two_links_in_a_plane(formulation, noise):
+    # m1 = 3, m2 = 2 kg, l1 = 0.5, c1 = 0.25, c2 = 0.2 m, and cos(q1 + q2) = c1 c2 - s1 s2.
+    q = poses(120, 2, seed=3)
+    model = fit(samples_of(q, planar_2r(q), noise), FitOptions(formulation)).model
+    upper, lower = (3 * 0.25 + 2 * 0.5) * G, 2 * 0.2 * G
+    first = dict(zip(model.torques[0].indices.tolist(), model.torques[0].weights))
+    second = dict(zip(model.torques[1].indices.tolist(), model.torques[1].weights))
+    c1, c1c2, s1s2 = 6, 8, 4
+    tolerance = 0.5 * noise + 1e-3
+    assert first == pytest.approx({c1: upper, c1c2: lower, s1s2: -lower}, abs=tolerance)
+    assert second == pytest.approx({c1c2: lower, s1s2: -lower}, abs=tolerance)
+    equation = model.equation('axis0', digits=0)
+    assert equation.startswith('17 c1') and {'- 4 s1 s2', '+ 4 c1 c2'} <= {
+        equation[-19:-10], equation[-9:]}
+
+
+@pytest.mark.parametrize('formulation, n_joints', [
+    *(('potential', n) for n in range(1, 9)), *(('per_joint', n) for n in range(1, 8))])
+def test_arms_of_any_length(formulation, n_joints):
+    arm = with_base_tilt(serial_arm(n_joints, seed=1), 0.0, 0.4 if n_joints == 1 else 0.0)
+    count = 300 if formulation == 'potential' else 600
+    q = poses(count, n_joints)
+    tau = gravity_torque(arm, q)
+    result = fit(samples_of(q, tau, 0.1), FitOptions(formulation))
+    unseen = poses(200, n_joints, seed=1)
+    error = rms(result.model.predict(unseen) - gravity_torque(arm, unseen))
+    assert result.converged
+    assert (error < 0.1).all()
+    assert (result.model.noise < 0.12).all()
+    if n_joints > 1:
+        assert not result.model.predict(unseen)[:, 0].any()   # an upright axis bears nothing
+
+
+@pytest.mark.parametrize('n_joints', [9, 10])
+def test_many_joints_of_which_the_last_bear_nothing(n_joints):
+    short = serial_arm(4)
+    q = poses(200, n_joints)
+    tau = np.zeros_like(q)
+    tau[:, :4] = gravity_torque(short, q[:, :4])
+    model = fit(samples_of(q, tau, 0.1)).model
+    unseen = poses(200, n_joints, seed=1)
+    error = model.predict(unseen)
+    error[:, :4] -= gravity_torque(short, unseen[:, :4])
+    assert rms(error).max() < 0.05
+    assert not model.n_features()[4:].any()
+
+
+@BOTH
+def test_thirteen_joints_are_refused(formulation):
+    q = poses(20, 13)
+    with pytest.raises(ValueError, match='13 joints; the dictionary takes 1 to 12') as caught:
+        fit(samples_of(q, np.sin(q)), FitOptions(formulation))
+    assert '\n' not in str(caught.value)
+
+
+@BOTH
+def test_a_tilted_base_shows_in_the_first_joint(formulation):
+    q = poses(300, 4)
+    found = {}
+    for tilt in (0.0, 0.1):
+        arm = with_base_tilt(serial_arm(4), tilt, 0.0)
+        model = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation)).model
+        found[tilt] = [uses(model, 0, of) for of in range(4)]
+        unseen = poses(200, 4, seed=1)
+        assert rms(model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.05
+    assert found[0.0] == [False] * 4
+    assert found[0.1][:2] == [True, True]
+
+
+@BOTH
+@pytest.mark.parametrize('still', [1, 2])
+@pytest.mark.parametrize('jitter', [0.0, 2e-4])
+def test_a_joint_that_never_moves(formulation, still, jitter):
+    arm, rng = serial_arm(4), np.random.default_rng(0)
+    q = poses(250, 4)
+    q[:, still] = 0.7 + jitter * rng.uniform(-1, 1, 250)
+    tau = gravity_torque(arm, q)
+    result = fit(samples_of(q, tau, 0.05), FitOptions(formulation))
+    name = f'axis{still}'
+    assert result.report['dropped_joints'] == [name]
+    assert any(name in words and 'never moved' in words for words in result.report['warnings'])
+    unseen = poses(200, 4, seed=1)
+    unseen[:, still] = 0.7
+    truth = gravity_torque(arm, unseen)
+    assert np.abs(truth[:, still]).max() > 1.0    # what it bears is not nothing,
+    assert rms(result.model.predict(unseen) - truth).max() < 0.05     # and it is right
+    if formulation == 'per_joint':
+        assert not any(uses(result.model, still, of) for of in range(4))
+    assert result.model.extrapolation(unseen[0] + 0.1 * np.eye(4)[still]) > 0.09
+
+
+@BOTH
+def test_several_joints_that_never_move(formulation):
+    arm, q = serial_arm(5), poses(200, 5)
+    q[:, [2, 4]] = [0.4, -1.0]
+    result = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation))
+    assert result.report['dropped_joints'] == ['axis2', 'axis4']
+    unseen = poses(100, 5, seed=1)
+    unseen[:, [2, 4]] = [0.4, -1.0]
+    assert rms(result.model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.06
+
+
+@BOTH
+def test_too_few_samples_are_refused(formulation):
+    q = poses(9, 2)
+    with pytest.raises(FitError, match='9 slow samples; a fit needs at least 10') as caught:
+        fit(samples_of(q, planar_2r(q)), FitOptions(formulation))
+    assert '\n' not in str(caught.value)
+    q = poses(10, 2)
+    fit(samples_of(q, planar_2r(q)), FitOptions(formulation))
+
+
+@BOTH
+@pytest.mark.parametrize('jitter', [0.0, 5e-4])
+def test_an_arm_that_does_not_move_is_refused(formulation, jitter):
+    q = 0.5 + jitter * poses(50, 2, reach=1.0)
+    with pytest.raises(FitError, match='no joint moves'):
+        fit(samples_of(q, planar_2r(q), 0.1), FitOptions(formulation))
+
+
+@BOTH
+def test_effort_of_zero_is_refused(formulation):
+    q = poses(50, 2)
+    with pytest.raises(FitError, match='effort is 0 for every joint'):
+        fit(samples_of(q, np.zeros_like(q)), FitOptions(formulation))
+
+
+@BOTH
+def test_noise_alone_gives_a_model_of_zero_and_says_so(formulation):
+    q = poses(100, 3)
+    result = fit(samples_of(q, np.zeros_like(q), 1.0), FitOptions(formulation))
+    assert not result.model.predict(q).any()
+    assert result.model.equation('axis1') == '0'
+    assert any('the model is 0 everywhere' in words for words in result.report['warnings'])
+
+
+@BOTH
+def test_the_same_samples_give_the_same_model(formulation):
+    arm, q = serial_arm(4), poses(150, 4, reach=0.5)
+    samples = samples_of(q, gravity_torque(arm, q), 0.1)
+    first, second = (fit(samples, FitOptions(formulation)) for _ in range(2))
+    assert json.dumps(first.report) == json.dumps(second.report)
+    for a, b in zip(first.model.torques, second.model.torques):
+        np.testing.assert_array_equal(a.indices, b.indices)
+        np.testing.assert_array_equal(a.weights, b.weights)
+
+
+@BOTH
+@pytest.mark.parametrize('order', [[3, 2, 1, 0], [1, 3, 0, 2]])
+def test_reordered_joints_give_the_same_model_reordered(formulation, order):
+    arm, q = serial_arm(4), poses(200, 4)
+    samples = samples_of(q, gravity_torque(arm, q), 0.1)
+    names = [samples.names[k] for k in order]
+    here = fit(samples, FitOptions(formulation)).model
+    there = fit(samples.joints(names), FitOptions(formulation)).model
+    assert there.joints == tuple(names)
+    np.testing.assert_array_equal(there.n_features(), here.n_features()[order])
+    unseen = poses(50, 4, seed=1)
+    np.testing.assert_allclose(there.predict(unseen[:, order]), here.predict(unseen)[:, order],
+                               atol=1e-6)
+
+
+def test_a_potential_leaves_an_offset_in_the_residual():
+    # A constant torque on joint 1 is no gradient of a periodic energy; seen over whole turns,
+    # it does not even resemble one.
+    q = poses(300, 2, reach=np.pi)
+    tau = planar_2r(q) + [1.5, 0.0]
+    samples = samples_of(q, tau, 0.05)
+    residual = samples.tau - fit(samples).model.predict(q)
+    assert residual.mean(axis=0) == pytest.approx([1.5, 0.0], abs=0.1)
+    other = fit(samples, FitOptions('per_joint')).model
+    assert uses(other, 0, 0) and 0 in other.torques[0].indices
+    assert rms(samples.tau - other.predict(q)).max() < 0.1
+
+
+@BOTH
+def test_several_runs_count(formulation):
+    arm = serial_arm(3)
+    runs = []
+    for seed in range(3):
+        q = poses(60, 3, seed)
+        runs.append(samples_of(q, gravity_torque(arm, q), 0.05, seed))
+    result = fit(concatenate(runs), FitOptions(formulation))
+    assert (result.report['n_runs'], result.report['n_samples']) == (3, 180)
+    assert (result.model.coverage.n_runs, result.model.coverage.n_samples) == (3, 180)
+
+
+@BOTH
+def test_long_recordings_are_settled_on_a_part_and_fitted_on_all(formulation):
+    arm, q = serial_arm(3), poses(6000, 3)
+    result = fit(samples_of(q, gravity_torque(arm, q), 0.5), FitOptions(formulation))
+    unseen = poses(200, 3, seed=1)
+    error = rms(result.model.predict(unseen) - gravity_torque(arm, unseen))
+    # A handful of coefficients from 6000 samples: 0.5 sqrt(10 / 6000) = 0.02 N·m.
+    assert error.max() < 0.03
+    assert result.report['n_samples'] == 6000
+
+
+def test_the_report_is_json_and_its_certificate_good():
+    q = poses(120, 2)
+    samples = samples_of(q, planar_2r(q), 0.05)
+    steps = []
+    result = fit(samples, progress=lambda words, share: steps.append(share))
+    report = json.loads(json.dumps(result.report, allow_nan=False))
+    solver = report['solver'][0]
+    assert solver['converged'] and -1e-9 <= solver['gap'] < 1e-5
+    assert solver['violation'] < 1e-6 and solver['iterations'] > 0
+    assert solver['primal_residual'] >= 0 and solver['dual_residual'] >= 0
+    residual = rms(samples.tau - result.model.predict(q))
+    assert list(report['rmse'].values()) == pytest.approx(residual.tolist())
+    assert result.model.noise == pytest.approx(residual)
+    assert report['noise']['absolute']['axis0'] == pytest.approx(0.05, rel=0.3)
+    assert steps[0] == 0.0 and steps[-1] == 1.0 and steps == sorted(steps)
+    assert result.model.provenance['report']['features'] == result.report['features']
+
+
+def test_relative_noise_is_recognised():
+    q, rng = poses(500, 2), np.random.default_rng(0)
+    tau = add_noise(np.arange(500.0), planar_2r(q), NoiseOptions(relative=0.02), rng)
+    report = fit(samples_of(q, tau)).report
+    assert report['noise']['relative']['axis0'] == pytest.approx(0.02, rel=0.15)
+
+
+def test_what_did_not_converge_is_reported(monkeypatch):
+    monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
+    q = poses(100, 3, reach=0.3)
+    tau = gravity_torque(serial_arm(3), q)
+    options = SparseOptions(admm=admm.AdmmOptions(max_iterations=1))
+    result = fit(samples_of(q, tau, 0.05), FitOptions(sparse=options))
+    assert not result.converged
+    assert any('did not reach its tolerance' in words for words in result.report['warnings'])
+    assert not result.report['solver'][0]['converged']
+    assert result.report['solver'][0]['violation'] > 1e-4
+
+
+def slow_motion(count: int) -> np.ndarray:
+    t = 0.2 * np.arange(count)
+    return np.column_stack([0.8 * np.sin(0.13 * t), 0.7 * np.sin(0.19 * t + 1),
+                            0.9 * np.sin(0.11 * t + 2), 0.6 * np.sin(0.23 * t)])
+
+
+def test_correlated_noise_counts_for_less_and_the_model_stays_small():
+    arm, q = serial_arm(4), slow_motion(500)
+    t, rng = 0.2 * np.arange(500), np.random.default_rng(0)
+    tau = add_noise(t, gravity_torque(arm, q), NoiseOptions(absolute=0.5, correlation=2.0), rng)
+    samples = samples_of(q, tau)
+    careful = fit(samples)
+    naive = fit(samples, FitOptions(sparse=SparseOptions(inflation=1.0)))
+    assert careful.report['solver'][0]['inflation'] > 1.0
+    assert careful.model.n_features().sum() < naive.model.n_features().sum()
+
+
+def test_white_noise_counts_every_sample():
+    q = slow_motion(300)
+    report = fit(samples_of(q, gravity_torque(serial_arm(4), q), 0.3)).report
+    assert report['solver'][0]['inflation'] == 1.0
+
+
+@pytest.mark.parametrize('make, words', [
+    (lambda: FitOptions('magic'), "unknown formulation 'magic'; choose from per_joint"),
+    (lambda: SparseOptions(lam=0.0), 'lambda'), (lambda: SparseOptions(lam=np.inf), 'lambda'),
+    (lambda: SparseOptions(lam=float('nan')), 'lambda'),
+    (lambda: SparseOptions(inflation=0.5), 'inflation'),
+    (lambda: SparseOptions(inflation=float('nan')), 'inflation')])
+def test_options_out_of_range(make, words):
+    with pytest.raises(OptionError, match=words):
+        make()
