@@ -1,0 +1,96 @@
+"""
+The chain formulation: gravity of a serial arm whose kinematics nobody has told.
+
+Search, noise, right angles, covariance. The search runs with equal weights; then each joint's
+noise is learned from its residual and the solution refined under it, until neither changes.
+Where the residual is correlated in time, samples count for less (`noise.correlation_time`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.errors import FitError
+from gravity_comp_ros.gravity import noise
+from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.chain_angles import tidy
+from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve
+from gravity_comp_ros.gravity.chain_start import limit, search, SearchOptions, structure
+from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
+
+_ROUNDS = 6
+# The first guess of the noise, as a share of the largest torque: it matters little.
+_FIRST = 1e-2
+# Shorter correlation times than this are what chance makes of white noise.
+_WHITE = 2.0
+
+
+@dataclass(frozen=True)
+class ChainFit:
+    """
+    A chain with the covariance (4N, 4N) of a step from it, and how it came about.
+
+    `inflation` (N,) says how many samples of each joint count as one. `structure` is what the
+    residual still holds that a feature explains, in standard deviations; `clean` says that it
+    is no more than noise makes. `square` (N,) counts the angles taken as right.
+    """
+
+    chain: Chain
+    covariance: FloatArray
+    noise: noise.NoiseModel
+    inflation: FloatArray
+    starts: int
+    steps: int
+    structure: float
+    structure_limit: float
+    clean: bool
+    square: tuple[int, ...]
+
+
+def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
+              start: Chain | None = None) -> ChainFit:
+    """
+    Fit a chain to the torques of all joints.
+
+    :param start: a chain to begin with, such as the arm's last one.
+    :raises FitError: if there are no samples.
+    """
+    q, tau = samples.q, samples.tau
+    if not tau.size:
+        raise FitError('no samples to fit')
+    first = max(_FIRST * float(np.sqrt((tau ** 2).mean(axis=0)).max()), 1e-9)
+    problem = ChainProblem(q, tau, np.full(tau.shape, 1.0 / first))
+    found = search(problem, options, None if start is None else start.axes)
+    problem, solution, model, inflation = _settle_noise(problem, found.solution, samples)
+    tidied = tidy(problem, solution)
+    left = structure(problem, tidied.solution)
+    return ChainFit(tidied.solution.chain, tidied.covariance(), model, inflation, found.starts,
+                    solution.steps, left, limit(samples.n_joints),
+                    left <= limit(samples.n_joints), tidied.square)
+
+
+def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSamples
+                  ) -> tuple[ChainProblem, Solution, noise.NoiseModel, FloatArray]:
+    """Refine the solution and the noise in turn, until the noise stays."""
+    least = noise.floor(samples.tau)
+    used = np.full(samples.n_joints, solution.free.sum() / samples.n_joints)
+    last: noise.NoiseModel | None = None
+    for _ in range(_ROUNDS):
+        predicted = solution.chain.torque(samples.q)
+        residual = samples.tau - predicted
+        model = noise.estimate(residual, predicted, least, used)
+        inflation = _inflation(residual, samples)
+        if last is not None and model.is_close_to(last):
+            break
+        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
+        problem = ChainProblem(samples.q, samples.tau, weights)
+        solution, last = solve(problem, solution.chain.axes), model
+    return problem, solution, model, inflation
+
+
+def _inflation(residual: FloatArray, samples: JointSamples) -> FloatArray:
+    times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
+    return np.where(times < _WHITE, 1.0, times)
+
+
