@@ -1,0 +1,72 @@
+"""
+Blocks of time that count as one observation each, and the folds that hold them out.
+
+Residuals of neighbouring samples are alike: 10 000 of them at 100 Hz may be worth 130. A block
+of ten correlation times is nearly independent of the next, so tests and intervals count blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.gravity.folds import folds
+from gravity_comp_ros.gravity.noise import correlation_time
+from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
+import numpy as np
+
+_CORRELATION_TIMES = 10.0
+_FEWEST = 15
+_MOST = 120
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """
+    M samples cut into B blocks, each within one run, and the blocks put into folds.
+
+    `starts` (B + 1,) are the sample numbers at which blocks begin, and M; `run` (B,) is the run
+    and `fold` (B,) the fold of each block; a fold is held out as a whole.
+    """
+
+    starts: IntArray
+    run: IntArray
+    fold: IntArray
+
+    @property
+    def count(self) -> int:
+        return len(self.run)
+
+    @property
+    def n_folds(self) -> int:
+        return int(self.fold.max()) + 1
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Return the sum of `values` (M, ...) over each block."""
+        return np.add.reduceat(values, self.starts[:-1], axis=0)
+
+
+def cut(samples: JointSamples, residual: FloatArray) -> Blocks:
+    """
+    Cut samples into blocks of ten correlation times of `residual` (M, N).
+
+    :raises DataError: if there are too few samples for the fewest blocks.
+    """
+    m = samples.n_samples
+    if m < 4 * _FEWEST:
+        raise DataError(f'{m} samples are too few to judge effects on; record at least a minute')
+    step = max(1, m // 4000)
+    times = [correlation_time(column[::step], samples.runs[::step]) for column in residual.T]
+    length = _CORRELATION_TIMES * step * float(np.median(times))
+    length = float(np.clip(length, m / _MOST, m / _FEWEST))
+    starts: list[int] = []
+    for run in np.unique(samples.runs):
+        here = np.flatnonzero(samples.runs == run)
+        parts = max(1, round(len(here) / length))
+        starts += [int(part[0]) for part in np.array_split(here, parts)]
+    fold_of_sample = np.zeros(m, dtype=np.int64)
+    for number, mask in enumerate(folds(samples.runs)):
+        fold_of_sample[mask] = number
+    first = np.array(starts, dtype=np.int64)
+    middle = (first + np.append(first[1:], m)) // 2
+    return Blocks(np.append(first, m), samples.runs[first], fold_of_sample[middle])

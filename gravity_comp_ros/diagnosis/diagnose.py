@@ -1,0 +1,111 @@
+"""Learn which physical effect a gravity model is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from gravity_comp_ros.diagnosis import structure
+from gravity_comp_ros.diagnosis.base import choose_base
+from gravity_comp_ros.diagnosis.blocks import Blocks, cut
+from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
+from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
+from gravity_comp_ros.diagnosis.verdict import Judge
+from gravity_comp_ros.effects.effect import Effect, Motion
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.samples import FloatArray, JointSamples
+import numpy as np
+
+Progress = Callable[[str, float], None]
+
+_MOST_SAMPLES = 40000
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose: when an effect counts, and which effects to look for (None: all)."""
+
+    selection: SelectionOptions = SelectionOptions()
+    effects: tuple[str, ...] | None = None
+
+
+def diagnose(samples: JointSamples, model: GravityModel | None = None,
+             options: DiagnosisOptions = DiagnosisOptions(),
+             progress: Progress | None = None) -> Diagnosis:
+    """
+    Rank the effects that would explain what the gravity model leaves.
+
+    :param samples: one or several runs, fast motion included: inertia is an effect too.
+    :param model: the gravity model to judge beside; None fits one.
+    :raises DataError: if there are too few samples.
+    :raises ModelMismatchError: if the samples lack a joint of the model.
+    """
+    tell = progress or (lambda word, share: None)
+    if model is not None:
+        samples = samples.joints(model.joints)
+    samples = samples.select(
+        np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
+    tell('gravity model', 0.0)
+    model, features, motion = choose_base(samples, model)
+    tell('columns', 0.2)
+    columns = build(motion, features, _effects(options))
+    unknown, columns.candidates = _split(columns.candidates)
+    blocks, grams = _evidence(motion, columns, unknown)
+    tell('selection', 0.5)
+
+    def implausible(candidate: Candidate, values: FloatArray) -> str | None:
+        return candidate.effect.implausible(values, candidate.setting, motion,
+                                            candidate.joint or 0)
+
+    selection = Selection(grams, columns, blocks, implausible, options.selection)
+    selection.run()
+    tell('verdicts', 0.8)
+    diagnosis = Judge(selection, motion, unknown).diagnosis()
+    tell('verdicts', 1.0)
+    return diagnosis
+
+
+def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
+    known = all_effects()
+    if options.effects is not None:
+        known = {name: known[name] for name in options.effects}
+    return {**known, structure.NAME: structure.STRUCTURE}
+
+
+def _split(candidates: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
+    unknown = [c for c in candidates if c.effect.name == structure.NAME]
+    return unknown, [c for c in candidates if c.effect.name != structure.NAME]
+
+
+def _evidence(motion: Motion, columns: Columns,
+              unknown: list[Candidate]) -> tuple[Blocks, list[JointGram]]:
+    """Cut the blocks and sum all products of columns over them."""
+    tau, n = motion.samples.tau, motion.samples.n_joints
+    residual = np.column_stack([_left(columns, motion, joint) for joint in range(n)])
+    blocks = cut(motion.samples, residual)
+    sigma = np.maximum(residual.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
+    common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
+    grams = []
+    for joint in range(n):
+        x = columns.of_joint(joint)
+        scale = np.concatenate([common, np.sqrt((columns.own[joint] ** 2).mean(axis=0))])
+        scale[scale < 1e-12] = 1.0
+        prior = np.zeros(x.shape[1])
+        for candidate in unknown:
+            if candidate.joint == joint:
+                prior[candidate.columns] = structure.PRIOR_BLOCKS * len(x) / blocks.count
+        grams.append(joint_gram(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior))
+    return blocks, grams
+
+
+def _left(columns: Columns, motion: Motion, joint: int) -> FloatArray:
+    """Return what gravity, friction, offset and inertia leave of a joint's torque (M,)."""
+    samples = motion.samples
+    known = np.column_stack([columns.shared[:, joint, :columns.n_base],
+                             motion.direction(joint), samples.qd[:, joint],
+                             motion.qdd[:, joint], np.ones(samples.n_samples)])
+    x = np.linalg.lstsq(known, samples.tau[:, joint], rcond=1e-10)[0]
+    return np.asarray(samples.tau[:, joint] - known @ x)

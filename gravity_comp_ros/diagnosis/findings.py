@@ -1,0 +1,86 @@
+"""What a diagnosis says: findings, and a word on every joint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+VERDICTS = ('established', 'likely', 'ambiguous', 'weak', 'untestable', 'unexplained')
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A coefficient in its unit, with its 95 % interval."""
+
+    value: float
+    unit: str
+    ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """
+    One effect, or something unexplained, on one joint (None: the whole arm).
+
+    `nrmse_before` and `nrmse_after` are held-out fractions of the torque's range (Yu 2022,
+    Eq. 16) without and with it; `base_absorbed` is the share of it that the gravity model
+    imitates; `runs_better` the share of runs on which it helps.
+    """
+
+    joint: str | None
+    effect: str | None
+    verdict: str
+    rivals: tuple[str, ...]
+    coefficients: Mapping[str, Estimate]
+    nrmse_before: float
+    nrmse_after: float
+    base_absorbed: float
+    runs_better: float
+    why: str
+    next_step: str
+    p: float = 1.0
+    setting: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the finding as `diagnose --json` prints it."""
+        return {
+            'joint': self.joint, 'effect': self.effect, 'verdict': self.verdict,
+            'rivals': list(self.rivals),
+            'coefficients': {symbol: {'value': e.value, 'unit': e.unit, 'ci95': list(e.ci95)}
+                             for symbol, e in self.coefficients.items()},
+            'setting': dict(self.setting),
+            'nrmse_before': self.nrmse_before, 'nrmse_after': self.nrmse_after,
+            'base_absorbed': self.base_absorbed, 'runs_better': self.runs_better,
+            'p': self.p, 'why': self.why, 'next_step': self.next_step}
+
+
+@dataclass(frozen=True)
+class JointReport:
+    """A word on one joint: `noise_floor` in N·m, and how many samples are independent."""
+
+    summary: str
+    noise_floor: float
+    n_effective: float
+    rmse_before: float
+    rmse_after: float
+    untestable: Mapping[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as `diagnose --json` prints it."""
+        return {'summary': self.summary, 'noise_floor': self.noise_floor,
+                'n_effective': self.n_effective, 'rmse_before': self.rmse_before,
+                'rmse_after': self.rmse_after, 'untestable': dict(self.untestable)}
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """All findings, the strongest first, and the reports of all joints."""
+
+    findings: tuple[Finding, ...]
+    joints: Mapping[str, JointReport]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `diagnose --json` prints."""
+        return {'findings': [finding.to_json() for finding in self.findings],
+                'joints': {name: report.to_json() for name, report in self.joints.items()}}

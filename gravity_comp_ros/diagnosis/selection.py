@@ -1,0 +1,254 @@
+"""
+Which effects the data asks for: forward by evidence, then removal and swaps.
+
+Every comparison is made on blocks that the fit has not seen. The evidence for an effect is what
+it takes off the squared error, block by block; its p-value is that of the mean over blocks being
+positive, times the number of effects, joints and settings that were tried. Among effects that
+explain as much within one standard error, the simplest is taken, and what is as simple and as
+good remains as its rival.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gravity_comp_ros.diagnosis.blocks import Blocks
+from gravity_comp_ros.diagnosis.candidates import Candidate, Columns
+from gravity_comp_ros.diagnosis.evidence import (
+    Fit, held_out_errors, JointGram, Prior, shared_information, solve)
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
+from scipy import stats
+
+# (candidate, coefficients in its own units) -> why they are not physical, or None.
+Implausible = Callable[[Candidate, FloatArray], 'str | None']
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """
+    When an effect counts.
+
+    `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
+    error must go for an effect to be worth a name; `most` effects are looked for in all.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    alpha: float = 0.01
+    least_share: float = 0.02
+    most: int = 40
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.alpha < 1.0 or not 0.0 <= self.least_share < 1.0 or self.most < 1:
+            raise OptionError('selection: alpha lies in (0, 1), least_share in [0, 1), '
+                              'most is at least 1')
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What an effect takes off each block's error (B,), as a share, and how surely."""
+
+    blocks: FloatArray
+    share: float
+    p: float
+
+    @property
+    def mean(self) -> float:
+        return float(self.blocks.mean())
+
+
+def gain(before: FloatArray, after: FloatArray, tests: float) -> Gain:
+    """Return the gain from errors (B,) before to after, with p corrected for `tests`."""
+    d = before - after
+    spread = float(d.std(ddof=1)) / np.sqrt(len(d))
+    p = float(stats.t.sf(d.mean() / max(spread, 1e-300), len(d) - 1))
+    share = float(d.sum() / max(before.sum(), 1e-300))
+    return Gain(d, share, min(1.0, p * tests))
+
+
+def not_worse(better: FloatArray, other: FloatArray) -> bool:
+    """Return whether errors `other` (B,) are within one standard error of `better`."""
+    extra = other - better
+    return bool(extra.mean() <= extra.std(ddof=1) / np.sqrt(len(extra)))
+
+
+class Selection:
+    """The effects chosen so far, and the errors with and without any other."""
+
+    def __init__(self, grams: list[JointGram], columns: Columns, blocks: Blocks,
+                 implausible: Implausible, options: SelectionOptions) -> None:
+        self.grams, self.columns, self.blocks = grams, columns, blocks
+        self.implausible, self.options = implausible, options
+        self.chosen: list[Candidate] = []
+        self.refused: dict[tuple[str, int | None], str] = {}
+        self.tests = len({c.key for c in columns.candidates})
+        self._priors: dict[tuple[int, bytes, bytes], Prior] = {}
+        self._gains: dict[int, Gain] = {}
+
+    def run(self) -> None:
+        """Choose effects until none pays; drop and swap what no longer does."""
+        while len(self.chosen) < self.options.most and self._add_best():
+            pass
+        for _ in range(3):
+            if not (self._remove_idle() or self._swap_better()):
+                break
+
+    def least_share(self, candidate: Candidate) -> float:
+        """Return the share of the error that must go; shared effects count on all joints."""
+        return self.options.least_share / (len(self.grams) if candidate.shared else 1)
+
+    # -- fits ---------------------------------------------------------------------------
+
+    def shared(self, chosen: list[Candidate]) -> IntArray:
+        """Return the shared columns in use: the base and chosen effects of the arm."""
+        extra = [c.columns for c in chosen if c.shared]
+        return np.concatenate([np.arange(self.columns.n_base), *extra]).astype(np.int64)
+
+    def own(self, joint: int, chosen: list[Candidate]) -> IntArray:
+        """Return a joint's own columns in use."""
+        parts = [c.columns for c in chosen if not c.shared and c.joint == joint]
+        return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
+
+    def prior(self, joint: int, chosen: list[Candidate]) -> Prior:
+        """Return what the other joints tell about the shared columns."""
+        shared = self.shared(chosen)
+        others = [self._information(n, shared, self.own(n, chosen))
+                  for n in range(len(self.grams)) if n != joint]
+        size = (self.blocks.n_folds + 1, len(shared))
+        return Prior(sum((o.information for o in others), np.zeros((*size, len(shared)))),
+                     sum((o.vector for o in others), np.zeros(size)))
+
+    def _information(self, n: int, shared: IntArray, own: IntArray) -> Prior:
+        key = (n, shared.tobytes(), own.tobytes())
+        if key not in self._priors:
+            self._priors[key] = shared_information(
+                self.grams[n], np.concatenate([shared, own]), len(shared), self.blocks)
+        return self._priors[key]
+
+    def fit(self, joint: int, chosen: list[Candidate]) -> Fit:
+        """Return the fit of one joint with these effects."""
+        shared = self.shared(chosen)
+        columns = np.concatenate([shared, self.own(joint, chosen)])
+        return solve(self.grams[joint], columns, len(shared), self.prior(joint, chosen),
+                     self.blocks)
+
+    def errors(self, joint: int | None, chosen: list[Candidate]) -> FloatArray:
+        """Return held-out errors (B,) of one joint, or of all together."""
+        joints = range(len(self.grams)) if joint is None else [joint]
+        return np.sum([held_out_errors(self.grams[n], self.fit(n, chosen), self.blocks)
+                       for n in joints], axis=0)
+
+    def coefficients(self, candidate: Candidate, chosen: list[Candidate]) -> FloatArray:
+        """Return a chosen effect's coefficients in its own units, from all data."""
+        joint = candidate.joint or 0
+        fit = self.fit(joint, chosen)
+        here = np.isin(fit.columns, candidate.columns)
+        return fit.all_data[here] / self.grams[joint].scale[fit.columns[here]]
+
+    # -- steps --------------------------------------------------------------------------
+
+    def _add_best(self) -> bool:
+        """Add the simplest of the best effects; return False if none pays."""
+        gains = self._all_gains()
+        paying = [c for c in self._open() if gains[id(c)].p < self.options.alpha
+                  and gains[id(c)].share > self.least_share(c)]
+        while paying:
+            best = max(paying, key=lambda c: gains[id(c)].mean)
+            alike = [c for c in paying if self._is_alike(c, best, gains)]
+            taken = min(alike, key=lambda c: (c.complexity, -gains[id(c)].mean))
+            reason = self.implausible(taken, self.coefficients(taken, [*self.chosen, taken]))
+            if reason is None:
+                self._change([*self.chosen, taken])
+                return True
+            self.refused[taken.key] = reason
+            paying.remove(taken)
+        return False
+
+    def _is_alike(self, candidate: Candidate, best: Candidate, gains: dict[int, Gain]) -> bool:
+        if candidate is best:
+            return True
+        if candidate.joint != best.joint:
+            return False
+        d = gains[id(best)].blocks - gains[id(candidate)].blocks
+        return bool(d.mean() <= d.std(ddof=1) / np.sqrt(len(d)))
+
+    def _remove_idle(self) -> bool:
+        """Drop chosen effects that the others have made needless."""
+        for candidate in list(self.chosen):
+            rest = [c for c in self.chosen if c is not candidate]
+            joint = None if candidate.shared else candidate.joint
+            kept = gain(self.errors(joint, rest), self.errors(joint, self.chosen),
+                        self.tests * candidate.tried)
+            if kept.p >= self.options.alpha or kept.share < 0.5 * self.least_share(candidate):
+                self._change(rest)
+                return True
+        return False
+
+    def _swap_better(self) -> bool:
+        """Replace a chosen effect by another that explains more in its place."""
+        for candidate in list(self.chosen):
+            rest = [c for c in self.chosen if c is not candidate]
+            now = self.errors(None, self.chosen)
+            for other in self.replacements(candidate):
+                then = self.errors(None, [*rest, other])
+                if not not_worse(then, now) and self._is_physical(other, [*rest, other]):
+                    self._change([*rest, other])
+                    return True
+        return False
+
+    def rivals(self, candidate: Candidate) -> list[Candidate]:
+        """Return effects as simple that would explain as much in a chosen one's place."""
+        rest = [c for c in self.chosen if c is not candidate]
+        now = self.errors(None, self.chosen)
+        found: dict[tuple[str, int | None], Candidate] = {}
+        for other in self.replacements(candidate):
+            if other.complexity > candidate.complexity or other.key == candidate.key:
+                continue
+            then = self.errors(None, [*rest, other])
+            if not_worse(now, then) and self._is_physical(other, [*rest, other]):
+                found.setdefault(other.key, other)
+        return list(found.values())
+
+    def replacements(self, candidate: Candidate) -> list[Candidate]:
+        """Return what could stand in a chosen effect's place, on its joint or on the arm."""
+        taken = {c.key for c in self.chosen if c is not candidate}
+        return [c for c in self.columns.candidates if c is not candidate
+                and c.key not in taken and c.key not in self.refused
+                and (c.joint == candidate.joint or c.shared or candidate.shared)]
+
+    def _is_physical(self, candidate: Candidate, chosen: list[Candidate]) -> bool:
+        return self.implausible(candidate, self.coefficients(candidate, chosen)) is None
+
+    def _open(self) -> list[Candidate]:
+        taken = {c.key for c in self.chosen} | set(self.refused)
+        return [c for c in self.columns.candidates if c.key not in taken]
+
+    def _all_gains(self) -> dict[int, Gain]:
+        before: dict[int | None, FloatArray] = {}
+        for c in self._open():
+            if id(c) in self._gains:
+                continue
+            joint = None if c.shared else c.joint
+            if joint not in before:
+                before[joint] = self.errors(joint, self.chosen)
+            self._gains[id(c)] = gain(before[joint], self.errors(joint, [*self.chosen, c]),
+                                      self.tests * c.tried)
+        return self._gains
+
+    def _change(self, chosen: list[Candidate]) -> None:
+        """Take a set of effects; forget the gains that it has changed."""
+        changed = {id(c): c for c in (*chosen, *self.chosen)}
+        same = {id(c) for c in chosen} & {id(c) for c in self.chosen}
+        moved = [c for key, c in changed.items() if key not in same]
+        self.chosen = chosen
+        if any(c.shared for c in moved):
+            self._gains.clear()
+            self._priors.clear()
+            return
+        joints = {c.joint for c in moved}
+        for c in self.columns.candidates:
+            if c.shared or c.joint in joints:
+                self._gains.pop(id(c), None)
