@@ -15,6 +15,7 @@ from typing import Any
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError, ModelFileError
 from gravity_comp_ros.gravity.model import check_formulation, Coverage, Expansion, GravityModel
+from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
@@ -27,9 +28,13 @@ def save_model(path: Path | str, model: GravityModel) -> None:
     """
     Write a model file; an existing one is replaced as a whole or not at all.
 
-    :raises ModelFileError: if it cannot be written.
+    :raises ModelFileError: if it cannot be written, or holds what JSON cannot: a number that is
+        not finite, an object in the provenance.
     """
-    body = _to_json(model)
+    try:
+        body = _to_json(model)
+    except (TypeError, ValueError) as problem:
+        raise ModelFileError(f'cannot write model {path}: {problem}') from problem
     document = {'format': FORMAT, 'version': VERSION, 'sha256': _checksum(body), 'model': body}
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     write_atomically(Path(path), text.encode(), ModelFileError)
@@ -49,22 +54,24 @@ def load_model(path: Path | str) -> GravityModel:
         raise ModelFileError(f'{path} has version {document.get("version")!r}; this program '
                              f'reads version {VERSION}')
     body = document.get('model')
-    if not isinstance(body, dict) or document.get('sha256') != _checksum(body):
+    if not isinstance(body, dict) or not _is_signed(body, document.get('sha256')):
         raise ModelFileError(f'{path} is damaged: its checksum does not match. Fit it again or '
                              f'take a copy')
     try:
         return _from_json(body)
     except ModelFileError as problem:
         raise ModelFileError(f'{path}: {problem}') from problem
-    except (GravityCompError, KeyError, TypeError, ValueError) as problem:
+    except (GravityCompError, KeyError, TypeError, ValueError, OverflowError) as problem:
         raise ModelFileError(f'{path} is no valid model: {problem}') from problem
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _MAX_BYTES:
+        with path.open('rb') as stream:
+            data = stream.read(_MAX_BYTES + 1)
+        if len(data) > _MAX_BYTES:
             raise ModelFileError(f'{path} is too large to be a model file')
-        document = json.loads(path.read_bytes())
+        document = json.loads(data)
     except OSError as problem:
         reason = (problem.strerror or 'unreadable').lower()
         raise ModelFileError(f'cannot read model {path}: {reason}') from problem
@@ -79,6 +86,14 @@ def _read(path: Path) -> dict[str, Any]:
 def _checksum(body: dict[str, Any]) -> str:
     canonical = json.dumps(body, sort_keys=True, separators=(',', ':'), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _is_signed(body: dict[str, Any], checksum: object) -> bool:
+    """Return whether the checksum belongs to the body; a body with NaN or inf has none."""
+    try:
+        return checksum == _checksum(body)
+    except (ValueError, RecursionError):
+        return False
 
 
 def _to_json(model: GravityModel) -> dict[str, Any]:
@@ -106,13 +121,14 @@ def _terms(expansion: Expansion) -> dict[str, list]:
 
 
 def _from_json(body: dict[str, Any]) -> GravityModel:
-    joints = tuple(str(name) for name in body['joints'])
+    joints = tuple(_list(body['joints'], str))
     check_formulation(body['formulation'])
     place = body['coverage']
-    coverage = Coverage(np.array(place['q_min'], dtype=np.float64),
-                        np.array(place['q_max'], dtype=np.float64),
+    coverage = Coverage(_floats(place['q_min']), _floats(place['q_max']),
                         int(place['n_samples']), int(place['n_runs']))
-    noise = np.array(body['noise'], dtype=np.float64)
+    noise = _floats(body['noise'])
+    if not isinstance(body['provenance'], dict):
+        raise TypeError('the provenance is no object')
     if 'energy' in body:
         return GravityModel.from_energy(joints, body['formulation'],
                                         _expansion(body['energy']), noise, coverage,
@@ -123,5 +139,16 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
 
 
 def _expansion(terms: dict[str, list]) -> Expansion:
-    return Expansion(np.array(terms['features'], dtype=np.int64),
-                     np.array(terms['weights'], dtype=np.float64))
+    return Expansion(np.array(_list(terms['features'], int), dtype=np.int64),
+                     _floats(terms['weights']))
+
+
+def _floats(values: object) -> FloatArray:
+    return np.array(_list(values, (int, float)), dtype=np.float64)
+
+
+def _list(values: object, kind: type | tuple[type, ...]) -> list[Any]:
+    """Return a list of one kind of value; numpy would round, parse and truncate others."""
+    if not isinstance(values, list) or not all(isinstance(value, kind) for value in values):
+        raise TypeError('a list holds what it should not')
+    return values

@@ -44,5 +44,5 @@ def samples_of(q: np.ndarray, tau: np.ndarray, noise: float = 0.0, seed: int = 0
 
 
 def poses(count: int, n_joints: int, seed: int = 0, reach: float = 2.5) -> np.ndarray:
-    """Return random poses (count, n_joints) within ±reach rad."""
+    """Return random poses within ±reach rad, shape (count, n_joints)."""
     return np.random.default_rng(seed).uniform(-reach, reach, (count, n_joints))

@@ -1,0 +1,280 @@
+"""Model files: what is written is read, and a damaged file moves no arm."""
+
+import errno
+import hashlib
+import json
+import os
+from pathlib import Path
+
+from gravity_comp_ros import modelfile
+from gravity_comp_ros.errors import ModelFileError
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.modelfile import load_model, save_model
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from serial_arms import planar_2r, poses, samples_of
+
+
+def some_model(formulation: str = 'potential') -> GravityModel:
+    q = poses(50, 2)
+    return fit(samples_of(q, planar_2r(q), 0.1), FitOptions(formulation)).model
+
+
+MODEL = some_model()
+
+
+@pytest.fixture
+def saved(tmp_path) -> Path:
+    path = tmp_path / 'model.json'
+    save_model(path, MODEL)
+    return path
+
+
+def check_same(a: GravityModel, b: GravityModel) -> None:
+    assert (a.joints, a.formulation) == (b.joints, b.formulation)
+    for one, other in zip((*a.torques, a.energy), (*b.torques, b.energy)):
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one.indices, other.indices)
+            np.testing.assert_array_equal(one.weights, other.weights)
+    np.testing.assert_array_equal(a.noise, b.noise)
+    np.testing.assert_array_equal(a.coverage.q_min, b.coverage.q_min)
+    np.testing.assert_array_equal(a.coverage.q_max, b.coverage.q_max)
+    assert (a.coverage.n_samples, a.coverage.n_runs) == (b.coverage.n_samples,
+                                                         b.coverage.n_runs)
+
+
+def refused(path: Path, words: str) -> None:
+    """Check that a file is refused in one line that names it."""
+    with pytest.raises(ModelFileError, match=words) as caught:
+        load_model(path)
+    assert str(path) in str(caught.value) and '\n' not in str(caught.value)
+
+
+def signed(body: dict, **envelope) -> str:
+    """Return the text of a file with this body and the checksum that belongs to it."""
+    canonical = json.dumps(body, sort_keys=True, separators=(',', ':'))
+    return json.dumps({'format': 'gravity_comp_ros model', 'version': 1, 'model': body,
+                       'sha256': hashlib.sha256(canonical.encode()).hexdigest(), **envelope})
+
+
+@pytest.mark.parametrize('formulation', ['potential', 'per_joint'])
+def test_a_fitted_model_comes_back_to_the_last_bit(tmp_path, formulation):
+    model = some_model(formulation)
+    save_model(tmp_path / 'model.json', model)
+    again = load_model(tmp_path / 'model.json')
+    check_same(model, again)
+    q = poses(20, 2, seed=9)
+    np.testing.assert_array_equal(again.predict(q), model.predict(q))
+    assert again.provenance == json.loads(json.dumps(dict(model.provenance)))
+    assert again.provenance['report']['n_samples'] == 50
+
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@st.composite
+def models(draw):
+    """Draw a model of 1 to 6 joints with any weights, names and provenance."""
+    n = draw(st.integers(1, 6))
+    names = tuple(draw(st.lists(st.text(min_size=1, max_size=8), min_size=n, max_size=n,
+                                unique=True)))
+
+    def expansion():
+        features = sorted(draw(st.sets(st.integers(0, 3 ** n - 1), max_size=6)))
+        weights = [draw(finite) for _ in features]
+        return Expansion(np.array(features, dtype=np.int64), np.array(weights))
+
+    vectors = [np.array([draw(finite) for _ in range(n)]) for _ in range(3)]
+    coverage = Coverage(vectors[0], vectors[1], draw(st.integers(0, 10 ** 9)), 2)
+    provenance = draw(st.dictionaries(st.text(max_size=5), finite | st.text(max_size=9)))
+    if draw(st.booleans()):
+        return GravityModel.from_energy(names, 'potential', expansion(), vectors[2], coverage,
+                                        provenance)
+    return GravityModel(names, 'per_joint', tuple(expansion() for _ in range(n)), None,
+                        vectors[2], coverage, provenance)
+
+
+@settings(max_examples=60, deadline=None)
+@given(model=models())
+def test_any_model_comes_back_to_the_last_bit(tmp_path_factory, model):
+    path = tmp_path_factory.mktemp('model') / 'model.json'
+    save_model(path, model)
+    again = load_model(path)
+    check_same(model, again)
+    assert again.provenance == model.provenance
+
+
+def test_the_file_is_json_with_format_version_and_checksum(saved):
+    document = json.loads(saved.read_text())
+    assert document['format'] == 'gravity_comp_ros model' and document['version'] == 1
+    assert document['model']['joints'] == ['axis0', 'axis1']
+    assert signed(document['model']) and json.loads(signed(document['model'])) == document
+    assert saved.read_text().endswith('}\n') and saved.read_text().isascii()
+
+
+def test_every_way_of_cutting_it_short_is_refused(saved):
+    data = saved.read_bytes()
+    for length in [*range(0, len(data) - 1, 37), len(data) - 2, len(data) - 3]:
+        saved.write_bytes(data[:length])
+        refused(saved, 'cut short|not a model file')
+
+
+def test_without_its_last_line_break_it_is_whole(saved):
+    saved.write_bytes(saved.read_bytes()[:-1])
+    check_same(load_model(saved), MODEL)
+
+
+def test_no_flipped_bit_changes_the_model_unseen(saved):
+    data, rng = saved.read_bytes(), np.random.default_rng(0)
+    outcomes = {'refused': 0, 'same': 0}
+    for place, bit in zip(rng.integers(len(data), size=400), rng.integers(8, size=400)):
+        damaged = bytearray(data)
+        damaged[place] ^= 1 << bit
+        saved.write_bytes(bytes(damaged))
+        try:
+            check_same(load_model(saved), MODEL)
+            outcomes['same'] += 1
+        except ModelFileError:
+            outcomes['refused'] += 1
+    assert outcomes['refused'] > 300
+
+
+@pytest.mark.parametrize('edit', [
+    lambda body: body['energy']['weights'].__setitem__(0, 1.0),
+    lambda body: body['energy']['features'].__setitem__(0, 1),
+    lambda body: body['joints'].reverse(),
+    lambda body: body['coverage'].update(n_samples=10 ** 6),
+    lambda body: body['provenance'].update(report='mine'),
+    lambda body: body.update(extra=1),
+])
+def test_an_edit_by_hand_is_refused(saved, edit):
+    document = json.loads(saved.read_text())
+    edit(document['model'])
+    saved.write_text(json.dumps(document))
+    refused(saved, 'damaged: its checksum does not match')
+
+
+@pytest.mark.parametrize('version', [0, 2, None, '1', [1]])
+def test_another_version_is_refused(saved, version):
+    saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
+    refused(saved, 'this program reads version 1')
+
+
+@pytest.mark.parametrize('text', [
+    '{}', '[]', 'null', '3', '"text"', '{"format": "other", "version": 1}',
+    '{"model": {}, "version": 1}', '', ' ', 'not json', '\x00' * 100])
+def test_other_files_are_refused(saved, text):
+    saved.write_text(text)
+    refused(saved, 'not a model file')
+
+
+@pytest.mark.parametrize('body', [None, [], 'x', 3])
+def test_a_body_that_is_no_object_is_refused(saved, body):
+    saved.write_text(signed(body))
+    refused(saved, 'damaged')
+
+
+@pytest.mark.parametrize('data', [b'\x89PNG\r\n\x1a\n' + bytes(range(256)), b'\xff\xfe\x00',
+                                  b'\x80\x04\x95pickle', bytes(10000)])
+def test_binary_files_are_refused(saved, data):
+    saved.write_bytes(data)
+    refused(saved, 'not a model file')
+
+
+def test_huge_files_are_refused_without_being_read(saved):
+    os.truncate(saved, 2 ** 40)
+    refused(saved, 'too large')
+
+
+def test_a_device_without_end_is_refused():
+    refused(Path('/dev/zero'), 'too large')
+
+
+@pytest.mark.parametrize('depth', [100, 900, 5000, 100000])
+def test_deep_nesting_is_refused(saved, depth):
+    nested = '[' * depth + ']' * depth
+    saved.write_text(f'{{"format": "gravity_comp_ros model", "version": 1, "sha256": "0", '
+                     f'"model": {{"joints": {nested}}}}}')
+    refused(saved, 'damaged|not a model file')
+
+
+@pytest.mark.parametrize('token', ['NaN', 'Infinity', '-Infinity', '1e999'])
+def test_numbers_that_are_none_are_refused(saved, token):
+    text = saved.read_text()
+    weight = repr(float(MODEL.energy.weights[0]))
+    assert weight in text
+    saved.write_text(text.replace(weight, token, 1))
+    refused(saved, 'damaged|not a model file')
+
+
+def change(**changes):
+    """Return an edit that replaces parts of the body."""
+    return lambda body: body.update(changes)
+
+
+@pytest.mark.parametrize('edit', [
+    change(joints=['axis0']), change(joints=['axis0', 'axis0']), change(joints=3),
+    change(joints=[]), change(joints=[f'j{k}' for k in range(13)]),
+    change(formulation='magic'), change(formulation=['potential']),
+    change(noise=[0.1]), change(noise='loud'), change(noise=[[0.1], [0.1]]),
+    change(coverage={}), change(coverage=None),
+    change(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
+    change(energy={'features': [1, 1], 'weights': [1.0, 1.0]}),
+    change(energy={'features': [9], 'weights': [1.0]}),
+    change(energy={'features': [-1], 'weights': [1.0]}),
+    change(energy={'features': [1], 'weights': []}),
+    change(energy={'features': [10 ** 30], 'weights': [1.0]}),
+    change(energy={'features': [1], 'weights': ['x']}),
+    change(energy={'features': [1], 'weights': [None]}),
+    change(energy={'features': [1.5], 'weights': [1.0]}),
+    change(energy=None), change(energy={}),
+    change(provenance=3), change(joints='ab'), change(noise=['0.1', '0.1']),
+    lambda body: body.pop('energy'), lambda body: body.pop('noise'),
+])
+def test_a_signed_file_that_makes_no_sense_is_refused(saved, edit):
+    body = json.loads(saved.read_text())['model']
+    edit(body)
+    saved.write_text(signed(body))
+    refused(saved, 'no valid model|formulation')
+
+
+def test_a_missing_file_and_a_folder(tmp_path):
+    refused(tmp_path / 'none.json', 'no such file')
+    refused(tmp_path, 'is a directory')
+
+
+def test_a_full_disk_leaves_the_old_model(saved, monkeypatch):
+    def full(handle):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    other = some_model('per_joint')
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fsync', full)
+        with pytest.raises(ModelFileError, match='no space left'):
+            save_model(saved, other)
+    check_same(load_model(saved), MODEL)
+    assert os.listdir(saved.parent) == ['model.json']
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_a_model_that_is_not_finite_is_not_written(saved, value):
+    broken = GravityModel.from_energy(MODEL.joints, 'potential', MODEL.energy,
+                                      np.array([0.1, value]), MODEL.coverage, {})
+    with pytest.raises(ModelFileError, match='cannot write'):
+        save_model(saved, broken)
+    check_same(load_model(saved), MODEL)
+
+
+def test_provenance_that_json_cannot_hold_is_not_written(saved):
+    broken = GravityModel.from_energy(MODEL.joints, 'potential', MODEL.energy, MODEL.noise,
+                                      MODEL.coverage, {'when': object()})
+    with pytest.raises(ModelFileError, match='cannot write'):
+        save_model(saved, broken)
+    check_same(load_model(saved), MODEL)
+
+
+def test_files_are_small(saved):
+    assert saved.stat().st_size < 20000 < modelfile._MAX_BYTES
