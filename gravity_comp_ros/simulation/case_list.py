@@ -1,0 +1,168 @@
+"""The hidden-effect cases: what is wrong with the arm, joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import Payload
+from gravity_comp_ros.simulation.cases import ARMS, Case, Pair, Truth
+from gravity_comp_ros.simulation.disturbances.detent import Detent
+from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.grasp import Grasp
+from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.mounting import TiltedBase
+from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeZero
+from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The joints, counted from 0, that do the same work in arms of different builds."""
+
+    base: int
+    shoulder: int
+    elbow: int
+    wrist: int
+    pair: tuple[int, int]
+    count: int
+
+
+ROLES = {
+    'iiwa7': Roles(base=0, shoulder=1, elbow=3, wrist=5, pair=(4, 5), count=7),
+    'six_axis': Roles(base=0, shoulder=1, elbow=2, wrist=3, pair=(4, 5), count=6),
+}
+
+
+def cases(arm: str) -> tuple[Case, ...]:
+    """
+    Return the cases for an arm of `ROLES`.
+
+    :raises OptionError: if the arm is unknown.
+    """
+    if arm not in ROLES:
+        raise OptionError(f'no cases for arm {arm}; there are {", ".join(ROLES)}')
+    roles = ROLES[arm]
+    return (*_nothing(arm), *_friction(arm, roles), *_several(arm, roles),
+            *_elastic_and_sensor(arm, roles), *_whole_arm(arm, roles), *_limits(arm, roles))
+
+
+def case(arm: str, name: str) -> Case:
+    """
+    Return one case by its name.
+
+    :raises OptionError: if there is none of that name.
+    """
+    found = {entry.name: entry for entry in cases(arm)}
+    if name not in found:
+        raise OptionError(f'no case {name}; there are {", ".join(found)}')
+    return found[name]
+
+
+def _nothing(arm: str) -> tuple[Case, ...]:
+    return (
+        Case('nothing_white', arm, 'nothing', correlated=0.0),
+        Case('nothing_correlated', arm, 'nothing', correlated=0.9, correlation=1.0),
+        Case('nothing_slow', arm, 'nothing', max_speed=0.1),
+    )
+
+
+def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
+    s, e, w = roles.shoulder, roles.elbow, roles.wrist
+    return (
+        Case('coulomb_large', arm, disturbances=(Friction(s, LuGre(2.0)),),
+             truths=(coulomb(s, 2.0),), allowed=bristles(s)),
+        Case('coulomb_small', arm, disturbances=(Friction(s, LuGre(0.15)),),
+             truths=(coulomb(s, 0.15),), allowed=bristles(s)),
+        Case('coulomb_wrist', arm, disturbances=(Friction(w, LuGre(0.25)),),
+             truths=(coulomb(w, 0.25),), allowed=bristles(w)),
+        Case('viscous', arm, disturbances=(Friction(e, LuGre(0.0, viscous=4.0)),),
+             truths=(viscous(e, 4.0),)),
+        Case('stribeck', arm,
+             disturbances=(Friction(s, LuGre(1.5, 3.0, static=3.0, stribeck_speed=0.03)),),
+             truths=(coulomb(s), Truth('stribeck_friction', s)),
+             allowed=bristles(s) | {('viscous_friction', s)}),
+        Case('asymmetric', arm,
+             disturbances=(Friction(e, LuGre(1.6, 1.0), LuGre(0.8, 2.5)),),
+             truths=(Truth('asymmetric_friction', e, (('torque_offset', e),)),),
+             allowed=bristles(e) | {('coulomb_friction', e), ('viscous_friction', e)}),
+        Case('load', arm, disturbances=(LoadFriction(s, 0.05),),
+             truths=(Truth('load_dependent_friction', s),),
+             allowed=bristles(s) | {('coulomb_friction', s)}),
+        Case('warming', arm, disturbances=(WarmFriction(s, LuGre(2.5, 6.0)),),
+             truths=(Truth('friction_drift', s),),
+             allowed=bristles(s) | {('coulomb_friction', s), ('viscous_friction', s)}),
+    )
+
+
+def _several(arm: str, roles: Roles) -> tuple[Case, ...]:
+    s, e, w = roles.shoulder, roles.elbow, roles.wrist
+    big = roles.count - 3
+    everywhere = [(1.2 - 0.2 * j, 2.0) if j < big else (0.2, 0.3) for j in range(roles.count)]
+    return (
+        Case('coulomb_and_viscous', arm, disturbances=(Friction(e, LuGre(0.8, viscous=2.0)),),
+             truths=(coulomb(e, 0.8), viscous(e, 2.0)), allowed=bristles(e)),
+        Case('coulomb_and_offset', arm,
+             disturbances=(Friction(s, LuGre(1.0)), GaugeZero(w, 0.2)),
+             truths=(coulomb(s, 1.0), offset(w, 0.2)), allowed=bristles(s)),
+        Case('friction_everywhere', arm,
+             disturbances=tuple(Friction(j, LuGre(c, v)) for j, (c, v) in enumerate(everywhere)),
+             truths=tuple(truth for j, (c, v) in enumerate(everywhere)
+                          for truth in (coulomb(j, c), viscous(j, v))),
+             allowed=bristles(*range(roles.count))),
+    )
+
+
+def _elastic_and_sensor(arm: str, roles: Roles) -> tuple[Case, ...]:
+    e = roles.elbow
+    return (
+        Case('offset', arm, disturbances=(GaugeZero(roles.base, 1.0),),
+             truths=(offset(roles.base, 1.0),)),
+        Case('cable', arm, disturbances=(DressPack(e, 0.4, 2.0),),
+             truths=(Truth('cable_stiffness', e, (('joint_spring', e),)),)),
+    )
+
+
+def _whole_arm(arm: str, roles: Roles) -> tuple[Case, ...]:
+    load = Payload(1.5, (0.02, -0.01, 0.08))
+    picked = ((2, Grasp(load, 75.0)), (3, Grasp(load)), (4, Grasp(load)))
+    return (
+        Case('payload_half_way', arm, in_run=picked, truths=(Truth('payload_change', None),)),
+        Case('tilted_base', arm, disturbances=(TiltedBase(radians(2.0), 0.0),),
+             truths=(Truth('base_tilt', None),)),
+    )
+
+
+def _limits(arm: str, roles: Roles) -> tuple[Case, ...]:
+    s, e = roles.shoulder, roles.elbow
+    return (
+        Case('detent', arm, 'unexplained', (Detent(e, 0.5, 4.0),),
+             truths=(Truth('detent', e),)),
+        Case('too_weak', arm, 'weak', (Friction(s, LuGre(0.002)),),
+             truths=(coulomb(s, 0.002),)),
+        Case('one_way', arm, 'untestable', (Friction(s, LuGre(1.0)),),
+             truths=(coulomb(s, 1.0), offset(s)), one_way=s),
+    )
+
+
+def coulomb(joint: int, value: float | None = None) -> Truth:
+    return Truth('coulomb_friction', joint, value=value, unit='N·m')
+
+
+def viscous(joint: int, value: float | None = None) -> Truth:
+    return Truth('viscous_friction', joint, value=value, unit='N·m·s/rad')
+
+
+def offset(joint: int, value: float | None = None) -> Truth:
+    return Truth('torque_offset', joint, value=value, unit='N·m')
+
+
+def bristles(*joints: int) -> frozenset[Pair]:
+    """Return the hysteresis that bristles bring to every reversal."""
+    return frozenset(('presliding_hysteresis', joint) for joint in joints)
+
+
+assert set(ROLES) == set(ARMS)

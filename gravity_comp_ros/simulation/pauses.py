@@ -1,0 +1,73 @@
+"""A motion that stops on its way now and then, and goes on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.motions import Motion, sample
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pause:
+    """The motion slows down from `start` s, rests for `rest` s and speeds up, `ramp` s each."""
+
+    start: float
+    rest: float
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (self.rest >= 0 and self.ramp > 0):
+            raise OptionError(f'pause: rests {self.rest} s, must be 0 or more, with a ramp of '
+                              f'{self.ramp} s, must be positive')
+
+    @property
+    def end(self) -> float:
+        return self.start + self.rest + 2 * self.ramp
+
+
+def with_pauses(motion: Motion, pauses: tuple[Pause, ...]) -> Motion:
+    """
+    Return the motion along the same curve, all joints resting in the pauses.
+
+    The curve runs on a clock s(t) of its own: ds/dt is 1, and falls to 0 in a pause. The
+    sample times stay, so that less of the curve is covered.
+
+    :raises OptionError: if two pauses overlap.
+    """
+    pauses = tuple(sorted(pauses, key=lambda pause: pause.start))
+    if any(a.end > b.start for a, b in zip(pauses, pauses[1:])):
+        raise OptionError('pauses overlap; leave time between them')
+
+    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        s, rate, change = np.asarray(t, dtype=float), np.ones_like(t), np.zeros_like(t)
+        for pause in pauses:
+            lost, slowed, slowing = _slowing(t, pause)
+            s, rate, change = s - lost, rate - slowed, change - slowing
+        q, qd, qdd = motion.path(s)
+        rate, change = rate[:, None], change[:, None]
+        return q, qd * rate, qdd * rate ** 2 + qd * change
+
+    count = len(motion.t)
+    step = float(motion.t[1] - motion.t[0]) if count > 1 else 1.0
+    return sample(motion.name, path, count * step, 1 / step, float(motion.t[0]))
+
+
+def _slowing(t: FloatArray, pause: Pause) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the time lost to a pause (K,) in s, and its first and second derivative."""
+    down = _step((t - pause.start) / pause.ramp, pause.ramp)
+    up = _step((t - pause.start - pause.ramp - pause.rest) / pause.ramp, pause.ramp)
+    return down[0] - up[0], down[1] - up[1], down[2] - up[2]
+
+
+def _step(x: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the integral, the value and the slope of a quintic step from 0 to 1 in `ramp` s."""
+    y = np.clip(x, 0.0, 1.0)
+    integral = ramp * (y ** 4 * (2.5 - 3 * y + y ** 2) + np.maximum(x - 1.0, 0.0))
+    value = y ** 3 * (10 - 15 * y + 6 * y ** 2)
+    slope = 30 * y ** 2 * (1 - y) ** 2 / ramp
+    return integral, value, slope

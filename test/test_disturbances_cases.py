@@ -1,0 +1,118 @@
+"""The hidden-effect recordings: what is in them, and that they repeat."""
+
+from dataclasses import replace
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import inverse_dynamics
+from gravity_comp_ros.simulation.case_list import case, cases, ROLES
+from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, recordings, undisturbed
+import numpy as np
+import pytest
+
+SHORT = {'runs': 2, 'duration': 40.0}
+
+
+def short(name, arm='iiwa7'):
+    return replace(case(arm, name), **SHORT)
+
+
+@pytest.mark.parametrize('arm', sorted(ARMS))
+def test_every_case_records_and_hides_something_on_its_joints(arm):
+    for entry in cases(arm):
+        entry = replace(entry, runs=3 if entry.in_run else 1)
+        seen, plain = recordings(entry), recordings(undisturbed(entry))
+        hidden = np.abs(seen.tau - plain.tau).max(axis=0)
+        moved = np.abs(seen.q - plain.q).max()
+        if entry.verdict == 'nothing':
+            assert hidden.max() == 0 and moved == 0, entry.name
+            continue
+        for truth in entry.truths:
+            joint = slice(None) if truth.joint is None else truth.joint
+            assert moved > 0 or np.max(hidden[joint]) > 0, (entry.name, truth)
+
+
+@pytest.mark.parametrize('arm', sorted(ARMS))
+def test_names_are_unique_and_joints_exist(arm):
+    names = [entry.name for entry in cases(arm)]
+    assert len(set(names)) == len(names) >= 20
+    for entry in cases(arm):
+        for _, joint in entry.expected | entry.allowed:
+            assert joint is None or 0 <= joint < ROLES[arm].count
+
+
+def test_five_runs_of_150_s_at_50_hz():
+    samples = recordings(case('iiwa7', 'coulomb_large'))
+    assert samples.n_runs == 5 and len(samples) == 5 * 150 * 50
+    assert np.diff(samples.run(0).t) == pytest.approx(0.02)
+    assert 0.33 < np.abs(samples.qd).max() < 0.36
+
+
+def test_every_run_has_reversals_and_rests():
+    samples = recordings(case('iiwa7', 'nothing_white'))
+    for run in samples.each_run():
+        moving = np.abs(run.qd) > 5e-3
+        for joint in range(run.n_joints):
+            sign = np.sign(run.qd[moving[:, joint], joint])
+            assert (np.diff(sign) != 0).sum() >= 5
+        assert (~moving.any(axis=1)).mean() > 0.02
+
+
+def test_the_same_seed_repeats_and_another_does_not():
+    first, again = recordings(short('warming'), 3), recordings(short('warming'), 3)
+    other = recordings(short('warming'), 4)
+    assert np.array_equal(first.tau, again.tau) and np.array_equal(first.q, again.q)
+    assert not np.allclose(first.q, other.q)
+
+
+def test_runs_differ_in_motion():
+    samples = recordings(short('nothing_white'))
+    assert not np.allclose(samples.run(0).q, samples.run(1).q)
+
+
+def test_the_noise_is_as_large_as_said():
+    # Nothing turns the iiwa's last joint: what it measures is noise, and 0.1 mN·m of inertia.
+    run = recordings(replace(case('iiwa7', 'nothing_white'), runs=1))
+    assert noise_levels(ARMS['iiwa7']()) == (0.1,) * 4 + (0.03,) * 3
+    assert run.tau[:, 6].std() == pytest.approx(0.03, rel=0.03)
+
+
+def test_the_torque_is_that_of_the_moving_arm():
+    run = recordings(replace(case('six_axis', 'nothing_white'), runs=1))
+    arm, step = ARMS['six_axis'](), 0.1
+    q, qd = run.q[::5], np.gradient(run.q[::5], step, axis=0)
+    qdd = np.gradient(qd, step, axis=0)
+    rigid = inverse_dynamics(arm, q, qd, qdd)
+    rest = (run.tau[::5] - rigid)[5:-5]
+    assert rest.std(axis=0) == pytest.approx(noise_levels(arm), rel=0.15)
+    gravity = inverse_dynamics(arm, q, 0 * qd, 0 * qdd)
+    assert (run.tau[::5] - gravity)[5:-5].std(axis=0)[1] > 0.2
+
+
+def test_correlated_noise_is_correlated_and_white_noise_is_not():
+    def neighbours(name):
+        noise = recordings(replace(case('iiwa7', name), runs=1)).tau[:, 6]
+        return np.corrcoef(noise[1:], noise[:-1])[0, 1]
+    assert abs(neighbours('nothing_white')) < 0.05
+    assert neighbours('nothing_correlated') > 0.8
+
+
+def test_one_way_moves_one_way_in_every_run():
+    entry = case('iiwa7', 'one_way')
+    samples = recordings(entry)
+    assert samples.qd[:, entry.one_way].min() > 0
+    arm = ARMS['iiwa7']()
+    assert (samples.q <= arm.upper + 1e-5).all() and (samples.q >= arm.lower - 1e-5).all()
+
+
+def test_speed_is_the_slope_of_position():
+    run = recordings(replace(case('iiwa7', 'one_way'), runs=1))
+    slope = np.gradient(run.q, run.t, axis=0)
+    assert np.abs(slope - run.qd).max() < 0.005
+
+
+@pytest.mark.parametrize('bad', [{'arm': 'puma'}, {'verdict': 'maybe'}, {'runs': 0}])
+def test_impossible_cases_are_refused(bad):
+    with pytest.raises(OptionError):
+        Case(**{'name': 'x', 'arm': 'iiwa7', **bad})
+    with pytest.raises(OptionError):
+        case('iiwa7', 'no such case')
