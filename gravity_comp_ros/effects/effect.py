@@ -39,6 +39,9 @@ class Motion:
     gradient: FloatArray
     sign_width: FloatArray
     model: GravityModel | None = None
+    # What is the same for all settings of an effect, kept while the motion lives.
+    memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
+                                        compare=False)
 
     def direction(self, joint: int) -> FloatArray:
         """Return the smoothed sign of a joint's speed, (M,): tanh(qd / sign_width)."""

@@ -20,6 +20,8 @@ _ABOVE_WIDTH = 4.0
 # ... and lie below this share of the top speed, or it is viscous friction upside down.
 _BELOW_TOP = 0.35
 _STRIBECK_SPEEDS = 5
+# What own and partner's friction must leave of a coupled direction, which is ±1.
+_OWN_DIRECTION = 0.2
 
 
 def _coulomb(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -41,6 +43,38 @@ def _asymmetric(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 def _load_dependent(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
+
+
+def _coupled(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return the direction of qd_n + s qd_m, m the joint number `partner` (from 1)."""
+    partner, qd = int(setting['partner']) - 1, motion.samples.qd
+    width = max(motion.sign_width[joint], motion.sign_width[partner])
+    return np.tanh((qd[:, [joint]] + setting['sign'] * qd[:, [partner]]) / width)
+
+
+def couplings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return the neighbours and signs whose sum of speeds has a direction of its own."""
+    partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
+    settings = [{'partner': m + 1.0, 'sign': s} for m in partners for s in (1.0, -1.0)]
+    return [setting for setting in settings if _differs(motion, joint, setting)]
+
+
+def _differs(motion: Motion, joint: int, setting: Setting) -> bool:
+    partner = int(setting['partner']) - 1
+    known = np.column_stack([
+        np.ones(motion.samples.n_samples), motion.direction(joint), motion.direction(partner),
+        motion.samples.qd[:, [joint, partner]]])
+    column = _coupled(motion, joint, setting)[:, 0]
+    rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+    return float(rest.std()) > _OWN_DIRECTION
+
+
+def _coupled_untestable(motion: Motion, joint: int) -> str | None:
+    reason = facts.lacks_both_ways(motion, joint)
+    if reason or couplings(motion, joint):
+        return reason
+    return ('neither neighbour moves together with this joint in such a way that the sum of '
+            'their speeds turns at other times than they do')
 
 
 def stribeck_speeds(motion: Motion, joint: int) -> list[dict[str, float]]:
@@ -181,4 +215,23 @@ EFFECTS = (
         implausible=all_of(not_negative(_load_dependent, _PUSHES),
                            smaller_than(_load_dependent, 0.5, '',
                                         'no gear that can be driven loses half its load'))),
+    Effect(
+        name='coupled_friction',
+        title='Friction of a coupled gear',
+        family='friction',
+        equation='tau_n = F_k tanh((qd_n + s qd_m) / width), m a neighbour of n, s = ±1',
+        description='Friction that turns with the sum or difference of two joint speeds, as in '
+                    'a wrist whose motors drive two joints together.',
+        coefficients=(Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),),
+        columns=_coupled,
+        confounders=('coulomb_friction', 'viscous_friction'),
+        experiment='move joint {joint} and its neighbour to and fro together, first the same '
+                   'way at one speed, then against each other, then each alone',
+        signature='speed',
+        source='W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
+               'Penton, 2002 (kinematic coupling between wrist motors)',
+        settings=couplings,
+        untestable=_coupled_untestable,
+        implausible=not_negative(_coupled, _PUSHES),
+        setting_units={'partner': 'joint number', 'sign': ''}),
 )

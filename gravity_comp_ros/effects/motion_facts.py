@@ -51,6 +51,13 @@ def top_speed(motion: Motion, joint: int) -> float:
     return float(np.quantile(speeds, 0.98)) if speeds.size else 0.0
 
 
+def reversals(motion: Motion, joint: int) -> int:
+    """Return how often a joint surely turns back within a run."""
+    sure = moving(motion, joint)
+    up, runs = motion.samples.qd[sure, joint] > 0, motion.samples.runs[sure]
+    return int(np.count_nonzero((np.diff(up.astype(int)) != 0) & (np.diff(runs) == 0)))
+
+
 def stands(motion: Motion) -> str | None:
     """Return why speeds tell nothing, if every speed is 0."""
     if motion.samples.qd.any():

@@ -11,13 +11,15 @@ from __future__ import annotations
 from functools import cache
 from importlib.metadata import entry_points
 
-from gravity_comp_ros.effects import dynamics, elastic, friction, offset
+from gravity_comp_ros.effects import (
+    dynamics, elastic, friction, friction_memory, geometry, offset, payload, periodic, timing)
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
 
 GROUP = 'gravity_comp_ros.effects'
-_FAMILIES = (friction, offset, elastic, dynamics)
+_FAMILIES = (friction, friction_memory, offset, elastic, periodic, geometry, payload, dynamics,
+             timing)
 
 
 def all_effects() -> dict[str, Effect]:

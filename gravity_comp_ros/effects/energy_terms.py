@@ -1,0 +1,108 @@
+"""
+Torques made from parts of the gravity model's energy.
+
+A serial arm's energy is U = sum_i w_i . h_i, where w_i is the direction of gravity seen from link
+i and h_i a first moment (Yu 2022, Eq. (3)). The features of U therefore tell, without any
+kinematics, how gravity's direction turns with the joints: the features whose last joint is n
+are w_n . h_n. Derivatives of such parts are other components of the same w_n. Everything here
+stays in the dictionary, so it is exact and has exact derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.model import Expansion
+from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
+
+_CHUNK = 4096
+
+
+def by_last_joint(energy: Expansion, n_joints: int) -> dict[int, Expansion]:
+    """Return the energy in parts, by the last joint that a feature has; constants are left."""
+    factors = dictionary.digits(energy.indices, n_joints) != dictionary.ONE
+    last = np.where(factors.any(axis=1), n_joints - 1 - factors[:, ::-1].argmax(axis=1), -1)
+    return {int(joint): Expansion(energy.indices[last == joint], energy.weights[last == joint])
+            for joint in np.unique(last) if joint >= 0}
+
+
+def lateral(part: Expansion, n_joints: int, joint: int, turning: int) -> Expansion | None:
+    """
+    Return the component of gravity's direction along the axis of `joint`.
+
+    With an axis of `turning` across that of `joint`, part = c P + s Q, s and c sine and cosine
+    of q_joint against the angle at which the axes' plane is straight. P lies along the axis of
+    `turning` and does not feel it; Q is turned by it into the component along the axis of
+    `joint`: -dQ/dq_turning. That angle is found from the derivative itself, in which sine and
+    cosine of q_joint stand with proportional factors. Its sign is open: an arm and its mirror
+    image have the same energy.
+
+    :return: None if the factors are not proportional: the axes are not across each other.
+    """
+    slope = part.gradient(n_joints, turning)
+    halves = [_without(slope, n_joints, joint, factor)
+              for factor in (dictionary.SIN, dictionary.COS)]
+    features = np.unique(np.concatenate([half.indices for half in halves]))
+    weights = np.zeros((2, len(features)))
+    for row, half in zip(weights, halves):
+        row[np.searchsorted(features, half.indices)] = half.weights
+    if not weights.any():
+        return None
+    left, size, right = np.linalg.svd(weights, full_matrices=False)
+    if len(size) > 1 and size[1] > 0.2 * size[0]:
+        return None
+    # The sign is made that of the larger half, so that it does not hang on the decomposition.
+    sign = 1.0 if left[np.argmax(np.abs(left[:, 0])), 0] > 0 else -1.0
+    return pruned(Expansion(features, sign * size[0] * right[0]))
+
+
+def times(part: Expansion, n_joints: int, joint: int, factor: int) -> Expansion:
+    """Return a part without `joint` times the factor (SIN or COS) of that joint."""
+    moved = part.indices + factor * 3 ** (n_joints - 1 - joint)
+    order = np.argsort(moved)
+    return Expansion(moved[order], part.weights[order])
+
+
+def pruned(part: Expansion) -> Expansion:
+    """Return a part without its terms of no weight."""
+    keep = part.weights != 0.0
+    return Expansion(part.indices[keep], part.weights[keep])
+
+
+def evaluate(parts: Sequence[Expansion], q: FloatArray) -> FloatArray:
+    """Return the values (M, K) of K parts at poses q (M, N)."""
+    features: IntArray = np.unique(np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(part.indices for part in parts)]))
+    weights = np.zeros((len(features), len(parts)))
+    for k, part in enumerate(parts):
+        weights[np.searchsorted(features, part.indices), k] = part.weights
+    out = np.zeros((len(q), len(parts)))
+    for start in range(0, len(q) if len(features) else 0, _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        out[rows] = dictionary.columns(q[rows], features) @ weights
+    return out
+
+
+def torques(parts: Sequence[Expansion], q: FloatArray) -> FloatArray:
+    """Return the torque (M, N, K) of K energies at poses q (M, N): their gradients."""
+    n = q.shape[1]
+    slopes = [part.gradient(n, joint) for joint in range(n) for part in parts]
+    return evaluate(slopes, q).reshape(len(q), n, len(parts))
+
+
+def _without(part: Expansion, n_joints: int, joint: int, factor: int) -> Expansion:
+    """Return the terms with that factor of a joint, with the factor taken out."""
+    here = dictionary.digits(part.indices, n_joints)[:, joint] == factor
+    return Expansion(part.indices[here] - factor * 3 ** (n_joints - 1 - joint),
+                     part.weights[here])
+
+
+def total(parts: Sequence[Expansion]) -> Expansion:
+    """Return the sum of parts."""
+    features = np.unique(np.concatenate([part.indices for part in parts]))
+    weights = np.zeros(len(features))
+    for part in parts:
+        weights[np.searchsorted(features, part.indices)] += part.weights
+    return Expansion(features, weights)

@@ -1,0 +1,206 @@
+"""
+What the tool does: a payload that changes on the way, and a force that turns with the tool.
+
+Neither needs kinematics. A mass at the tool adds to every first moment h_i of the chain, mostly
+along what is there already: so the parts of the energy, by the last joint in their features,
+grow each by a factor. A payload beside the axis of the last joint adds features of that joint,
+whose direction of gravity is made of other components of the one before (`energy_terms`).
+A force fixed in the tool, such as the pull of a hose, looks from the tool like gravity looks
+from the base: the torque of joint n depends only on the joints after n, never on its own angle,
+which no gravity torque does. It does no honest work along a closed path.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+from gravity_comp_ros.effects import energy_terms as terms
+from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.plausible import within_torque
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.model import Expansion, GravityModel
+from gravity_comp_ros.samples import BoolArray, FloatArray
+import numpy as np
+
+_SHARES_OF_ONE_RUN = 10
+_SHARES_OF_SEVERAL = 4
+_MOST_RUNS_CUT = 8
+_FINER = 0.25
+# The last joints get every feature, the one before them those of two factors.
+_EXACT_JOINTS = 3
+# Tool forces show in what a joint would lack otherwise; joints must move for it.
+_LEAST_TRAVEL = 0.1
+
+
+def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
+    """Return named energies in J that a payload at the last link adds to."""
+    n = model.n_joints
+    if model.energy is None:
+        return []
+    parts = terms.by_last_joint(model.energy, n)
+    found = [(f'm_{joint + 1}', part) for joint, part in parts.items()]
+    if not parts:
+        return found
+    deepest = max(parts)
+    turned = terms.pruned(parts[deepest].gradient(n, deepest))
+    if deepest == n - 1:
+        return [*found, ('e', turned)]
+    beside = [turned] if deepest == n - 2 else []
+    if beside and n > 2:
+        across = terms.lateral(parts[deepest], n, deepest, deepest - 1)
+        beside += [across] if across is not None else []
+    for part, name in zip(beside, ('e', 'f')):
+        found += [(f'{name}_{kind}', terms.times(part, n, n - 1, factor))
+                  for kind, factor in (('s', dictionary.SIN), ('c', dictionary.COS))]
+    return found
+
+
+def _change(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return the torque of each energy after the change, (M, N, K); 0 before it."""
+    if 'payload' not in motion.memo and motion.model is not None:
+        energies = [energy for _, energy in payload_energies(motion.model)]
+        motion.memo['payload'] = terms.torques(energies, motion.samples.q)
+    return motion.memo['payload'] * _after(motion, setting)[:, None, None]
+
+
+def _after(motion: Motion, setting: Setting) -> BoolArray:
+    """Return which samples (M,) are at or after `time` s into run number `run`, from 1."""
+    runs, time = motion.samples.runs + 1, facts.run_time(motion.samples)
+    return (runs > setting['run']) | ((runs == setting['run']) & (time >= setting['time']))
+
+
+def change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return the starts of all runs but the first, and points within each run."""
+    samples, time = motion.samples, facts.run_time(motion.samples)
+    slices = facts.run_slices(samples)
+    parts = _SHARES_OF_ONE_RUN if len(slices) == 1 else _SHARES_OF_SEVERAL
+    parts = parts if len(slices) <= _MOST_RUNS_CUT else 1
+    points = [{'run': float(samples.runs[run.start] + 1), 'time': float(k * time[run][-1] / parts)}
+              for run in slices for k in range(parts)]
+    return points[1:]
+
+
+def _finer_points(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    here = motion.samples.runs + 1 == int(setting['run'])
+    length = float(facts.run_time(motion.samples)[here].max(initial=0.0))
+    parts = _SHARES_OF_ONE_RUN if motion.samples.n_runs == 1 else _SHARES_OF_SEVERAL
+    moved = [setting['time'] + k * _FINER * length / parts for k in (-2, -1, 1, 2)]
+    return [{**setting, 'time': time} for time in moved if 0.0 <= time < length]
+
+
+def _change_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
+    model = motion.model
+    names = [name for name, _ in payload_energies(model)] if model is not None else []
+    return tuple(_share(name) for name in names)
+
+
+def _share(name: str) -> Coefficient:
+    kind, _, place = name.partition('_')
+    if kind == 'm':
+        return Coefficient(name, '', f'relative change of the first moment that joint number '
+                                     f'{place} turns')
+    return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
+                                 'joint before it')
+
+
+def _change_untestable(motion: Motion, joint: int) -> str | None:
+    if motion.model is None or motion.model.energy is None:
+        return "payload changes are told from a model with an energy: fit with 'potential'"
+    if not motion.model.energy.indices.any():
+        return 'the model knows no gravity that a payload could add to'
+    if not change_points(motion, joint):
+        return 'there is no time before and after'
+    return None
+
+
+def tool_features(n_joints: int) -> list[tuple[int, int]]:
+    """
+    Return (joint, feature) pairs that a tool force may have.
+
+    Features of the joints after `joint`: all of them for the last three joints, those of at
+    most two factors for the one before. Earlier joints would need hundreds of features (or
+    kinematics) and are left out, so that their part of the force stays unexplained.
+    """
+    found = []
+    for joint in range(max(0, n_joints - _EXACT_JOINTS - 1), n_joints):
+        most = n_joints if joint >= n_joints - _EXACT_JOINTS else 2
+        after = n_joints - 1 - joint
+        for tail in product(range(3), repeat=after):
+            if sum(factor != dictionary.ONE for factor in tail) <= most:
+                factors = np.array([[dictionary.ONE] * (joint + 1) + list(tail)])
+                found.append((joint, int(dictionary.index_of(factors)[0])))
+    return found
+
+
+def _tool_force(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return one column for each feature, which acts on its joint alone, (M, N, K)."""
+    q = motion.samples.q
+    pairs = tool_features(q.shape[1])
+    values = dictionary.columns(q, np.array([feature for _, feature in pairs]))
+    out = np.zeros((*q.shape, len(pairs)))
+    for k, (place, _) in enumerate(pairs):
+        out[:, place, k] = values[:, k]
+    return out
+
+
+def _tool_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
+    n = motion.samples.n_joints
+    return tuple(
+        Coefficient(f'f_{place + 1}[{dictionary.feature_name(feature, n)}]', 'N·m',
+                    f'torque on joint number {place + 1}') for place, feature in tool_features(n))
+
+
+def _tool_untestable(motion: Motion, joint: int) -> str | None:
+    n = motion.samples.n_joints
+    if n < 2:
+        return 'on one joint a tool force is the same as an offset'
+    if facts.travel(motion, n - 1) < _LEAST_TRAVEL and (
+            n < 3 or facts.travel(motion, n - 2) < _LEAST_TRAVEL):
+        return 'the last joints hardly move, so a tool force is the same as offsets'
+    return None
+
+
+EFFECTS = (
+    Effect(
+        name='payload_change',
+        title='Payload that changes on the way',
+        family='payload',
+        equation='tau = sum_i m_i dU_i(q)/dq after the change, U_i the part of the energy that '
+                 'joint i turns last',
+        description='A tool or load that is taken up or set down during the recording.',
+        coefficients=(_share('m_i'), _share('e_s')),
+        columns=_change,
+        confounders=('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt'),
+        experiment='record one run with the load and one without it, and learn the change with '
+                   '`gravity_comp update`',
+        signature='time',
+        source='Yu 2022 (updates after a change of payload); derived in effects/payload.py',
+        scope='arm',
+        per_joint=False,
+        settings=change_points,
+        refine=_finer_points,
+        untestable=_change_untestable,
+        implausible=within_torque(_change),
+        symbols=_change_symbols,
+        setting_units={'run': 'run number', 'time': 's'}),
+    Effect(
+        name='tool_force',
+        title='Force fixed in the tool',
+        family='payload',
+        equation='tau_n = sum_k f_nk phi_k(q_n+1 ... q_N)',
+        description='A force that turns with the tool, such as the pull of a hose: no weight '
+                    'makes a torque that does not depend on the own angle of its joint.',
+        coefficients=(Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),),
+        columns=_tool_force,
+        confounders=('torque_offset', 'encoder_offset', 'cable_stiffness'),
+        experiment='take hoses and cables off the tool and record the same motion again',
+        signature='position of the last joints',
+        source='R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
+               'in effects/payload.py',
+        scope='arm',
+        per_joint=False,
+        untestable=_tool_untestable,
+        implausible=within_torque(_tool_force),
+        symbols=_tool_symbols),
+)

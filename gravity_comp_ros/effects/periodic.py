@@ -1,0 +1,83 @@
+"""What repeats along a joint's turn: gears, bearings and motors that are not even."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.plausible import within_torque
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+# Gravity itself goes once a turn.
+_LOWEST = 2
+_HIGHEST = 320
+_LEAST_TRAVEL = 0.1
+
+
+def _ripple(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    angle = setting['k'] * motion.samples.q[:, joint]
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+def ripple_range(motion: Motion, joint: int) -> tuple[int, int]:
+    """
+    Return the lowest and the highest k that the motion can tell.
+
+    One period must fit into the travel, or it is a spring; and most samples must be less than
+    half a period apart.
+    """
+    travel = facts.travel(motion, joint)
+    steps = np.abs(np.diff(motion.samples.q[:, joint]))[np.diff(motion.samples.runs) == 0]
+    steps = steps[steps > 0]
+    if travel < _LEAST_TRAVEL or not steps.size:
+        return _HIGHEST + 1, 0
+    lowest = max(_LOWEST, int(np.ceil(2 * np.pi / travel)))
+    return lowest, min(_HIGHEST, int(np.pi / float(np.quantile(steps, 0.75))))
+
+
+def ripple_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return whole numbers k, as far apart as the travel tells neighbours from each other."""
+    lowest, highest = ripple_range(motion, joint)
+    if highest < lowest:
+        return []
+    step = max(1, int(0.5 * np.pi / facts.travel(motion, joint)))
+    return [{'k': float(k)} for k in range(lowest, highest + 1, step)]
+
+
+def _finer(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    """Return k a little off: the ratio of a gear need not be a whole number."""
+    width = np.pi / facts.travel(motion, joint)
+    return [{'k': setting['k'] + part * width} for part in (-0.5, -0.25, 0.25, 0.5)]
+
+
+def _untestable(motion: Motion, joint: int) -> str | None:
+    lowest, highest = ripple_range(motion, joint)
+    if highest < lowest:
+        return (f'with {facts.travel(motion, joint):.2g} rad of travel and samples this far '
+                f'apart no period can be told')
+    return None
+
+
+EFFECTS = (
+    Effect(
+        name='torque_ripple',
+        title='Torque ripple',
+        family='periodic',
+        equation='tau_n = a sin(k q_n) + b cos(k q_n)',
+        description='A torque that repeats k times a turn: teeth of a gear, poles of a motor, a '
+                    'shaft out of true.',
+        coefficients=(Coefficient('a', 'N·m', 'sine part'),
+                      Coefficient('b', 'N·m', 'cosine part')),
+        columns=_ripple,
+        confounders=('cable_stiffness', 'joint_spring', 'end_stop'),
+        experiment='move joint {joint} slowly through its whole range with the others still, '
+                   'at a speed that leaves ten samples for each period',
+        signature='position',
+        source='P. S. Gandhi, F. H. Ghorbel, J. Dabney, Modeling, identification, and '
+               'compensation of friction in harmonic drives, CDC 2002',
+        settings=ripple_settings,
+        refine=_finer,
+        untestable=_untestable,
+        implausible=within_torque(_ripple),
+        setting_units={'k': '1/rad'}),
+)
