@@ -1,0 +1,209 @@
+"""Comparison: figures by hand, the JSON that is promised, and where a model fails."""
+
+import json
+
+from gravity_comp_ros.diagnosis.compare import compare, compare_prediction, Comparison
+from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+import pytest
+
+ARM = arms.iiwa7()
+
+
+def samples_of(tau, q=None, qd=None, names=('a',), label='run') -> JointSamples:
+    tau = np.asarray(tau, dtype=float).reshape(-1, len(names))
+    zeros = np.zeros_like(tau)
+    return JointSamples.single_run(names, 0.1 * np.arange(len(tau)),
+                                   zeros if q is None else q, zeros if qd is None else qd, tau,
+                                   label)
+
+
+def against(samples: JointSamples, predicted, outside=None) -> Comparison:
+    outside = np.zeros(len(samples), dtype=bool) if outside is None else outside
+    return compare_prediction(samples, np.asarray(predicted, dtype=float), outside)
+
+
+def sine_model(*weights: float) -> GravityModel:
+    """Return joints j0, j1, ... of which each bears weight sin q of its own."""
+    n = len(weights)
+    torques = tuple(Expansion(np.array([3 ** (n - 1 - k)]), np.array([w]))
+                    for k, w in enumerate(weights))
+    return GravityModel(tuple(f'j{k}' for k in range(n)), 'per_joint', torques, None,
+                        np.zeros(n), Coverage(-np.ones(n), np.ones(n), 10))
+
+
+def test_figures_by_hand():
+    # Residuals 1, -1, 3, 1: mean 1, mean square 3, variance 2; the torque ranges over 10.
+    found = against(samples_of([0.0, 4.0, 10.0, 6.0]), [[-1.0], [5.0], [7.0], [5.0]])
+    joint = found.joints['a']
+    assert (joint.n, joint.max_abs, joint.bias) == (4, 3.0, 1.0)
+    assert joint.rmse == pytest.approx(np.sqrt(3))
+    assert joint.std == pytest.approx(np.sqrt(2))
+    assert joint.nrmse == pytest.approx(np.sqrt(3) / 10)
+    assert joint.rmse_constant == pytest.approx(np.sqrt(13))   # of 0, 4, 10, 6 around 5
+    np.testing.assert_allclose(found.residual[:, 0], [1.0, -1.0, 3.0, 1.0])
+
+
+def test_a_constant_torque_has_no_nrmse():
+    found = against(samples_of([2.0, 2.0, 2.0]), [[1.0], [2.0], [3.0]])
+    assert found.joints['a'].nrmse is None
+    assert found.joints['a'].rmse == pytest.approx(np.sqrt(2 / 3))
+
+
+def test_a_perfect_prediction():
+    samples = samples_of(np.arange(40.0))
+    joint = against(samples, samples.tau).joints['a']
+    assert (joint.rmse, joint.nrmse, joint.max_abs, joint.where) == (0.0, 0.0, 0.0, ())
+
+
+def test_the_worst_joint():
+    samples = samples_of(np.zeros((5, 3)), names=('a', 'b', 'c'))
+    assert against(samples, np.array([[1.0, 3.0, 2.0]] * 5)).worst == 'b'
+
+
+def test_a_model_is_compared_by_name():
+    q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
+    samples = samples_of(np.sin(q) * [5.0, 2.0], q=q, names=('j0', 'j1'))
+    model = sine_model(5.0, 2.0)
+    for one in (samples, samples.joints(['j1', 'j0'])):
+        found = compare(model, one)
+        assert list(found.joints) == ['j0', 'j1']
+        assert max(joint.rmse for joint in found.joints.values()) < 1e-12
+
+
+def test_a_missing_joint_and_no_samples():
+    with pytest.raises(ModelMismatchError, match='no joint j1'):
+        compare(sine_model(1.0, 1.0), samples_of(np.zeros(5), names=('j0',)))
+    with pytest.raises(DataError, match='no samples to compare with'):
+        compare(sine_model(1.0), samples_of(np.zeros(0), names=('j0',)))
+
+
+def test_poses_outside_the_trained_range_are_counted():
+    q = np.array([[0.0], [0.5], [1.5], [-2.0]])
+    samples = samples_of(np.sin(q), q=q, names=('j0',))
+    assert compare(sine_model(1.0), samples).share_outside == 0.5
+
+
+def test_the_json_is_what_is_promised():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (200, 2))
+    tau = 0.1 * rng.normal(size=q.shape) + 2.0 * (q > 0.7)
+    found = json.loads(json.dumps(compare(
+        sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1'))).to_json(),
+        allow_nan=False))
+    assert set(found['joints']) == {'j0', 'j1'}
+    for joint in found['joints'].values():
+        assert {'n', 'rmse', 'nrmse', 'std', 'max_abs', 'where'} <= set(joint)
+        assert joint['n'] == 200 and isinstance(joint['n'], int)
+        assert 0 < joint['nrmse'] < 1 and joint['where']
+        for place in joint['where']:
+            assert set(place) >= {'axis', 'low', 'high', 'n', 'rmse', 'bias', 'words'}
+    assert found['worst_joint'] in found['joints']
+
+
+def test_a_joint_without_range_is_null_in_json():
+    found = against(samples_of(np.ones(3)), np.zeros((3, 1))).to_json()
+    assert json.loads(json.dumps(found))['joints']['a']['nrmse'] is None
+
+
+def motion_with(seed: int) -> tuple[JointSamples, np.ndarray]:
+    """Return noisy samples of a slow motion of the iiwa, and the exact gravity."""
+    motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed)
+    samples = synthesise(ARM, motion, SynthesisOptions(static=False, seed=seed,
+                                                       noise=NoiseOptions(absolute=0.1)))
+    return samples, arms.inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_an_error_in_a_region_of_positions_is_named_first(seed):
+    samples, exact = motion_with(seed)
+    q = samples.q[:, 1]
+    low, high = np.quantile(q, [0.75, 1.0])
+    predicted = exact.copy()
+    predicted[:, 1] -= 0.8 * ((q >= low) & (q <= high))
+    place = against(samples, predicted).joints['iiwa_joint_2'].where[0]
+    assert place.axis in ('position', 'load')
+    if place.axis == 'position':
+        assert place.high > low and place.bias > 0.2
+        assert f'{place.low:.2f} to {place.high:.2f} rad' in place.words
+
+
+def test_an_error_in_a_region_of_random_poses_is_named_first():
+    motion = motions.random_poses(ARM.lower, ARM.upper, 600, seed=4)
+    samples = synthesise(ARM, motion, SynthesisOptions(static=True, seed=4,
+                                                       noise=NoiseOptions(absolute=0.1)))
+    predicted = arms.gravity_torque(ARM, motion.q)
+    here = (motion.q[:, 3] > 0.0) & (motion.q[:, 3] < 0.7)
+    predicted[here, 3] += 1.0
+    place = against(samples, predicted).joints['iiwa_joint_4'].where[0]
+    assert place.axis == 'position'
+    assert -0.1 < place.low < place.high < 0.8 and place.bias == pytest.approx(-1.0, abs=0.1)
+    assert place.rmse == pytest.approx(1.0, abs=0.1) and place.ratio > 3
+
+
+@pytest.mark.parametrize('sign, words', [(1, 'moving up'), (-1, 'moving down')])
+@pytest.mark.parametrize('seed', range(3))
+def test_an_error_in_one_direction_is_named_first(seed, sign, words):
+    samples, exact = motion_with(seed)
+    predicted = exact.copy()
+    predicted[:, 2] -= 0.7 * (sign * samples.qd[:, 2] > 1e-3)
+    place = against(samples, predicted).joints['iiwa_joint_3'].where[0]
+    assert place.axis == 'direction' and place.words.startswith(words)
+    assert place.bias == pytest.approx(0.7, abs=0.05)
+
+
+@pytest.mark.parametrize('bad', range(3))
+def test_an_error_in_one_run_is_named_first(bad):
+    # The same motion every time, so that no other condition sets the bad run apart.
+    motion, parts, predictions = motions.eq17(), [], []
+    for run in range(3):
+        part = synthesise(ARM, motion, SynthesisOptions(static=True, seed=run,
+                                                        noise=NoiseOptions(absolute=0.1)))
+        parts.append(JointSamples.single_run(part.names, part.t, part.q, part.qd,
+                                             part.tau + 0.6 * (run == bad), f'tour{run}'))
+        predictions.append(arms.gravity_torque(ARM, motion.q))
+    found = against(concatenate(parts), np.concatenate(predictions))
+    for joint in found.joints.values():
+        assert joint.where[0].axis == 'run'
+        assert joint.where[0].words.startswith(f'in run tour{bad}:')
+
+
+def test_an_error_outside_the_trained_range_is_named():
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-1.6, 1.6, (400, 2))
+    outside = np.abs(q).max(axis=1) > 1.0
+    tau = 0.1 * rng.normal(size=q.shape) + outside[:, None] * rng.normal(size=q.shape)
+    found = compare(sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1')))
+    for joint in found.joints.values():
+        assert 'trained range' in [place.axis for place in joint.where]
+
+
+def test_one_lucky_stretch_is_no_place():
+    # The error is large on one of five visits to the right end, and on none of the others.
+    t = np.arange(500) * 0.1
+    q = np.sin(2 * np.pi * t / 10)[:, None]
+    rng = np.random.default_rng(0)
+    tau = 0.1 * rng.normal(size=(500, 1))
+    tau[(q[:, 0] > 0.7) & (t > 20) & (t < 30)] += 0.5
+    joint = against(samples_of(tau, q=q), np.zeros((500, 1))).joints['a']
+    assert 'position' not in [place.axis for place in joint.where]
+
+
+@pytest.mark.parametrize('kind', ['poses', 'motion'])
+def test_white_noise_names_no_place(kind):
+    named = total = 0
+    for seed in range(20):
+        motion = motions.eq17() if kind == 'motion' else motions.random_poses(
+            ARM.lower, ARM.upper, 200, seed)
+        samples = synthesise(ARM, motion, SynthesisOptions(
+            static=True, seed=seed, noise=NoiseOptions(absolute=0.1)))
+        found = against(samples, arms.gravity_torque(ARM, motion.q))
+        named += sum(bool(joint.where) for joint in found.joints.values())
+        total += len(found.joints)
+    print(f'{kind}: a place was named for {named} of {total} joints with nothing but noise')
+    assert named <= 0.02 * total
