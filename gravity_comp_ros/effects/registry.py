@@ -27,6 +27,11 @@ def all_effects() -> dict[str, Effect]:
     return dict(_load()[0])
 
 
+def library_effects() -> dict[str, Effect]:
+    """Return the effects of this package by name, without those of plug-ins."""
+    return {effect.name: effect for family in _FAMILIES for effect in family.EFFECTS}
+
+
 def broken_plug_ins() -> tuple[str, ...]:
     """Return one line for each plug-in that was left out, saying which and why."""
     return _load()[1]
@@ -46,7 +51,7 @@ def find_effect(name: str) -> Effect:
 
 @cache
 def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
-    effects = {effect.name: effect for family in _FAMILIES for effect in family.EFFECTS}
+    effects = library_effects()
     complaints = []
     for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
         where = f'effect plug-in {printable(point.name)} ({printable(point.value)})'

@@ -1,0 +1,1 @@
+"""An effect of our own: the drag of a shaft seal."""
