@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import gc
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.node.lane import InputFirstExecutor
 from gravity_comp_ros.node.node import GravityCompNode
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import TransitionCallbackReturn
 
 
@@ -40,11 +42,14 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(node: GravityCompNode) -> None:
-    executor = SingleThreadedExecutor()
+    executor = InputFirstExecutor(node.subscription)
     executor.add_node(node)
     if node.settings.values['autostart'] and (
             node.trigger_configure() == TransitionCallbackReturn.SUCCESS):
         node.trigger_activate()
+    # What has been imported by now stays; looking through it again is a pause of milliseconds.
+    gc.collect()
+    gc.freeze()
     executor.spin()
 
 

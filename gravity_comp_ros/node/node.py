@@ -9,6 +9,7 @@ import time
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings
+from gravity_comp_ros.node.lane import InputGroup
 from gravity_comp_ros.node.live import Answer, Live
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import check_together, Value
@@ -44,9 +45,11 @@ class GravityCompNode(LifecycleNode):
         self._timers_made: list[Timer] = []
         self._active = False
         self._named = False
+        self._clock_is_simulated = False
         # Timers on the wall: a simulation that pauses must not stop the watchdog's eyes.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting = ReentrantCallbackGroup()
+        self._input = InputGroup()
 
     def _check_settings(self, values: Mapping[str, Value]) -> None:
         live = self._live
@@ -56,14 +59,19 @@ class GravityCompNode(LifecycleNode):
         if self._live is not None:
             self._live.set(values)
 
+    def subscription(self) -> Subscription | None:
+        """Return the subscription to `joint_states`, None while there is none."""
+        return self._subscription
+
     def now(self) -> float:
         """Return the time for ramps and watchdog in s: monotonic, or simulated if in use."""
-        if self.get_parameter('use_sim_time').value:
+        if self._clock_is_simulated:
             return float(self.get_clock().now().nanoseconds) * 1e-9
         return time.monotonic()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the model file, and make everything that other nodes see."""
+        self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
             self._live = Live(self.settings.values, topic, self.now())
@@ -75,7 +83,8 @@ class GravityCompNode(LifecycleNode):
         self._outputs = Outputs(self)
         self._named = False
         self._subscription = self.create_subscription(
-            JointState, 'joint_states', self._on_joint_state, INPUT_QOS)
+            JointState, 'joint_states', self._on_joint_state, INPUT_QOS,
+            callback_group=self._input)
         self._make_services()
         self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
                              self.create_timer(REPORT, self._on_report, clock=self._steady)]
@@ -218,6 +227,7 @@ class GravityCompNode(LifecycleNode):
             self._save_in_thread(live, Future())
 
     def _on_report(self) -> None:
+        self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._live is not None and self._outputs is not None:
             self._outputs.diagnostics(self._live.statuses(self.now()))
 
