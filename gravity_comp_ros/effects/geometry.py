@@ -62,8 +62,10 @@ def tilt_energies(model: GravityModel, side: float) -> list[Expansion]:
 
 
 def tilt_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return both senses in which the lateral component may point, or none if it has none."""
-    if motion.model is None or _lateral(motion.model) is None:
+    """Return both senses in which the lateral component may point, or 0 if there is none."""
+    if motion.model is None or motion.samples.n_joints < 2:
+        return []
+    if _lateral(motion.model) is None:
         return [{'side': 0.0}]
     return [{'side': 1.0}, {'side': -1.0}]
 

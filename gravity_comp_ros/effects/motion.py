@@ -30,7 +30,7 @@ class MotionOptions:
     How acceleration is found: cubic fits to the speed over `window` s.
 
     0.3 s passes what an arm in careful motion does (up to about 2 Hz) and keeps a speed noise
-    of 1 mrad/s at 50 Hz to about 0.02 rad/s^2.
+    of 1 mrad/s at 50 Hz to about 0.006 rad/s^2.
 
     :raises OptionError: if the window is not positive.
     """

@@ -72,6 +72,8 @@ def _after(motion: Motion, setting: Setting) -> BoolArray:
 
 def change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return the starts of all runs but the first, and points within each run."""
+    if motion.model is None or not payload_energies(motion.model):
+        return []
     samples, time = motion.samples, facts.run_time(motion.samples)
     slices = facts.run_slices(samples)
     parts = _SHARES_OF_ONE_RUN if len(slices) == 1 else _SHARES_OF_SEVERAL

@@ -3,7 +3,7 @@ All effects by name: our own, and those that other packages bring.
 
 A package adds effects by an entry point of the group `gravity_comp_ros.effects` that names an
 `Effect`, or a list or tuple of them. What cannot be loaded is left out with one line in
-`broken_plug_ins`: an effect that fails must not take the tool with it.
+`broken_plug_ins`; what fails later, on a motion, is untestable there.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from importlib.metadata import entry_points
 from gravity_comp_ros.effects import (
     dynamics, elastic, friction, friction_memory, geometry, offset, payload, periodic, timing)
 from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.plug_in import effects_of, guarded
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
 
@@ -56,9 +57,9 @@ def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
     for point in sorted(entry_points(group=GROUP), key=lambda p: (p.name, p.value)):
         where = f'effect plug-in {printable(point.name)} ({printable(point.value)})'
         try:
-            added = _effects_of(point.load())
-        # Whatever a stranger's module raises on import is its own affair.
-        except Exception as error:  # noqa: B902
+            added = effects_of(point.load())
+        # Whatever a stranger's module raises on import, or that it exits, is its own affair.
+        except (Exception, SystemExit) as error:  # noqa: B902
             reason = printable(error) or type(error).__name__
             complaints.append(f'{where} is left out: {reason}')
             continue
@@ -66,13 +67,5 @@ def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
             if effect.name in effects:
                 complaints.append(f'{where} is left out: there is an effect {effect.name} already')
             else:
-                effects[effect.name] = effect
+                effects[effect.name] = guarded(effect)
     return effects, tuple(complaints)
-
-
-def _effects_of(loaded: object) -> tuple[Effect, ...]:
-    found = loaded if isinstance(loaded, (list, tuple)) else (loaded,)
-    for effect in found:
-        if not isinstance(effect, Effect):
-            raise OptionError(f'it names a {type(effect).__name__}, not an Effect')
-    return tuple(found)

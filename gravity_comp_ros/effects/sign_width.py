@@ -70,6 +70,8 @@ def _fitted(speed: FloatArray, residual: FloatArray, start: float) -> float:
         return float(residual @ residual - solved @ (columns.T @ residual))
 
     without = residual - plain @ np.linalg.lstsq(plain, residual, rcond=None)[0]
+    if float(without @ without) < 1e-9 * float(residual @ residual):
+        return start
     grid = np.geomspace(start, widest, _GRID)
     errors = np.array([error(width) for width in grid])
     best = int(errors.argmin())

@@ -1,0 +1,251 @@
+"""Every effect of the library: its words, its columns, and what it finds and does not find."""
+
+from dataclasses import replace
+import re
+
+from effect_motions import ARMS, base_columns, clean_motion, least_squares, NOISE
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.samples import concatenate
+import numpy as np
+import pytest
+
+EFFECTS = library_effects()
+NAMES = (
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'asymmetric_friction',
+    'load_dependent_friction', 'friction_drift', 'presliding_hysteresis', 'coupled_friction',
+    'torque_offset', 'torque_gain', 'torque_drift', 'joint_spring', 'cable_stiffness',
+    'torque_ripple', 'encoder_offset', 'base_tilt', 'payload_change', 'inertia', 'coriolis',
+    'joint_flexibility', 'time_delay', 'end_stop', 'tool_force')
+# What gravity's own features hold exactly, on every motion: a factor on a torque or energy that
+# is the same throughout, and the turn of one angle, which keeps U in the dictionary.
+IN_THE_BASE = {'encoder_offset', 'torque_gain'}
+# Effects whose torque on a joint does not hang on the order of the joints in the chain.
+ORDERLESS = [name for name in NAMES if name not in {
+    'coupled_friction', 'coriolis', 'base_tilt', 'payload_change', 'tool_force'}]
+each_effect = pytest.mark.parametrize('effect', EFFECTS.values(), ids=list(EFFECTS))
+each_arm = pytest.mark.parametrize('arm', ARMS)
+
+
+def cases(effect, motion):
+    """Yield (joint, settings) on which an effect can be tested."""
+    every = range(motion.samples.n_joints) if effect.per_joint else [0]
+    for joint in every:
+        if effect.untestable(motion, joint) is None:
+            yield joint, effect.settings(motion, joint)
+
+
+def some(settings):
+    """Return the first, the middle and the last."""
+    return [settings[k] for k in sorted({0, len(settings) // 2, len(settings) - 1})]
+
+
+def whole(columns, joint, n_joints):
+    """Return columns (M, N, K), zero on other joints for an effect of one joint."""
+    if columns.ndim == 3:
+        return columns
+    out = np.zeros((len(columns), n_joints, columns.shape[1]))
+    out[:, joint] = columns
+    return out
+
+
+def test_the_names_are_those_that_files_hold():
+    assert sorted(EFFECTS) == sorted(NAMES)
+
+
+@each_effect
+def test_an_effect_says_all_that_the_tool_says_about_it(effect):
+    for words in (effect.title, effect.description, effect.equation, effect.source,
+                  effect.signature):
+        assert words.strip() and '\n' not in words
+    assert '{joint}' in effect.experiment or not effect.per_joint
+    assert effect.confounders and set(effect.confounders) <= set(NAMES) - {effect.name}
+    # No unit is right for a ratio alone: a friction coefficient, a gain, a share of a moment.
+    ratios = {'load_dependent_friction', 'torque_gain', 'payload_change'}
+    for coefficient in effect.coefficients:
+        assert coefficient.symbol and coefficient.meaning
+        assert bool(coefficient.unit) != (effect.name in ratios)
+
+
+@each_arm
+@each_effect
+def test_columns_are_finite_shaped_and_named(effect, arm):
+    motion = clean_motion(arm)
+    m, n = motion.samples.q.shape
+    for joint in range(n):
+        settings = effect.settings(motion, joint)
+        if effect.untestable(motion, joint) is None:
+            assert settings, 'testable, but there is nothing to try'
+        for setting in some(settings) if settings else []:
+            columns = effect.columns(motion, joint, setting)
+            k = len(effect.coefficients_of(motion, joint, setting))
+            assert columns.shape == ((m, k) if effect.scope == 'joint' else (m, n, k))
+            assert columns.dtype == np.float64 and np.isfinite(columns).all()
+            assert set(setting) == set(effect.setting_units)
+            assert all(np.isfinite(value) for value in setting.values())
+            again = effect.columns(motion, joint, setting)
+            np.testing.assert_array_equal(columns, again)
+            for finer in effect.refine(motion, joint, setting):
+                assert np.isfinite(effect.columns(motion, joint, finer)).all()
+
+
+def test_most_effects_can_be_tested_on_a_good_motion():
+    motion = clean_motion('iiwa7')
+    blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
+    assert blind == set()
+
+
+@each_arm
+@each_effect
+def test_an_effect_finds_its_own_coefficients(effect, arm):
+    motion = clean_motion(arm)
+    n, rng, tested = motion.samples.n_joints, np.random.default_rng(3), 0
+    for joint, settings in list(cases(effect, motion))[:3]:
+        setting = settings[len(settings) // 2]
+        columns = whole(effect.columns(motion, joint, setting), joint, n)
+        size = np.sqrt((columns ** 2).mean(axis=(0, 1)))
+        truth = rng.uniform(0.5, 2.0, columns.shape[2]) / np.where(size > 0, size, 1.0)
+        for place in range(n):
+            here = np.abs(columns[:, place]).max(axis=0) > 1e-9 * np.abs(columns).max()
+            if not here.any():
+                continue
+            base = base_columns(motion, place)
+            known = np.column_stack([columns[:, place, here], base])
+            y = (base @ rng.normal(size=base.shape[1]) + columns[:, place, here] @ truth[here]
+                 + NOISE * rng.standard_normal(len(base)))
+            found, spread = least_squares(known, y, NOISE)
+            count = int(here.sum())
+            if np.linalg.matrix_rank(known) < known.shape[1]:
+                # Only their sum shows; what they predict must still be right.
+                np.testing.assert_allclose(known @ found, y, atol=6 * NOISE)
+                continue
+            assert (np.abs(found[:count] - truth[here]) < 5 * spread[:count]).all()
+            tested += bool((spread[:count] < 0.2 * np.abs(truth[here])).all())
+    if list(cases(effect, motion)) and effect.name not in IN_THE_BASE:
+        assert tested, 'nowhere told from gravity'
+
+
+@each_arm
+@each_effect
+def test_an_effect_is_silent_on_clean_data(effect, arm):
+    motion = clean_motion(arm)
+    n = motion.samples.n_joints
+    noise = motion.samples.tau - motion.gravity
+    for joint, settings in cases(effect, motion):
+        for setting in some(settings):
+            columns = whole(effect.columns(motion, joint, setting), joint, n)
+            for place in range(n):
+                here = np.abs(columns[:, place]).max(axis=0) > 1e-9 * np.abs(columns).max()
+                if here.any():
+                    known = np.column_stack([columns[:, place, here], base_columns(motion, place)])
+                    found, spread = least_squares(known, noise[:, place], NOISE)
+                    count = int(here.sum())
+                    assert (np.abs(found[:count]) < 5 * spread[:count]).all()
+
+
+@pytest.mark.parametrize('name', ORDERLESS)
+def test_the_order_of_the_joints_does_not_matter(name):
+    effect, motion = EFFECTS[name], clean_motion('six_axis')
+    order = [3, 0, 5, 1, 4, 2]
+    moved = reordered(motion, order)
+    for joint, settings in list(cases(effect, motion))[:2]:
+        setting, place = some(settings)[-1], order.index(joint)
+        assert effect.untestable(moved, place) is None
+        columns = effect.columns(motion, joint, setting)
+        if effect.scope == 'arm':
+            columns = columns[:, order]
+        np.testing.assert_allclose(effect.columns(moved, place, setting), columns, rtol=1e-9,
+                                   atol=1e-9)
+
+
+def reordered(motion, order):
+    """Return the same motion with its joints in another order, model included."""
+    model = motion.model
+    torques = [model.torques[n] for n in order]
+    model = GravityModel(
+        tuple(model.joints[n] for n in order), model.formulation,
+        tuple(moved_factors(torque, order) for torque in torques),
+        moved_factors(model.energy, order), model.noise[order],
+        Coverage(model.coverage.q_min[order], model.coverage.q_max[order], 1000))
+    samples = motion.samples.joints(model.joints)
+    return Motion(samples, motion.qdd[:, order], motion.gravity[:, order],
+                  motion.gradient[:, order][:, :, order], motion.sign_width[order], model)
+
+
+def moved_factors(part, order):
+    """Return a sum over the dictionary with the joints in another order."""
+    indices = dictionary.index_of(dictionary.digits(part.indices, len(order))[:, order])
+    rising = np.argsort(indices)
+    return Expansion(indices[rising], part.weights[rising])
+
+
+HISTORY = ('friction_drift', 'presliding_hysteresis', 'torque_drift')
+
+
+@pytest.mark.parametrize('name', HISTORY)
+def test_memory_does_not_pass_from_run_to_run(name):
+    effect, motion = EFFECTS[name], clean_motion('six_axis')
+    setting = effect.settings(motion, 0)[-1]
+    joined = effect.columns(motion, 0, setting)
+    for number in range(motion.samples.n_runs):
+        here = motion.samples.runs == number
+        alone = effect.columns(part_of(motion, here, motion.samples.run(number)), 0, setting)
+        # A drift is counted from the mean time of all runs, which is a constant.
+        shift = (joined[here] - alone).mean() if name == 'torque_drift' else 0.0
+        np.testing.assert_allclose(joined[here] - shift, alone, atol=1e-12)
+
+
+@pytest.mark.parametrize('name', HISTORY)
+def test_memory_is_lost_where_a_run_is_cut(name):
+    effect, motion = EFFECTS[name], clean_motion('six_axis')
+    setting = effect.settings(motion, 0)[-1]
+    one = motion.samples.run(0)
+    half = np.arange(len(one)) < 900
+    cut = concatenate([one.select(half), one.select(~half)])
+    here = motion.samples.runs == 0
+    whole_run = effect.columns(part_of(motion, here, one), 0, setting)
+    in_two = effect.columns(part_of(motion, here, cut), 0, setting)
+    change = np.abs(np.diff(whole_run - in_two, axis=0))
+    assert change.argmax() == 899 and change.max() > 0.05
+
+
+def part_of(motion, here, samples):
+    """Return the part of a motion that `samples` are, with the same widths."""
+    return Motion(samples, motion.qdd[here], motion.gravity[here], motion.gradient[here],
+                  motion.sign_width, motion.model)
+
+
+@each_effect
+def test_too_much_torque_is_not_plausible(effect):
+    motion = clean_motion('iiwa7')
+    joint, settings = list(cases(effect, motion))[-1]
+    columns = effect.columns(motion, joint, settings[0])
+    size = 100 * np.abs(motion.samples.tau).max() / np.abs(columns).max(axis=(0, 1), initial=0)
+    said = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
+    assert re.search(r'N·m|too much|would be seen', said)
+    small = np.full(columns.shape[-1], 1e-6)
+    assert effect.implausible(small, settings[0], motion, joint) is None
+
+
+@pytest.mark.parametrize('name', [
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'load_dependent_friction',
+    'coupled_friction', 'presliding_hysteresis', 'joint_spring', 'cable_stiffness', 'end_stop',
+    'joint_flexibility', 'inertia'])
+def test_the_wrong_sign_is_not_plausible(name):
+    effect, motion = EFFECTS[name], clean_motion('iiwa7')
+    joint, settings = list(cases(effect, motion))[0]
+    assert 'negative' in effect.implausible(np.array([-1e-6]), settings[0], motion, joint)
+
+
+def test_an_effect_that_makes_no_sense_is_refused():
+    good = EFFECTS['torque_offset']
+    with pytest.raises(OptionError, match='scope'):
+        replace(good, scope='leg')
+    with pytest.raises(OptionError, match='no coefficient'):
+        replace(good, coefficients=())
+    with pytest.raises(OptionError, match='per_joint'):
+        replace(good, per_joint=False)
+    assert isinstance(replace(good, coefficients=(Coefficient('b', 'N·m', 'x'),)), Effect)

@@ -1,0 +1,223 @@
+"""What effects are computed from: acceleration, gravity's gradient, the width of the sign."""
+
+from effect_motions import arm_of, clean_motion, clean_samples, exact_model, motions_of
+from gravity_comp_ros.effects.motion import (
+    accelerations, build_motion, gravity_gradient, MotionOptions)
+from gravity_comp_ros.effects.motion_facts import reversals, run_time
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.effects.sign_width import LEAST_WIDTH, sign_widths, speed_noise
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.samples import concatenate, JointSamples
+import numpy as np
+import pytest
+
+EFFECTS = library_effects()
+FRICTION = [name for name, effect in EFFECTS.items() if effect.family == 'friction']
+
+
+def test_gradient_is_that_of_finite_differences():
+    model, step = exact_model('iiwa7'), 1e-6
+    q = np.random.default_rng(0).uniform(-2, 2, (20, 7))
+    for j in range(7):
+        shift = step * np.eye(7)[j]
+        slope = (model.predict(q + shift) - model.predict(q - shift)) / (2 * step)
+        np.testing.assert_allclose(gravity_gradient(model, q)[:, :, j], slope, atol=1e-6)
+
+
+def test_gradient_in_pieces_is_the_same():
+    model = exact_model('pendulum')
+    q = np.linspace(-3, 3, 9001)[:, None]
+    weights = dict(zip(model.torques[0].indices, model.torques[0].weights))
+    by_hand = weights[1] * np.cos(q) - weights[2] * np.sin(q)
+    np.testing.assert_allclose(gravity_gradient(model, q)[:, :, 0], by_hand, atol=1e-12)
+
+
+def test_acceleration_is_that_of_the_motion():
+    samples, truth = clean_samples('iiwa7'), np.concatenate([m.qdd for m in motions_of('iiwa7')])
+    # Where a pause sets in, acceleration changes within the window.
+    assert np.abs(accelerations(samples) - truth).max() < 0.1 * np.abs(truth).max()
+    error = accelerations(samples) - truth
+    assert np.sqrt((error ** 2).mean()) < 0.02 * np.sqrt((truth ** 2).mean())
+
+
+def test_acceleration_is_each_runs_own():
+    samples = clean_samples('six_axis')
+    joined = accelerations(samples)
+    for number in range(samples.n_runs):
+        np.testing.assert_array_equal(joined[samples.runs == number],
+                                      accelerations(samples.run(number)))
+
+
+def test_acceleration_of_a_uniform_one_at_an_uneven_rate():
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.01, 0.03, 800))
+    qd = (0.3 * t + 0.1)[:, None]
+    samples = JointSamples.single_run(('a',), t, 0.15 * t[:, None] ** 2, qd, qd)
+    np.testing.assert_allclose(accelerations(samples), 0.3, atol=1e-6)
+
+
+def test_acceleration_keeps_noise_as_small_as_it_says():
+    rng = np.random.default_rng(2)
+    qd = 1e-3 * rng.standard_normal((20000, 1))
+    samples = JointSamples.single_run(('a',), np.arange(20000) / 50, qd, qd, qd)
+    assert accelerations(samples).std() == pytest.approx(0.006, rel=0.1)
+
+
+def test_poses_at_rest_have_no_acceleration():
+    q = np.random.default_rng(0).uniform(-2, 2, (50, 6))
+    samples = JointSamples.single_run(arm_of('six_axis').joints, 2.0 * np.arange(50), q,
+                                      np.zeros((50, 6)), q)
+    motion = build_motion(samples, exact_model('six_axis'))
+    assert not motion.qdd.any()
+    for name in FRICTION + ['inertia', 'coriolis', 'time_delay']:
+        for joint in range(6):
+            assert EFFECTS[name].untestable(motion, joint), name
+
+
+def test_a_sample_alone_in_time_has_no_acceleration():
+    t = np.array([0.0, 0.02, 0.04, 5.0, 9.0, 9.02, 9.04])
+    qd = np.linspace(0.1, 0.2, 7)[:, None]
+    assert accelerations(JointSamples.single_run(('a',), t, qd, qd, qd))[3, 0] == 0.0
+
+
+def test_joints_are_put_in_the_models_order():
+    model, samples = exact_model('six_axis'), clean_samples('six_axis')
+    turned = build_motion(samples.joints(samples.names[::-1]), model)
+    straight = clean_motion('six_axis')
+    assert turned.samples.names == model.joints
+    np.testing.assert_array_equal(turned.gravity, straight.gravity)
+    np.testing.assert_array_equal(turned.qdd, straight.qdd)
+
+
+def test_what_cannot_be_used_is_refused():
+    model, samples = exact_model('six_axis'), clean_samples('six_axis')
+    with pytest.raises(ModelMismatchError, match='elbow_joint'):
+        build_motion(samples.joints(['wrist_1_joint']), model)
+    with pytest.raises(DataError, match='no samples'):
+        build_motion(samples.select(np.zeros(len(samples), dtype=bool)), model)
+    with pytest.raises(OptionError, match='window'):
+        MotionOptions(window=0.0)
+
+
+def back_and_forth(width, noise, friction, seed=0, torque_noise=0.1):
+    """Return samples and residual of a joint with friction of that sign width."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 300.0, 0.02)
+    q = 0.4 * np.sin(0.3 * t) + 0.2 * np.sin(0.77 * t + 1)
+    v = 0.12 * np.cos(0.3 * t) + 0.154 * np.cos(0.77 * t + 1)
+    tau = friction * np.tanh(v / width) + torque_noise * rng.standard_normal(len(t))
+    seen = v + noise * rng.standard_normal(len(t))
+    samples = JointSamples.single_run(('a',), t, q[:, None], seen[:, None], tau[:, None])
+    return samples, samples.tau
+
+
+@pytest.mark.parametrize('width', [0.006, 0.015])
+def test_plain_friction_tells_its_width(width):
+    found = sign_widths(*back_and_forth(width, 2e-4, friction=1.0))
+    assert found[0] == pytest.approx(width, rel=0.2)
+
+
+def test_without_friction_the_width_is_that_of_the_noise():
+    assert sign_widths(*back_and_forth(0.01, 2e-3, friction=0.0))[0] == pytest.approx(
+        6e-3, rel=0.1)
+    assert sign_widths(*back_and_forth(0.01, 0.0, friction=0.0))[0] == LEAST_WIDTH
+
+
+def test_the_width_does_not_swallow_viscous_friction():
+    samples, _ = back_and_forth(0.01, 1e-4, friction=0.0)
+    residual = 5.0 * samples.qd
+    assert sign_widths(samples, residual)[0] == LEAST_WIDTH
+
+
+def test_speed_noise_leaves_motion_out():
+    samples, _ = back_and_forth(0.01, 1e-3, friction=0.0)
+    assert speed_noise(samples)[0] == pytest.approx(1e-3, rel=0.1)
+    still, _ = back_and_forth(0.01, 0.0, friction=0.0)
+    assert speed_noise(still)[0] < 1e-7
+
+
+def swing(q, qd):
+    """Return the motion of the pendulum along q (M,), at 20 Hz."""
+    t = np.arange(len(q)) / 20
+    model = exact_model('pendulum')
+    samples = JointSamples.single_run(('swing',), t, q[:, None], qd[:, None],
+                                      model.predict(q[:, None]))
+    return build_motion(samples, model)
+
+
+def test_one_way_motion_shows_no_friction():
+    t = np.arange(0.0, 40.0, 0.05)
+    motion = swing(0.05 * t + 0.1 * np.sin(0.3 * t), 0.05 + 0.03 * np.cos(0.3 * t))
+    for name in ('coulomb_friction', 'viscous_friction', 'load_dependent_friction',
+                 'friction_drift', 'presliding_hysteresis'):
+        assert 'one way only' in EFFECTS[name].untestable(motion, 0)
+    assert EFFECTS['joint_spring'].untestable(motion, 0) is None
+
+
+def test_one_speed_shows_no_influence_of_speed():
+    leg = np.linspace(0.0, 1.0, 200)
+    q = np.concatenate([leg, leg[::-1]] * 3)
+    qd = np.where(np.arange(len(q)) // 200 % 2, -0.1, 0.1)
+    motion = swing(q, qd)
+    assert EFFECTS['coulomb_friction'].untestable(motion, 0) is None
+    for name in ('viscous_friction', 'stribeck_friction'):
+        assert 'one speed' in EFFECTS[name].untestable(motion, 0)
+    assert 'never stands' in EFFECTS['asymmetric_friction'].untestable(motion, 0)
+    assert EFFECTS['presliding_hysteresis'].untestable(motion, 0) is None
+    assert reversals(motion, 0) == 5
+
+
+def test_few_reversals_show_no_presliding():
+    t = np.arange(0.0, 40.0, 0.05)
+    motion = swing(np.sin(0.15 * t), 0.15 * np.cos(0.15 * t))
+    assert 'turns back' in EFFECTS['presliding_hysteresis'].untestable(motion, 0)
+
+
+def test_a_load_that_stays_shows_no_influence_of_load():
+    t = np.arange(0.0, 60.0, 0.05)
+    level = np.arctan2(0.1, 0.4)
+    motion = swing(level + 0.02 * np.sin(t), 0.02 * np.cos(t))
+    assert 'hardly varies' in EFFECTS['load_dependent_friction'].untestable(motion, 0)
+    for name in ('joint_spring', 'cable_stiffness', 'end_stop'):
+        assert 'travels' in EFFECTS[name].untestable(motion, 0)
+
+
+def test_short_runs_show_no_drift():
+    t = np.arange(0.0, 8.0, 0.05)
+    motion = swing(np.sin(2 * t), 2 * np.cos(2 * t))
+    assert 'too short' in EFFECTS['torque_drift'].untestable(motion, 0)
+    assert 'too short' in EFFECTS['friction_drift'].untestable(motion, 0)
+
+
+def test_one_joint_has_neighbours_for_nothing():
+    motion = clean_motion('pendulum')
+    for name in ('coriolis', 'coupled_friction', 'base_tilt', 'tool_force'):
+        assert EFFECTS[name].untestable(motion, 0), name
+
+
+def test_joints_in_lockstep_are_not_told_apart():
+    motion = clean_motion('six_axis')
+    assert EFFECTS['coupled_friction'].untestable(motion, 2) is None
+    q, qd = motion.samples.q.copy(), motion.samples.qd.copy()
+    q[:, [1, 3]], qd[:, [1, 3]] = q[:, [2]], qd[:, [2]]
+    same = JointSamples(motion.samples.names, motion.samples.t, q, qd, motion.samples.tau,
+                        motion.samples.runs, motion.samples.run_labels)
+    lockstep = build_motion(same, motion.model)
+    assert 'neither neighbour' in EFFECTS['coupled_friction'].untestable(lockstep, 2)
+
+
+def test_a_model_without_an_energy_tells_no_payload():
+    motion = clean_motion('six_axis')
+    bare = type(motion)(motion.samples, motion.qdd, motion.gravity, motion.gradient,
+                        motion.sign_width)
+    assert 'potential' in EFFECTS['payload_change'].untestable(bare, 0)
+    assert EFFECTS['payload_change'].settings(bare, 0) == []
+    assert EFFECTS['base_tilt'].settings(bare, 0) == []
+
+
+def test_time_is_counted_from_the_start_of_each_run():
+    one = JointSamples.single_run(('a',), [5.0, 6.0, 8.0], [[0.0]] * 3, [[0.0]] * 3, [[0.0]] * 3)
+    two = JointSamples.single_run(('a',), [100.0, 101.5], [[0.0]] * 2, [[0.0]] * 2, [[0.0]] * 2)
+    np.testing.assert_array_equal(run_time(concatenate([one, two])), [0, 1, 3, 0, 1.5])
+    left = concatenate([one, two]).select([3, 4])
+    np.testing.assert_array_equal(run_time(left), [0, 1.5])

@@ -1,0 +1,250 @@
+"""The library against physics that is computed another way: Pinocchio, or the plain formula."""
+
+from effect_motions import (
+    arm_of, base_columns, clean_motion, exact_model, least_squares, motions_of, NOISE, samples_of)
+from gravity_comp_ros.effects.friction_memory import presliding_state, steady_path
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.registry import library_effects
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.simulation import arms
+from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import solve_ivp
+
+EFFECTS = library_effects()
+
+
+def recorded(name, tau, runs=2):
+    """Return a motion without noise whose torque is `tau(arm, motion)`."""
+    samples = samples_of(arm_of(name), motions_of(name, runs), tau)
+    return build_motion(samples, exact_model(name))
+
+
+def explained(effect, motion, change, joint=0):
+    """Return coefficients of an arm effect fitted to a change of torque, and what is left."""
+    best = None
+    for setting in effect.settings(motion, joint):
+        columns = effect.columns(motion, joint, setting).reshape(change.size, -1)
+        found = np.linalg.lstsq(columns, change.ravel(), rcond=1e-9)[0]
+        left = (change.ravel() - columns @ found).reshape(change.shape)
+        if best is None or (left ** 2).sum() < (best[1] ** 2).sum():
+            best = found, left
+    return best
+
+
+def rms(values):
+    return np.sqrt((values ** 2).mean(axis=0))
+
+
+@pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
+@pytest.mark.parametrize('roll, pitch', [(2.0, 0.0), (0.0, 2.0), (-1.5, 1.0)])
+def test_base_tilt_is_that_of_a_turned_gravity(name, roll, pitch):
+    motion, arm, q = clean_motion(name), arm_of(name), clean_motion(name).samples.q
+    tilted = arms.with_base_tilt(arm, np.radians(roll), np.radians(pitch))
+    change = arms.gravity_torque(tilted, q) - arms.gravity_torque(arm, q)
+    found, left = explained(EFFECTS['base_tilt'], motion, change)
+    assert np.linalg.norm(left) < 0.05 * np.linalg.norm(change)
+    assert np.hypot(*found[:2]) == pytest.approx(np.radians(np.hypot(roll, pitch)), rel=0.02)
+
+
+@pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
+def test_tilt_tells_the_azimuths_apart(name):
+    motion, arm, q = clean_motion(name), arm_of(name), clean_motion(name).samples.q
+    tilts = []
+    for roll, pitch in ((0.03, 0.0), (0.0, 0.03)):
+        change = (arms.gravity_torque(arms.with_base_tilt(arm, roll, pitch), q)
+                  - arms.gravity_torque(arm, q))
+        tilts.append(explained(EFFECTS['base_tilt'], motion, change)[0][:2])
+    assert abs(np.dot(*tilts)) < 0.02 * np.linalg.norm(tilts[0]) * np.linalg.norm(tilts[1])
+
+
+@pytest.mark.parametrize('joint', [1, 3])
+def test_encoder_offset_is_that_of_a_shifted_angle(joint):
+    shift = 0.01 * np.eye(7)[joint]
+    motion = recorded('iiwa7', lambda arm, m: arms.gravity_torque(arm, m.q + shift))
+    found, left = explained(EFFECTS['encoder_offset'], motion,
+                            motion.samples.tau - motion.gravity, joint)
+    assert found[0] == pytest.approx(0.01, rel=0.01)
+    assert np.abs(left).max() < 0.02
+
+
+def test_flexibility_is_that_of_a_link_that_sags():
+    joint, compliance = 1, 2e-4
+
+    def tau(arm, m):
+        q = m.q.copy()
+        for _ in range(5):
+            q[:, joint] = m.q[:, joint] - compliance * arms.gravity_torque(arm, q)[:, joint]
+        return arms.gravity_torque(arm, q)
+
+    motion = recorded('iiwa7', tau)
+    found, left = explained(EFFECTS['joint_flexibility'], motion,
+                            motion.samples.tau - motion.gravity, joint)
+    assert found[0] == pytest.approx(compliance, rel=0.02)
+    assert np.abs(left).max() < 0.03
+
+
+def test_time_delay_is_that_of_a_torque_that_comes_later():
+    motion = recorded('iiwa7', lambda arm, m: arms.gravity_torque(arm, m.path(m.t - 0.1)[0]))
+    for joint in (1, 2, 3):
+        columns = EFFECTS['time_delay'].columns(motion, joint, {})
+        y = (motion.samples.tau - motion.gravity)[:, joint]
+        # The first samples look back to before the motion began.
+        found = np.linalg.lstsq(columns[40:], y[40:], rcond=None)[0]
+        assert found[0] == pytest.approx(0.1, rel=0.02)
+
+
+def test_inertia_of_a_pendulum_is_that_of_its_parts():
+    motion = recorded('pendulum', lambda arm, m: arms.inverse_dynamics(arm, m.q, m.qd, m.qdd))
+    columns = EFFECTS['inertia'].columns(motion, 0, {})
+    found = np.linalg.lstsq(columns, (motion.samples.tau - motion.gravity)[:, 0], rcond=None)[0]
+    assert found[0] == pytest.approx(3 * (0.4 ** 2 + 0.1 ** 2) + 0.02, rel=0.03)
+
+
+def test_coriolis_of_two_links_is_that_of_the_book():
+    # Two links in a horizontal plane, the second of 2 kg, 0.3 m beyond an axis at 0.5 m, about
+    # q_2 = 1: h = -m l a sin q_2 (J. J. Craig, Introduction to Robotics, ch. 6).
+    t = np.arange(0.0, 60.0, 0.05)
+    q = np.column_stack([0.5 * np.sin(1.1 * t), 1.0 + 0.05 * np.sin(1.7 * t)])
+    qd = np.column_stack([0.55 * np.cos(1.1 * t), 0.085 * np.cos(1.7 * t)])
+    model = pin.Model()
+    for parent, x in ((0, 0.0), (1, 0.5)):
+        joint = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(np.eye(3), np.array([x, 0, 0])),
+                               f'j{parent}')
+        model.appendBodyToJoint(joint, pin.Inertia(2.0, np.array([0.3, 0, 0]), 0.01 * np.eye(3)),
+                                pin.SE3.Identity())
+    data = model.createData()
+    tau = np.array([pin.rnea(model, data, a, b, np.zeros(2)) for a, b in zip(q, qd)])
+    samples = JointSamples.single_run(('a', 'b'), t, q, qd, tau)
+    energy = exact_model('pendulum')
+    motion = build_motion(samples, two_joints_without_gravity(energy))
+    h = 2.0 * 0.5 * 0.3 * np.sin(1.0)
+    for joint, book in ((0, {'h_1_2': -2 * h, 'h_2_2': -h}), (1, {'h_1_1': h, 'h_1_2': 0.0})):
+        effect = EFFECTS['coriolis']
+        names = [c.symbol for c in effect.coefficients_of(motion, joint, {})]
+        found = np.linalg.lstsq(effect.columns(motion, joint, {}), tau[:, joint], rcond=None)[0]
+        assert dict(zip(names, found)) == pytest.approx(book, abs=0.02)
+
+
+def two_joints_without_gravity(like):
+    """Return a model of joints a, b that feels nothing."""
+    empty = type(like.energy)(np.zeros(0, dtype=int), np.zeros(0))
+    coverage = type(like.coverage)(np.zeros(2), np.ones(2), 1)
+    return type(like).from_energy(('a', 'b'), 'potential', empty, np.ones(2), coverage, {})
+
+
+@pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
+@pytest.mark.parametrize('com', [(0.0, 0.0, 0.1), (0.06, -0.04, 0.08)])
+def test_payload_is_that_of_a_mass_at_the_last_link(name, com):
+    loaded = arms.with_payload(arm_of(name), arms.Payload(1.5, com))
+    motion = recorded(name, lambda arm, m: np.where(
+        (m.t >= 40.0)[:, None] & (m is motions_of(name, 2)[1]),
+        arms.gravity_torque(loaded, m.q), arms.gravity_torque(arm, m.q)))
+    effect = EFFECTS['payload_change']
+    setting = {'run': 2.0, 'time': 40.0}
+    columns = effect.columns(motion, 0, setting)
+    change = motion.samples.tau - motion.gravity
+    flat = columns.reshape(change.size, -1)
+    found = np.linalg.lstsq(flat, change.ravel(), rcond=1e-9)[0]
+    left = change - (flat @ found).reshape(change.shape)
+    assert np.linalg.norm(left) < 0.03 * np.linalg.norm(change)
+    assert not columns[motion.samples.runs == 0].any()
+
+
+def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():
+    force = np.array([3.0, -5.0, 8.0])
+
+    def tau(arm, m):
+        data = arm.model.createData()
+        torques = []
+        for q in m.q:
+            pin.computeJointJacobians(arm.model, data, q)
+            jacobian = pin.getJointJacobian(arm.model, data, arm.n_joints, pin.LOCAL)
+            torques.append(-jacobian.T @ np.r_[force, np.cross([0.0, 0.05, 0.12], force)])
+        return arms.gravity_torque(arm, m.q) + np.array(torques)
+
+    for name in ('iiwa7', 'six_axis'):
+        motion = recorded(name, tau, runs=1)
+        n, change = motion.samples.n_joints, motion.samples.tau - motion.gravity
+        columns = EFFECTS['tool_force'].columns(motion, 0, {})
+        for joint in range(n - 4, n):
+            own = columns[:, joint]
+            left = change[:, joint] - own @ np.linalg.lstsq(own, change[:, joint], rcond=None)[0]
+            # The fourth joint from the end has only features of two factors.
+            limit = 1e-9 if joint >= n - 3 else 0.25 * rms(change[:, joint])
+            assert rms(left) <= limit, f'{name}, joint {joint + 1}'
+
+
+def test_no_gravity_torque_has_the_features_of_a_tool_force():
+    motion = clean_motion('iiwa7')
+    columns = EFFECTS['tool_force'].columns(motion, 0, {})
+    for joint in range(3, 6):
+        known = columns[:, joint][:, np.abs(columns[:, joint]).max(axis=0) > 0]
+        both = np.column_stack([known, base_columns(motion, joint)])
+        assert np.linalg.matrix_rank(both) == both.shape[1]
+
+
+def test_presliding_is_the_solution_of_dahls_equation():
+    distance = 0.01
+    t = np.linspace(0.0, 20.0, 4001)
+    q, v = 0.05 * np.sin(t) + 0.01 * np.sin(3.1 * t), 0.05 * np.cos(t) + 0.031 * np.cos(3.1 * t)
+    speed = lambda s: 0.05 * np.cos(s) + 0.031 * np.cos(3.1 * s)  # noqa: E731
+    ode = solve_ivp(lambda s, z: (speed(s) - abs(speed(s)) * z) / distance, (0.0, 20.0), [0.0],
+                    t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.02)
+    np.testing.assert_allclose(presliding_state(q, distance), ode.y[0], atol=2e-3)
+    bristles = friction_torque(t, q, v, LuGre(1.0, presliding=distance, damping=0.0))
+    np.testing.assert_allclose(presliding_state(q, distance), bristles, atol=2e-3)
+
+
+def test_presliding_outlasts_an_encoder_that_flutters():
+    rng = np.random.default_rng(0)
+    q = np.concatenate([np.linspace(0.0, 0.1, 500), np.full(3000, 0.1)])
+    noisy = q + 3e-5 * rng.standard_normal(len(q))
+    assert presliding_state(noisy, 1e-3)[-1] < 0.2
+    assert presliding_state(steady_path(noisy), 1e-3)[-1] > 0.8
+
+
+def test_presliding_pauses_keep_what_was_built_up():
+    path = np.array([0.0, 0.01, 0.02, 0.02, 0.02, 0.03, 0.03, 0.02])
+    z = presliding_state(path, 0.01)
+    by_hand = 1 - np.exp(-np.array([0, 1, 2, 2, 2, 3, 3]))
+    np.testing.assert_allclose(z[:7], by_hand, atol=1e-12)
+    assert z[7] == pytest.approx(-1 + (z[6] + 1) * np.exp(-1))
+
+
+def test_ripple_is_found_at_its_own_period():
+    effect, motion = EFFECTS['torque_ripple'], clean_motion('iiwa7')
+    q, rng = motion.samples.q[:, 3], np.random.default_rng(1)
+    y = 0.1 * np.sin(80 * q + 0.4) + NOISE * rng.standard_normal(len(q))
+    left = {}
+    for setting in effect.settings(motion, 3):
+        columns = effect.columns(motion, 3, setting)
+        found, _ = least_squares(columns, y, NOISE)
+        left[setting['k']] = (((y - columns @ found) ** 2).sum(), np.hypot(*found))
+    best = min(left, key=lambda k: left[k][0])
+    assert best == 80 and left[best][1] == pytest.approx(0.1, rel=0.1)
+
+
+def test_ripple_periods_are_those_that_the_motion_can_tell():
+    motion = clean_motion('iiwa7')
+    q = motion.samples.q[:, 3]
+    wave_numbers = [s['k'] for s in EFFECTS['torque_ripple'].settings(motion, 3)]
+    assert min(wave_numbers) * np.ptp(q) >= 2 * np.pi
+    steps = np.abs(np.diff(q))[np.diff(motion.samples.runs) == 0]
+    assert np.median(steps) * max(wave_numbers) < np.pi
+
+
+def test_an_end_stop_is_found_where_it_is():
+    effect, motion = EFFECTS['end_stop'], clean_motion('six_axis')
+    q = motion.samples.q[:, 2]
+    start = q.max() - 0.05 * np.ptp(q)
+    y = 30.0 * np.maximum(q - start, 0.0)
+    left = {}
+    for setting in effect.settings(motion, 2):
+        columns = effect.columns(motion, 2, setting)
+        found = np.linalg.lstsq(columns, y, rcond=None)[0]
+        left[setting['start'], setting['side']] = ((y - columns @ found) ** 2).sum()
+    where, side = min(left, key=left.get)
+    assert side == 1.0 and abs(where - start) < 0.03 * np.ptp(q)

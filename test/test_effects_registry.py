@@ -1,0 +1,153 @@
+"""Effects from other packages: found, refused when they are broken, and never fatal."""
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from effect_motions import clean_motion
+from gravity_comp_ros.effects import document
+from gravity_comp_ros.effects.plug_in import guarded
+from gravity_comp_ros.effects.registry import all_effects, find_effect, library_effects
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+ASK = ('import json\n'
+       'from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins\n'
+       'print(json.dumps([list(all_effects()), broken_plug_ins()]))\n')
+EFFECT = '''
+from gravity_comp_ros.effects.effect import Coefficient, Effect
+
+
+def effect(name):
+    return Effect(name, 'T', 'f', 'e', 'd', (Coefficient('c', 'N·m', 'm'),),
+                  lambda motion, joint, setting: motion.qdd[:, [joint]],
+                  ('inertia',), 'x', 'time', 's')
+
+
+'''
+
+
+def ask(*folders, program=ASK):
+    """Return effects and complaints of a Python that sees these folders' packages."""
+    path = os.pathsep.join([*map(str, folders), str(ROOT)])
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          env={**os.environ, 'PYTHONPATH': path}, timeout=60, cwd=folders[0])
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def plug_in(folder, module, source, *points):
+    """Write an installed package with these entry points."""
+    info = folder / f'{module}-1.dist-info'
+    info.mkdir(parents=True)
+    (info / 'METADATA').write_text(f'Metadata-Version: 2.1\nName: {module}\nVersion: 1\n')
+    (info / 'entry_points.txt').write_text(
+        '[gravity_comp_ros.effects]\n' + ''.join(f'{point}\n' for point in points))
+    (folder / f'{module}.py').write_text(source)
+
+
+def test_the_example_package_installs_and_is_found(tmp_path):
+    source, target = tmp_path / 'source', tmp_path / 'target'
+    shutil.copytree(ROOT / 'examples' / 'custom_effect', source)
+    done = subprocess.run(
+        [sys.executable, '-m', 'pip', '--disable-pip-version-check', 'install', '-q', '--no-deps',
+         '--no-build-isolation', '--no-index', '--target', str(target), str(source)],
+        capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    program = ASK + (
+        'import sys\nsys.path.insert(0, "' + str(ROOT / 'test') + '")\n'
+        'from effect_motions import clean_motion\n'
+        'effect = all_effects()["seal_drag"]\n'
+        'motion = clean_motion("pendulum")\n'
+        'assert effect.untestable(motion, 0) is None\n'
+        'column = effect.columns(motion, 0, {})\n'
+        'assert column.shape == (motion.samples.n_samples, 1) and column.std() > 0\n'
+        'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1, {}, motion, 0)\n')
+    names, complaints = ask(target, program=program)
+    assert names[-1] == 'seal_drag' and not complaints
+    assert names[:-1] == list(library_effects())
+
+
+def test_several_effects_may_come_from_one_name(tmp_path):
+    plug_in(tmp_path, 'pair', EFFECT + 'both = [effect("first"), effect("second")]\n',
+            'both = pair:both')
+    names, complaints = ask(tmp_path)
+    assert names[-2:] == ['first', 'second'] and not complaints
+
+
+@pytest.mark.parametrize('source, point, reason', [
+    ('raise RuntimeError("no licence\\nfor this robot")\n', 'bad:thing', 'no licence for this'),
+    ('import not_there\n', 'bad:thing', 'not_there'),
+    ('thing = 3\n', 'bad:thing', 'not an Effect'),
+    ('x = 1\n', 'bad:thing', 'thing'),
+    ('thing = ()[0]\n', 'bad:thing', 'index out of range'),
+    (EFFECT + 'thing = effect("inertia")\n', 'bad:thing', 'there is an effect inertia already'),
+    ('import sys\nsys.exit(3)\n', 'bad:thing', '3'),
+    (EFFECT + 'thing = [effect("fine"), None]\n', 'bad:thing', 'not an Effect'),
+    (EFFECT + 'thing = effect("a\\x1bb")\n', 'bad:thing', 'letters, digits'),
+])
+def test_a_broken_plug_in_is_named_and_left_out(tmp_path, source, point, reason):
+    plug_in(tmp_path / 'one', 'bad', source, f'broken\x1b[31m = {point}')
+    plug_in(tmp_path / 'two', 'good', EFFECT + 'thing = effect("good")\n', 'good = good:thing')
+    names, complaints = ask(tmp_path / 'one', tmp_path / 'two')
+    assert names == [*library_effects(), 'good']
+    assert len(complaints) == 1 and reason in complaints[0]
+    assert '\n' not in complaints[0] and '\x1b' not in complaints[0]
+
+
+def test_one_name_belongs_to_one_plug_in(tmp_path):
+    for folder in ('one', 'two'):
+        plug_in(tmp_path / folder, folder, EFFECT + 'thing = effect("same")\n',
+                f'same = {folder}:thing')
+    names, complaints = ask(tmp_path / 'one', tmp_path / 'two')
+    assert names.count('same') == 1
+    assert len(complaints) == 1 and 'two' in complaints[0] and 'same already' in complaints[0]
+
+
+@pytest.mark.parametrize('columns, words', [
+    (lambda motion, joint, setting: motion.qdd[:, joint] / setting['none'], "fails: 'none'"),
+    (lambda motion, joint, setting: motion.qdd, 'must be'),
+    (lambda motion, joint, setting: motion.qdd[:, [joint]] * np.nan, 'finite'),
+])
+def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, words):
+    motion = clean_motion('six_axis')
+    bad = guarded(replace(find_effect('inertia'), name='bad', columns=columns))
+    assert words in bad.untestable(motion, 0)
+    good = guarded(find_effect('torque_ripple'))
+    assert good.untestable(motion, 0) is None
+
+
+def test_a_guard_leaves_an_effects_own_reason():
+    assert 'one joint' in guarded(find_effect('coriolis')).untestable(
+        clean_motion('pendulum'), 0)
+
+
+def test_an_effect_is_found_by_its_name():
+    assert find_effect('inertia') is all_effects()['inertia']
+    with pytest.raises(OptionError, match='no effect gremlins; known are coulomb_friction'):
+        find_effect('gremlins')
+
+
+def test_the_caller_cannot_spoil_the_registry():
+    all_effects().clear()
+    assert 'inertia' in all_effects()
+
+
+def test_the_page_of_effects_is_that_of_the_library():
+    page = (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8')
+    assert page == document.document(), (
+        'python3 -m gravity_comp_ros.effects.document > docs/effects.md')
+
+
+def test_the_page_holds_every_effect_and_its_links_lead_somewhere():
+    page = document.document()
+    headings = {line[3:] for line in page.splitlines() if line.startswith('## ')}
+    assert headings == set(library_effects())
+    links = {part.split(')')[0] for part in page.split('](#')[1:]}
+    assert links <= headings
