@@ -58,7 +58,7 @@ class Chain:
         return len(self.axes)
 
     def torque(self, q: FloatArray) -> FloatArray:
-        """Return the gravity torque (M, N) in N·m of poses q (M, N) in rad."""
+        """Return what holds the arm up, tau (M, N) in N·m, in poses q (M, N) in rad."""
         columns = Sweep(self.axes, np.asarray(q, dtype=np.float64)).moment_columns()
         return np.tensordot(self.moments.ravel(), columns, axes=(0, 0)).T
 
@@ -68,7 +68,7 @@ class Chain:
         return Chain(self.axes @ tilt(tilts), self.moments + change)
 
     def jacobian(self, q: FloatArray) -> FloatArray:
-        """Return the derivative of the torque by a step, shape (4N, N, M)."""
+        """Return d tau / d step (`moved`), shape (4N, N, M)."""
         sweep = Sweep(self.axes, np.asarray(q, dtype=np.float64))
         return np.concatenate([sweep.axis_columns(self.moments), sweep.moment_columns()])
 

@@ -9,8 +9,8 @@ any other angle (the Savage-Dickey ratio: the fit lost against the range that an
 An axis that is elsewhere by more than the data can miss stays where it is.
 
 A moment that is 0 within its uncertainty is left out in the same way, by Akaike's criterion:
-what that can do wrong is as small as what it can do right, and the model prints shorter. The moment
-of the last link goes together with its axis, which nothing else shows, so both must be worth it.
+what that can do wrong is as small as what it can do right, and the model prints shorter. The last
+link's moment goes together with its axis, which nothing else shows, so both must be worth it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Tidy:
 
     def covariance(self) -> FloatArray:
         """
-        Return the covariance (4N, 4N) of a step from the chain.
+        Return how unsure a step from the chain is, shape (4N, 4N).
 
         Angles that were taken are known to `TOLERANCE`; moments that were left out keep the
         uncertainty that made it possible to leave them out.

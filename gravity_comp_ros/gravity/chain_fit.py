@@ -92,5 +92,3 @@ def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSampl
 def _inflation(residual: FloatArray, samples: JointSamples) -> FloatArray:
     times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
     return np.where(times < _WHITE, 1.0, times)
-
-
