@@ -14,7 +14,10 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError, ModelFileError
+from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.model import check_formulation, Coverage, Expansion, GravityModel
+from gravity_comp_ros.gravity.uncertainty import (
+    ChainUncertainty, EnergyUncertainty, Uncertainty)
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
@@ -112,6 +115,11 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
         body['energy'] = _terms(model.energy)
     else:
         body['torques'] = [_terms(torque) for torque in model.torques]
+    if model.chain is not None:
+        body['chain'] = {'axes': model.chain.axes.tolist(),
+                         'moments': model.chain.moments.tolist()}
+    if model.uncertainty is not None:
+        body['covariance'] = model.uncertainty.covariance.tolist()
     # Through JSON and back, so that the checksum is of what a reader will see.
     return dict(json.loads(json.dumps(body, allow_nan=False)))
 
@@ -130,9 +138,11 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
     if not isinstance(body['provenance'], dict):
         raise TypeError('the provenance is no object')
     if 'energy' in body:
-        return GravityModel.from_energy(joints, body['formulation'],
-                                        _expansion(body['energy']), noise, coverage,
-                                        body['provenance'])
+        energy = _expansion(body['energy'])
+        chain = _chain(body['chain']) if 'chain' in body else None
+        return GravityModel.from_energy(joints, body['formulation'], energy, noise, coverage,
+                                        body['provenance'], chain,
+                                        _uncertainty(body, energy, chain))
     torques = tuple(_expansion(terms) for terms in body['torques'])
     return GravityModel(joints, body['formulation'], torques, None, noise, coverage,
                         body['provenance'])
@@ -152,3 +162,19 @@ def _list(values: object, kind: type | tuple[type, ...]) -> list[Any]:
     if not isinstance(values, list) or not all(isinstance(value, kind) for value in values):
         raise TypeError('a list holds what it should not')
     return values
+
+
+def _chain(parts: dict[str, list]) -> Chain:
+    return Chain(np.array(parts['axes'], dtype=np.float64),
+                 np.array(parts['moments'], dtype=np.float64))
+
+
+def _uncertainty(body: dict[str, Any], energy: Expansion,
+                 chain: Chain | None) -> Uncertainty | None:
+    """Return what the covariance in a file belongs to: a chain's step, or the energy."""
+    if 'covariance' not in body:
+        return None
+    covariance = np.array(body['covariance'], dtype=np.float64)
+    if chain is not None:
+        return ChainUncertainty(chain, covariance)
+    return EnergyUncertainty(energy.indices, covariance)

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.gravity.chain_expand import expand
+from gravity_comp_ros.gravity.chain_fit import ChainFit, fit_chain
+from gravity_comp_ros.gravity.choose import Choice, choose
 from gravity_comp_ros.gravity.factors import at_rest
-from gravity_comp_ros.gravity.model import Coverage, FORMULATIONS, GravityModel
+from gravity_comp_ros.gravity.model import Coverage, Expansion, FORMULATIONS, GravityModel
+from gravity_comp_ros.gravity.noise import NoiseModel
 from gravity_comp_ros.gravity.per_joint import fit_per_joint
 from gravity_comp_ros.gravity.potential import fit_potential
 from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions
+from gravity_comp_ros.gravity.uncertainty import ChainUncertainty, EnergyUncertainty
 from gravity_comp_ros.samples import JointSamples
 import numpy as np
 
 MIN_SAMPLES = 10
+# What may be asked for: a formulation, or to let the data choose between chain and potential.
+CHOICES = (*FORMULATIONS, 'auto')
 
 Progress = Callable[[str, float], None]
 
@@ -25,6 +32,9 @@ class FitOptions:
     """
     What to fit: the `formulation`, and how its sparse problems are solved.
 
+    `auto` fits the chain and falls back to the potential where that predicts held-out samples
+    better; the report says which and why.
+
     :raises OptionError: if the formulation is unknown.
     """
 
@@ -32,9 +42,9 @@ class FitOptions:
     sparse: SparseOptions = SparseOptions()
 
     def __post_init__(self) -> None:
-        if self.formulation not in FORMULATIONS:
+        if self.formulation not in CHOICES:
             raise OptionError(f'unknown formulation {self.formulation!r}; choose from '
-                              f'{", ".join(FORMULATIONS)}')
+                              f'{", ".join(CHOICES)}')
 
 
 @dataclass(frozen=True)
@@ -58,44 +68,79 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     _check(samples)
     if progress:
         progress('fit', 0.0)
-    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
-                        samples.n_runs)
-    noise_of = np.zeros(samples.n_joints)
-    provenance: dict[str, Any] = {'options': asdict(options)}
-    if options.formulation == 'potential':
+    report: dict[str, Any] = {}
+    if options.formulation == 'auto':
+        choice = choose(samples, options.sparse)
+        report['choice'] = {'formulation': choice.formulation, 'why': choice.why,
+                            'held_out': dict(zip(('chain', 'potential'), choice.errors))}
+        model, fits, chain = _chosen(samples, choice)
+    elif options.formulation == 'chain':
+        chain, fits = fit_chain(samples), []
+        model = _chain_model(samples, chain)
+    elif options.formulation == 'potential':
         energy, fits = fit_potential(samples, options.sparse)
-        model = GravityModel.from_energy(samples.names, 'potential', energy, noise_of,
-                                         coverage, provenance)
+        model, chain = _potential_model(samples, energy, fits), None
     else:
         torques, fits = fit_per_joint(samples, options.sparse)
-        model = GravityModel(samples.names, 'per_joint', torques, None, noise_of, coverage,
-                             provenance)
-    return _finish(model, samples, fits, progress)
+        chain = None
+        model = GravityModel(samples.names, 'per_joint', torques, None,
+                             np.zeros(samples.n_joints), _coverage(samples))
+    result = _finish(model, samples, fits, chain, {'options': asdict(options)}, report)
+    if progress:
+        progress('fit', 1.0)
+    return result
+
+
+def _chosen(samples: JointSamples, choice: Choice
+            ) -> tuple[GravityModel, list[SparseFit], ChainFit | None]:
+    if choice.energy is None or choice.formulation == 'chain':
+        return _chain_model(samples, choice.chain), [], choice.chain
+    return _potential_model(samples, choice.energy, choice.fits), choice.fits, None
+
+
+def _chain_model(samples: JointSamples, found: ChainFit) -> GravityModel:
+    return GravityModel.from_energy(
+        samples.names, 'chain', expand(found.chain), np.zeros(samples.n_joints),
+        _coverage(samples), {}, found.chain, ChainUncertainty(found.chain, found.covariance))
+
+
+def _potential_model(samples: JointSamples, energy: Expansion,
+                     fits: list[SparseFit]) -> GravityModel:
+    return GravityModel.from_energy(
+        samples.names, 'potential', energy, np.zeros(samples.n_joints), _coverage(samples), {},
+        uncertainty=EnergyUncertainty(energy.indices, fits[0].covariance))
+
+
+def _coverage(samples: JointSamples) -> Coverage:
+    return Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
+                    samples.n_runs)
 
 
 def _finish(model: GravityModel, samples: JointSamples, fits: list[SparseFit],
-            progress: Progress | None) -> FitResult:
+            chain: ChainFit | None, provenance: dict[str, Any],
+            report: dict[str, Any]) -> FitResult:
     residual = samples.tau - model.predict(samples.q)
     noise = np.sqrt((residual ** 2).mean(axis=0))
+    models = [chain.noise] if chain else [found.noise for found in fits]
     report = {
         'formulation': model.formulation,
         'n_samples': samples.n_samples,
         'n_runs': samples.n_runs,
         'features': dict(zip(model.joints, model.n_features().tolist())),
         'rmse': dict(zip(model.joints, noise.tolist())),
-        'noise': {'absolute': _per_joint(model.joints, fits, 'absolute'),
-                  'relative': _per_joint(model.joints, fits, 'relative')},
+        'noise': {'absolute': _per_joint(model.joints, models, 'absolute'),
+                  'relative': _per_joint(model.joints, models, 'relative')},
         'solver': [_solver(found) for found in fits],
         'dropped_joints': [name for name, still in zip(samples.names, at_rest(samples.q))
                            if still],
-        'warnings': _warnings(samples, fits),
+        'warnings': _warnings(samples, model, fits, chain),
+        **report,
     }
-    provenance = {**model.provenance, 'report': report}
-    model = GravityModel(model.joints, model.formulation, model.torques, model.energy, noise,
-                         model.coverage, provenance)
-    if progress:
-        progress('fit', 1.0)
-    return FitResult(model, report, all(found.lasso.converged for found in fits))
+    if chain:
+        report['chain'] = _chain_report(chain)
+    model = replace(model, noise=noise, provenance={**provenance, 'report': report})
+    converged = chain is not None or all(found.lasso.converged for found in fits)
+    return FitResult(model, report, converged)
 
 
 def _check(samples: JointSamples) -> None:
@@ -108,8 +153,9 @@ def _check(samples: JointSamples) -> None:
         raise FitError('effort is 0 for every joint; does the driver publish it?')
 
 
-def _per_joint(joints: tuple[str, ...], fits: list[SparseFit], which: str) -> dict[str, float]:
-    values = np.concatenate([getattr(found.noise, which) for found in fits])
+def _per_joint(joints: tuple[str, ...], models: list[NoiseModel],
+               which: str) -> dict[str, float]:
+    values = np.concatenate([getattr(model, which) for model in models])
     return dict(zip(joints, values.tolist()))
 
 
@@ -123,15 +169,26 @@ def _solver(found: SparseFit) -> dict[str, Any]:
             **asdict(solution.certificate)}
 
 
-def _warnings(samples: JointSamples, fits: list[SparseFit]) -> list[str]:
+def _chain_report(chain: ChainFit) -> dict[str, Any]:
+    return {'starts': chain.starts, 'steps': chain.steps, 'structure': chain.structure,
+            'structure_limit': chain.structure_limit, 'clean': chain.clean,
+            'right_angles': list(chain.square), 'inflation': chain.inflation.tolist()}
+
+
+def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],
+              chain: ChainFit | None) -> list[str]:
     words = []
     still = [name for name, rest in zip(samples.names, at_rest(samples.q)) if rest]
     if still:
         words.append(f'{", ".join(still)} never moved: features of it are dropped, and the '
                      f'model holds only where it stood')
-    if not any(found.indices.size for found in fits):
+    if not any(torque.indices.size for torque in model.torques):
         words.append('no torque stands out of its noise: the model is 0 everywhere. If gravity '
                      'does load the arm, record more poses')
+    if chain and not chain.clean:
+        words.append(f'the chain leaves {chain.structure:.1f} standard deviations of something '
+                     f'that is not noise (noise leaves up to {chain.structure_limit:.1f}): '
+                     f'friction or another effect, or a wrong chain. Compare with potential')
     if not all(found.lasso.converged for found in fits):
         words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)

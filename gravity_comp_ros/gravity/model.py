@@ -14,6 +14,8 @@ from typing import Any
 
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.uncertainty import Uncertainty
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 
@@ -72,6 +74,8 @@ class GravityModel:
     `torques` holds one expansion per joint in N·m; `energy` is the potential energy U in J with
     tau_n = dU/dq_n, for formulations that have one. `noise` (N,) is the residual's standard
     deviation in training, N·m; `provenance` tells data, options and solver, ready for JSON.
+    `chain` is what the energy of the chain formulation was expanded from; `uncertainty` is None
+    where the formulation has none.
 
     :raises DataError: if the parts disagree in their number of joints.
     """
@@ -83,6 +87,8 @@ class GravityModel:
     noise: FloatArray
     coverage: Coverage
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    chain: Chain | None = None
+    uncertainty: Uncertainty | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -90,7 +96,7 @@ class GravityModel:
         object.__setattr__(self, 'noise', np.asarray(self.noise, dtype=np.float64))
         limit = dictionary.n_features(n)
         sizes = {len(self.torques), len(self.noise), len(self.coverage.q_min),
-                 len(self.coverage.q_max)}
+                 len(self.coverage.q_max), *([self.chain.n_joints] if self.chain else [])}
         if sizes != {n} or len(set(self.joints)) != n:
             raise DataError(f'model: parts for {sorted(sizes)} joints, but {n} joint names')
         for part in (*self.torques, *([self.energy] if self.energy else [])):
@@ -100,12 +106,14 @@ class GravityModel:
 
     @classmethod
     def from_energy(cls, joints: tuple[str, ...], formulation: str, energy: Expansion,
-                    noise: FloatArray, coverage: Coverage,
-                    provenance: Mapping[str, Any]) -> GravityModel:
+                    noise: FloatArray, coverage: Coverage, provenance: Mapping[str, Any],
+                    chain: Chain | None = None,
+                    uncertainty: Uncertainty | None = None) -> GravityModel:
         """Return the model whose torque is the gradient of `energy`."""
         n = len(joints)
         torques = tuple(energy.gradient(n, joint) for joint in range(n))
-        return cls(joints, formulation, torques, energy, noise, coverage, provenance)
+        return cls(joints, formulation, torques, energy, noise, coverage, provenance, chain,
+                   uncertainty)
 
     @property
     def n_joints(self) -> int:
@@ -126,6 +134,23 @@ class GravityModel:
     def predict_one(self, q: FloatArray) -> FloatArray:
         """Return the gravity torque (N,) of one pose q (N,): `predict` for a control loop."""
         return self._evaluator(q)
+
+    def predict_std(self, q: FloatArray) -> FloatArray:
+        """
+        Return the standard deviation (M, N) in N·m of `predict` at poses q (M, N).
+
+        It is the model's own: the noise of a measurement comes on top, so that 95 % of
+        measured torques lie within 1.96 sqrt(std^2 + noise^2).
+
+        :raises DataError: if the model has no uncertainty, or q another number of joints.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if self.uncertainty is None:
+            raise DataError(f'this {self.formulation} model holds no uncertainty; fit it again '
+                            f'as chain or potential')
+        if q.shape[1] != self.n_joints:
+            raise DataError(f'model of {self.n_joints} joints was given poses of {q.shape[1]}')
+        return self.uncertainty.std(q)
 
     def n_features(self) -> IntArray:
         """Return how many features each joint's torque has, shape (N,)."""
@@ -191,4 +216,4 @@ def check_formulation(name: str) -> None:
         raise ModelFileError(f'unknown formulation {name!r}; known: {", ".join(FORMULATIONS)}')
 
 
-FORMULATIONS = ('per_joint', 'potential')
+FORMULATIONS = ('per_joint', 'potential', 'chain')
