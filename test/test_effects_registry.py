@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ASK = ('import json\n'
        'from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins\n'
        'print(json.dumps([list(all_effects()), broken_plug_ins()]))\n')
-EFFECT = '''
+EFFECT = """
 from gravity_comp_ros.effects.effect import Coefficient, Effect
 
 
@@ -30,7 +30,7 @@ def effect(name):
                   ('inertia',), 'x', 'time', 's')
 
 
-'''
+"""
 
 
 def ask(*folders, program=ASK):
