@@ -10,6 +10,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -50,10 +51,11 @@ class NodeProcess:
             args += ['-p', f'{name}:={text}']
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1',
                        'PYTHONPATH': os.pathsep.join(p for p in [str(ROOT), *sys.path] if p)}
+        # A file, because a pipe that nobody empties would stop a node that logs much.
+        self._output = tempfile.TemporaryFile('w+')  # noqa: SIM115
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
-             *arguments], env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            text=True)
+             *arguments], env=environment, stdout=self._output, stderr=subprocess.STDOUT)
 
     def stop(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> tuple[int, str]:
         """Send a signal and return exit code and output."""
@@ -61,14 +63,15 @@ class NodeProcess:
         return self.wait(timeout)
 
     def wait(self, timeout: float = 10.0) -> tuple[int, str]:
-        output, _ = self.process.communicate(timeout=timeout)
-        return self.process.returncode, output
+        code = self.process.wait(timeout)
+        self._output.seek(0)
+        return code, self._output.read()
 
     def end(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
-        if self.process.stdout and not self.process.stdout.closed:
-            self.process.communicate()
+        self.process.wait(10)
+        self._output.close()
 
 
 class Probe(Node):
@@ -144,7 +147,8 @@ class Probe(Node):
     def ask(self, name: str, kind=Trigger, request=None):
         """Call a service of the node and return the future."""
         if name not in self._asked:
-            self._asked[name] = self.create_client(kind, f'/gravity_comp/{name}')
+            self._asked[name] = self.create_client(
+                kind, f'/gravity_comp/{name}', qos_profile=QoSProfile(depth=1000))
         client = self._asked[name]
         self.until(client.service_is_ready, 10.0, f'service {name}')
         return client.call_async(request or kind.Request())

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.fit import FitOptions
 from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults, markdown, TABLE
 import pytest
 import yaml
@@ -34,7 +35,7 @@ def test_defaults_are_allowed_by_the_table_itself():
     ('max_speed', -1.0, 'must lie in 0.001 to 10'), ('max_speed', 'fast', 'of type double'),
     ('max_speed', float('nan'), 'must be finite'), ('max_speed', True, 'of type double'),
     ('capacity', 10.5, 'whole number'), ('capacity', 1, 'must lie in 50 to 20000'),
-    ('formulation', 'magic', 'one of potential, per_joint'), ('auto_fit', 1, 'true or false'),
+    ('formulation', 'magic', 'one of potential, chain'), ('auto_fit', 1, 'true or false'),
     ('max_torque', 5.0, 'must be a list'), ('max_torque', [1.0, -1.0], 'must lie in 0'),
     ('max_torque', [1.0, float('inf')], 'must be finite'), ('joints', ['a', 'a'], 'differ'),
     ('joints', 'a', 'must be a list'), ('model_file', 3, 'must be text'),
@@ -42,6 +43,11 @@ def test_defaults_are_allowed_by_the_table_itself():
 def test_bad_values_are_refused_with_the_reason(name, value, why):
     with pytest.raises(OptionError, match=f'parameter {name}.*{why}'):
         BY_NAME[name].parse(value)
+
+
+def test_every_formulation_is_one_that_can_be_fitted():
+    for formulation in BY_NAME['formulation'].choices:
+        assert FitOptions(formulation=formulation).formulation == formulation
 
 
 def test_an_empty_list_in_yaml_is_an_empty_list():

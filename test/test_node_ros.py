@@ -179,7 +179,7 @@ def test_bad_parameters_are_refused_with_the_reason(model_file):
     with running({'model_file': model_file}) as (_, probe):
         for name, value, why in [
                 ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'of type double'),
-                ('formulation', 'magic', 'one of potential, per_joint'),
+                ('formulation', 'magic', 'one of potential, chain'),
                 ('max_torque', [1.0, 2.0], '2 values for 7 joints'),
                 ('max_torque', [float('nan')], 'finite'), ('joints', ['a'], 'read-only'),
                 ('full_samples', 5000, 'more than capacity'),
@@ -318,3 +318,18 @@ def test_simulated_time_drives_the_ramp(model_file, bags):
         rows, torques = published(later, probe.torques)
     np.testing.assert_allclose(torques[5], 0.5 * truth[5], rtol=1e-6)
     np.testing.assert_allclose(torques[11], truth[11], rtol=1e-9)
+
+
+def test_diagnose_names_what_the_model_lacks(model_file, bags):
+    later = bags['eq17_later']
+    with running({**PATIENT, 'model_file': model_file, 'auto_fit': False}) as (_, probe):
+        answer = probe.call('diagnose')
+        assert not answer.success and answer.message
+        # Dry friction of 2 N·m on the fourth joint, which nobody has told the node.
+        tau = later.tau + 2.0 * np.sign(later.qd) * (np.arange(7) == 3)
+        for k in range(300):
+            probe.send(later.names, later.t[k], later.q[k], later.qd[k], tau[k])
+            probe.spin(0.003)
+        answer = probe.call('diagnose', 60)
+    assert answer.success, answer.message
+    assert 'coulomb_friction on iiwa_joint_4' in answer.message

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.buffer import Coverage, SampleRing
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.samples import concatenate, FloatArray, JointSamples
+import numpy as np
 
 # Every fourth block of samples is held out from fits and judges them.
 HELD_EVERY = 4
@@ -98,6 +99,14 @@ class Epoch:
     def held(self) -> JointSamples:
         """Return the samples to judge by."""
         return self._held.samples()
+
+    def every(self) -> JointSamples:
+        """Return all samples, in order of time."""
+        both = concatenate((self.train(), self.held()))
+        order = np.argsort(both.t, kind='stable')
+        order = order[np.concatenate(([True], np.diff(both.t[order]) > 0))]
+        return JointSamples.single_run(both.names, both.t[order], both.q[order],
+                                       both.qd[order], both.tau[order], 'live')
 
     def coverage(self) -> Coverage:
         """Return what the samples to learn from cover."""

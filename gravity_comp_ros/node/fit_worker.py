@@ -9,7 +9,7 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.job import work
+from gravity_comp_ros.node.job import ask, Question, work
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1
@@ -24,11 +24,12 @@ def serve(connection: Connection) -> None:
         except EOFError:
             return
         try:
-            connection.send(('done', work(job)))
+            done = ask(job) if isinstance(job, Question) else work(job)
+            connection.send(('done', done))
         except GravityCompError as problem:
             connection.send(('failed', job.number, str(problem)))
-        except (ArithmeticError, MemoryError, ValueError) as problem:
-            # numpy.linalg.LinAlgError is a ValueError.
+        except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError) as problem:
+            # A fault of one fit is no reason to lose the warm process.
             connection.send(('failed', job.number, f'{type(problem).__name__}: {problem}'))
 
 

@@ -11,7 +11,7 @@ import subprocess
 import sys
 from threading import Thread
 
-from gravity_comp_ros.node.job import Job, Outcome
+from gravity_comp_ros.node.job import Findings, Job, Outcome, Question
 
 STARTING = 'starting'
 READY = 'ready'
@@ -49,7 +49,7 @@ class FitProcess:
         self._command = tuple(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
-        self._job: Job | None = None
+        self._job: Job | Question | None = None
         self._since = 0.0
         self._delay = FIRST_DELAY
         self._start_at = 0.0
@@ -60,7 +60,7 @@ class FitProcess:
         return self._process.pid if self._process else None
 
     @property
-    def job(self) -> Job | None:
+    def job(self) -> Job | Question | None:
         """The job that runs, if any."""
         return self._job
 
@@ -86,7 +86,7 @@ class FitProcess:
             theirs.close()
         self._connection, self.state, self._since = ours, STARTING, now
 
-    def submit(self, job: Job, now: float) -> bool:
+    def submit(self, job: Job | Question, now: float) -> bool:
         """Give the process a job; False if it is not ready for one."""
         if self.state != READY or self._connection is None:
             return False
@@ -95,13 +95,13 @@ class FitProcess:
         Thread(target=_send, args=(self._connection, job), daemon=True).start()
         return True
 
-    def poll(self, now: float) -> list[Outcome | Failure]:
+    def poll(self, now: float) -> list[Outcome | Findings | Failure]:
         """Return what happened since the last call; restarts a process that was lost."""
         if self.state == DOWN:
             if now >= self._start_at:
                 self.start(now)
             return []
-        events: list[Outcome | Failure] = []
+        events: list[Outcome | Findings | Failure] = []
         try:
             while self._connection is not None and self._connection.poll():
                 self._take(self._connection.recv(), events, now)
@@ -122,7 +122,8 @@ class FitProcess:
         self._job = None
         self._start_at = float('inf')
 
-    def _take(self, message: tuple, events: list[Outcome | Failure], now: float) -> None:
+    def _take(self, message: tuple, events: list[Outcome | Findings | Failure],
+              now: float) -> None:
         kind = message[0]
         if kind == 'ready':
             self._delay = FIRST_DELAY
@@ -170,7 +171,7 @@ class FitProcess:
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
 
 
-def _send(connection: Connection, job: Job) -> None:
+def _send(connection: Connection, job: Job | Question) -> None:
     try:
         connection.send(job)
     except (OSError, ValueError):

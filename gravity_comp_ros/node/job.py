@@ -1,10 +1,11 @@
-"""What the fit process does: fit, and judge the result on held-out samples."""
+"""What the fit process does: fit and judge the result on held-out samples, or diagnose."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import time
 
+from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.node.judge import judge, Verdict
@@ -46,6 +47,38 @@ class Outcome:
     warnings: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Question:
+    """Asks which effect is missing in `model`, going by these samples."""
+
+    number: int
+    samples: JointSamples
+    model: GravityModel | None
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The answer to a question, in a line."""
+
+    number: int
+    text: str
+
+
+def ask(question: Question) -> Findings:
+    """
+    Diagnose, and put the findings into words.
+
+    :raises DataError: if there are too few samples.
+    """
+    start = time.monotonic()
+    found = diagnose(question.samples, question.model).findings
+    words = [f'{item.effect or "unexplained"} on {item.joint or "the whole arm"} '
+             f'({item.verdict})' for item in found]
+    text = '; '.join(words) if words else 'nothing is missing'
+    return Findings(question.number, f'{text}; {len(question.samples)} slow samples, '
+                    f'{time.monotonic() - start:.1f} s')
+
+
 def work(job: Job) -> Outcome:
     """
     Fit a job and judge the result on its held-out samples.
@@ -57,12 +90,12 @@ def work(job: Job) -> Outcome:
     """
     start = time.monotonic()
     base = job.base
-    if base is not None and (base.formulation != job.options.formulation
-                             or base.joints != job.train.names):
+    if base is not None and (base.joints != job.train.names or (base.energy is None) != (
+            job.options.formulation == 'per_joint')):
         base = None
     candidates: list[tuple[str, FitResult]] = []
     if base is not None:
-        candidates.append(('change of the old model', fit_change(job.train, base, job.options)))
+        candidates.append(('change of the old model', fit_change(job.train, base)))
     if base is None or len(job.train) >= FROM_NOTHING:
         candidates.append(('fit from nothing', fit(job.train, job.options)))
     how, best = candidates[0]

@@ -15,7 +15,7 @@ from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
 from gravity_comp_ros.node.fitting import Failure, FitProcess
-from gravity_comp_ros.node.job import Job, Outcome
+from gravity_comp_ros.node.job import Findings, Job, Outcome, Question
 from gravity_comp_ros.node.messages import Reader, Reading
 from gravity_comp_ros.node.models import Entry, Models
 from gravity_comp_ros.node.parameters import check_together, Value
@@ -49,7 +49,7 @@ class Live:
         self._jobs = 0
         # Results of jobs up to this number come too late to be used.
         self._outdated = 0
-        self._wanted: tuple[Reply, float] | None = None
+        self._wanted: tuple[Reply, float, bool] | None = None
         self._waiting: tuple[int, Reply, float] | None = None
         # The model in use when the epoch began: what a new payload changes.
         self._base: GravityModel | None = None
@@ -147,6 +147,8 @@ class Live:
         for event in self.fits.poll(now):
             if isinstance(event, Outcome):
                 self._finish(event, now)
+            elif isinstance(event, Findings):
+                self._reply(event.number, True, event.text)
             else:
                 self._fail(event)
         arm = self.arm
@@ -155,9 +157,10 @@ class Live:
         self._expire(now)
         if self.fits.state == 'ready':
             if self._wanted is not None:
-                reply, until = self._wanted
+                reply, until, is_question = self._wanted
                 self._wanted = None
-                self._waiting = (self._submit(arm, now), reply, until)
+                start = self._submit_question if is_question else self._submit
+                self._waiting = (start(arm, now), reply, until)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
                 self._submit(arm, now)
         return arm.feed.watch(now)
@@ -169,6 +172,11 @@ class Live:
                   self._base, self.models.model, options)
         self.fits.submit(job, now)
         arm.epoch.fit_started()
+        return self._jobs
+
+    def _submit_question(self, arm: Arm, now: float) -> int:
+        self._jobs += 1
+        self.fits.submit(Question(self._jobs, arm.epoch.every(), self.models.model), now)
         return self._jobs
 
     def _finish(self, outcome: Outcome, now: float) -> None:
@@ -238,6 +246,13 @@ class Live:
 
     def refit(self, now: float, reply: Reply) -> None:
         """Fit what was collected; `reply` is called once, now or when the fit has ended."""
+        self._want(now, reply, is_question=False)
+
+    def diagnose(self, now: float, reply: Reply) -> None:
+        """Ask which effect the model lacks; `reply` as for `refit`."""
+        self._want(now, reply, is_question=True)
+
+    def _want(self, now: float, reply: Reply, is_question: bool) -> None:
         arm = self.arm
         if arm is None:
             reply(False, NO_JOINTS)
@@ -247,7 +262,8 @@ class Live:
         elif (lack := arm.epoch.can_fit()) is not None:
             reply(False, lack)
         else:
-            self._wanted = (reply, now + cast(float, self.settings['refit_timeout']))
+            until = now + cast(float, self.settings['refit_timeout'])
+            self._wanted = (reply, until, is_question)
 
     def rollback(self, now: float) -> Answer:
         """Bring back the model before; no fit follows by itself until the next epoch."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-import importlib.util
+from collections.abc import Callable, Coroutine, Mapping
 from threading import Thread
 import time
+from typing import Any, cast
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings
 from gravity_comp_ros.node.lane import InputGroup
-from gravity_comp_ros.node.live import Answer, Live
+from gravity_comp_ros.node.live import Answer, Live, Reply
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import check_together, Value
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -27,8 +27,10 @@ from std_srvs.srv import SetBool, Trigger
 # Matches every publisher; deep enough for a burst after the machine has paused.
 INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
+# By default the eleventh of many calls at once would be lost without an answer.
+SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
+                         reliability=ReliabilityPolicy.RELIABLE)
 TICK = 0.02
-REPORT = 1.0
 INACTIVE = 'the node is not active: activate it first'
 
 
@@ -86,8 +88,9 @@ class GravityCompNode(LifecycleNode):
             JointState, 'joint_states', self._on_joint_state, INPUT_QOS,
             callback_group=self._input)
         self._make_services()
+        report = 1.0 / cast(float, self.settings.values['diagnostics_rate'])
         self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
-                             self.create_timer(REPORT, self._on_report, clock=self._steady)]
+                             self.create_timer(report, self._on_report, clock=self._steady)]
         self._live.fits.start(self.now())
         return super().on_configure(state)
 
@@ -132,18 +135,21 @@ class GravityCompNode(LifecycleNode):
     def _make_services(self) -> None:
         answers: dict[str, Callable[[Live], Answer]] = {
             'payload_changed': lambda live: live.payload_changed(self.now()),
-            'rollback': lambda live: live.rollback(self.now()),
-            'diagnose': _diagnose}
+            'rollback': lambda live: live.rollback(self.now())}
         self._services_made = [
-            self.create_service(Trigger, f'~/{name}', self._trigger(answer))
+            self.create_service(Trigger, f'~/{name}', self._trigger(answer),
+                                qos_profile=SERVICE_QOS)
             for name, answer in answers.items()]
-        # These two answer later, while joint states go on: a fit and a disk take their time.
+        # These answer later, while joint states go on: a fit and a disk take their time.
         self._services_made += [
-            self.create_service(Trigger, '~/refit', self._on_refit,
-                                callback_group=self._waiting),
+            self.create_service(Trigger, '~/refit', self._later(Live.refit),
+                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
+            self.create_service(Trigger, '~/diagnose', self._later(Live.diagnose),
+                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
             self.create_service(Trigger, '~/save_model', self._on_save,
-                                callback_group=self._waiting),
-            self.create_service(SetBool, '~/enable', self._on_enable)]
+                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
+            self.create_service(SetBool, '~/enable', self._on_enable,
+                                qos_profile=SERVICE_QOS)]
 
     def _trigger(self, answer: Callable[[Live], Answer]) -> Callable[
             [Trigger.Request, Trigger.Response], Trigger.Response]:
@@ -158,16 +164,18 @@ class GravityCompNode(LifecycleNode):
             return False, INACTIVE
         return answer(self._live)
 
-    async def _on_refit(self, _: Trigger.Request,
-                        response: Trigger.Response) -> Trigger.Response:
-        future = Future(executor=self.executor)
-        if self._live is None or not self._active:
-            future.set_result((False, INACTIVE))
-        else:
-            self._live.refit(self.now(), lambda *answer: _settle(future, answer))
-        response.success, response.message = await future
-        self._log(response.success, response.message)
-        return response
+    def _later(self, start: Callable[[Live, float, Reply], None]) -> Callable[
+            [Trigger.Request, Trigger.Response], Coroutine[Any, Any, Trigger.Response]]:
+        async def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            future = Future(executor=self.executor)
+            if self._live is None or not self._active:
+                future.set_result((False, INACTIVE))
+            else:
+                start(self._live, self.now(), lambda *answer: _settle(future, answer))
+            response.success, response.message = await future
+            self._log(response.success, response.message)
+            return response
+        return respond
 
     async def _on_save(self, _: Trigger.Request,
                        response: Trigger.Response) -> Trigger.Response:
@@ -232,18 +240,13 @@ class GravityCompNode(LifecycleNode):
             self._outputs.diagnostics(self._live.statuses(self.now()))
 
     def _log(self, success: bool, text: str) -> None:
+        # A storm of calls must not become a storm of lines: who asked has the answer anyway.
         if success:
-            self.get_logger().info(text)
+            self.get_logger().info(text, throttle_duration_sec=0.1)
         else:
-            self.get_logger().warning(text)
+            self.get_logger().warning(text, throttle_duration_sec=0.1)
 
 
 def _settle(future: Future, answer: Answer) -> None:
     if not future.done():
         future.set_result(answer)
-
-
-def _diagnose(_: Live) -> Answer:
-    if importlib.util.find_spec('gravity_comp_ros.diagnosis.diagnose') is None:
-        return False, 'diagnosis is not part of this version; use gravity_comp compare'
-    return False, 'run gravity_comp diagnose on a recording of the joint states'

@@ -104,6 +104,9 @@ TABLE: tuple[Parameter, ...] = (
         'Configure and activate without being told to. Set it to false where a lifecycle '
         'manager does that.', read_only=True),
     Parameter(
+        'diagnostics_rate', 'double', 1.0, 'How often /diagnostics is published.', 'Hz', 0.1,
+        20.0, read_only=True),
+    Parameter(
         'joints', 'string[]', (),
         'Joint names, in the order of the torques on `~/commands`. If the list is empty, the '
         'names of the model file are taken, and without one those of the first `joint_states` '
@@ -132,8 +135,10 @@ TABLE: tuple[Parameter, ...] = (
         'In an open epoch, fit by itself as samples come. If false, only `~/refit` fits.'),
     Parameter(
         'formulation', 'string', 'potential',
-        'The model: one energy for all joints, or a separate sum per joint as in the paper.',
-        choices=('potential', 'per_joint')),
+        'The model: one energy for all joints; the same with the structure of a serial arm '
+        '(`chain`); whichever of the two predicts held-out samples better (`auto`); or a '
+        'separate sum per joint as in the paper.',
+        choices=('potential', 'chain', 'auto', 'per_joint')),
     Parameter(
         'effects', 'string[]', (),
         'Effects that the next fit adds to gravity, `NAME` or `NAME:JOINT`.'),

@@ -9,9 +9,11 @@ from gravity_comp_ros.samples import JointSamples
 import numpy as np
 
 
-def fit_change(samples: JointSamples, old: GravityModel, options: FitOptions) -> FitResult:
+def fit_change(samples: JointSamples, old: GravityModel) -> FitResult:
     """
     Fit tau − old(q), and return `old` plus what was found.
+
+    The change of a model that has an energy is an energy; of any other, a torque per joint.
 
     A payload adds a few terms to the energy; that difference is sparser than the energy
     itself, so ten seconds of motion tell it, where a fit from nothing needs a minute or more
@@ -19,17 +21,15 @@ def fit_change(samples: JointSamples, old: GravityModel, options: FitOptions) ->
 
     :param samples: gated samples of the new payload.
     :raises FitError: as `fit`.
-    :raises ModelMismatchError: if the model is of other joints or another formulation.
+    :raises ModelMismatchError: if the model is of other joints.
     """
     if old.joints != samples.names:
         raise ModelMismatchError(f'the model has joints {", ".join(old.joints)}; the samples '
                                  f'have {", ".join(samples.names)}')
-    if old.formulation != options.formulation:
-        raise ModelMismatchError(f'the model is {old.formulation}; a change of it cannot be '
-                                 f'{options.formulation}')
+    formulation = 'per_joint' if old.energy is None else 'potential'
     rest = JointSamples(samples.names, samples.t, samples.q, samples.qd,
                         samples.tau - old.predict(samples.q), samples.runs, samples.run_labels)
-    found = fit(rest, options)
+    found = fit(rest, FitOptions(formulation=formulation))
     coverage = Coverage(np.minimum(old.coverage.q_min, found.model.coverage.q_min),
                         np.maximum(old.coverage.q_max, found.model.coverage.q_max),
                         len(samples), samples.n_runs)
@@ -38,7 +38,7 @@ def fit_change(samples: JointSamples, old: GravityModel, options: FitOptions) ->
     energy = None
     if old.energy is not None and found.model.energy is not None:
         energy = add(old.energy, found.model.energy)
-    model = GravityModel(samples.names, old.formulation, torques, energy, found.model.noise,
+    model = GravityModel(samples.names, formulation, torques, energy, found.model.noise,
                          coverage, provenance)
     return FitResult(model, found.report, found.converged)
 
