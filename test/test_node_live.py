@@ -1,0 +1,161 @@
+"""The node's mind without ROS: explicit messages, explicit time, a fit process that is real."""
+
+import time
+
+from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.live import Live
+from gravity_comp_ros.node.parameters import defaults
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+
+def torque(q, mass=1.0):
+    return mass * np.array([5.0, 2.0]) * np.sin(q)
+
+
+def motion(n, seed=0):
+    """Return n slow poses: the time, and what both joints do."""
+    t = 0.2 * np.arange(n)
+    return t, np.stack([1.2 * np.sin(0.11 * t + seed), 0.9 * np.cos(0.07 * t + seed)], axis=1)
+
+
+def joint_state(t, q, tau, names=('a', 'b')):
+    message = JointState(name=list(names), position=list(q), velocity=[0.0] * len(q),
+                         effort=list(tau))
+    message.header.stamp.sec = int(t)
+    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
+    return message
+
+
+@pytest.fixture
+def live():
+    made = []
+
+    def make(**settings):
+        made.append(Live({**defaults(), **settings}, '/joint_states', 0.0))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.fixture(scope='module')
+def model_file(tmp_path_factory):
+    t, q = motion(300)
+    rng = np.random.default_rng(0)
+    tau = torque(q) + 0.01 * rng.standard_normal(q.shape)
+    path = tmp_path_factory.mktemp('live') / 'model.json'
+    save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)).model)
+    return path
+
+
+def feed(node, n, start=1.0, mass=1.0, seed=0):
+    t, q = motion(n, seed)
+    tau = torque(q, mass) + 0.01 * np.random.default_rng(7).standard_normal(q.shape)
+    for k in range(n):
+        node.message(joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
+    return start + t[-1]
+
+
+def until(node, now, condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, node.statuses(now)
+        node.tick(time.monotonic())
+        time.sleep(0.002)
+
+
+def status(node, name, now=0.0):
+    return {each.name: each for each in node.statuses(now)}[name]
+
+
+def test_it_learns_the_torque_and_publishes_it(live):
+    node = live(ramp_time=0.0, max_torque_rate=())
+    now = feed(node, 100)
+    until(node, now, lambda: node.models.model is not None)
+    reading, tau = node.message(joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0]), now + 0.2, 0.0)
+    np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
+
+
+@pytest.mark.parametrize('content', [b'', b'{', b'[]', b'null', b'\x00\xff' * 99,
+                                     b'{"format": "gravity_comp_ros model", "version": 99}'])
+def test_files_that_are_no_model_are_told_and_left_alone(live, content, tmp_path):
+    path = tmp_path / 'model.json'
+    path.write_bytes(content)
+    node = live(model_file=str(path))
+    assert status(node, 'model').level == ERROR
+    assert 'model.json' in status(node, 'model').message
+    assert node.message(joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert not node.save()[0] and path.read_bytes() == content
+
+
+def test_a_model_of_other_joints_is_not_used(live, model_file):
+    node = live(model_file=str(model_file), joints=('b', 'a'))
+    assert node.models.model is None and status(node, 'model').level == ERROR
+
+
+def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    now = feed(node, 80)
+    until(node, now, lambda: node.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.tick(time.monotonic())
+    assert node.fits.state == 'fitting'
+    assert node.payload_changed(now)[0]
+    before = node.models.model
+    until(node, now, lambda: answers)
+    assert not answers[0][0] and 'thrown away' in answers[0][1]
+    assert node.models.model is before
+
+
+def test_what_was_sent_before_the_payload_changed_is_not_learned_from(live, model_file):
+    node = live(model_file=str(model_file), settle_time=1.0)
+    now = feed(node, 20)
+    node.payload_changed(now)
+    feed(node, 20, now + 0.2)
+    assert node.arm.epoch.n_samples == 16
+
+
+def test_a_first_message_that_names_no_arm(live):
+    node = live()
+    names = [f'j{k}' for k in range(11)]
+    assert node.message(joint_state(1.0, [0.0] * 11, [0.0] * 11, names), 1.0, 0.0) == (None, None)
+    assert 'set the parameter joints' in status(node, 'model').message
+    assert node.message(joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
+    assert node.arm.joints == ('a', 'b') and node.problem == ''
+
+
+def test_levels_of_the_input(live):
+    node = live(joints=('a', 'b'))
+    assert status(node, 'input').level == STALE
+    node.message(joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
+    assert status(node, 'input', 1.0).level == ERROR
+    node.message(joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    assert status(node, 'input', 1.1).level == OK
+    node.message(joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
+    found = status(node, 'input', 1.2)
+    assert found.level == WARN and 'effort_not_finite 1' in found.message
+    assert status(node, 'input', 9.0).level == STALE
+
+
+def test_another_payload_is_suspected_from_the_residual(live, model_file):
+    node = live(model_file=str(model_file))
+    now = feed(node, 40)
+    assert status(node, 'joint a', now).level == OK
+    feed(node, 40, now + 0.2, mass=1.5)
+    assert 'another payload' in status(node, 'joint a', now + 8.0).message
+
+
+def test_close_answers_those_who_wait(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    feed(node, 80)
+    answers = []
+    node.refit(0.0, lambda *answer: answers.append(answer))
+    node.close()
+    assert answers == [(False, 'the node shuts down')]
