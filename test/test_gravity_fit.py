@@ -316,3 +316,13 @@ def test_white_noise_counts_every_sample():
 def test_options_out_of_range(make, words):
     with pytest.raises(OptionError, match=words):
         make()
+
+
+@BOTH
+def test_a_torque_that_is_exactly_zero_now_and_then_is_no_fault(formulation):
+    q = poses(60, 2)
+    q[:5] = [np.pi / 2, 0.0]
+    tau = planar_2r(q)
+    tau[:5] = 0.0
+    model = fit(samples_of(q, tau), FitOptions(formulation)).model
+    assert rms(model.predict(q) - tau).max() < 1e-6

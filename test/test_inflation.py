@@ -1,0 +1,62 @@
+"""How many samples count as one: held-out parts, and the largest choice that is as good."""
+
+from gravity_comp_ros.gravity import inflation, noise
+from gravity_comp_ros.gravity.design import TorqueDesign
+from gravity_comp_ros.gravity.folds import folds
+from gravity_comp_ros.gravity.sparse import Settled, SparseOptions, SparseProblem
+from gravity_comp_ros.gravity.support import Refit
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+
+@settings(max_examples=50, deadline=None)
+@given(counts=st.lists(st.integers(1, 9), min_size=1, max_size=8))
+def test_every_sample_is_tested_once_and_runs_stay_whole(counts):
+    runs = np.repeat(np.arange(len(counts)), counts)
+    masks = folds(runs)
+    np.testing.assert_array_equal(np.sum(masks, axis=0), np.ones(len(runs)))
+    if len(counts) >= 3:
+        assert len(masks) == min(5, len(counts))
+        assert all(not set(runs[mask]) & set(runs[~mask]) for mask in masks)
+
+
+def test_of_one_run_blocks_of_time_are_held_out():
+    masks = folds(np.zeros(20, dtype=int))
+    assert [np.flatnonzero(mask).tolist() for mask in masks] == [
+        list(range(k, k + 4)) for k in range(0, 20, 4)]
+
+
+def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, Settled]:
+    """Return a problem whose residual is an autoregression, over a support of nothing."""
+    rng, keep = np.random.default_rng(0), (time - 1) / (time + 1)
+    residual = rng.normal(size=count)
+    for k in range(1, count):
+        residual[k] += keep * residual[k - 1]
+    tau = residual[:, None]
+    problem = SparseProblem(TorqueDesign, rng.uniform(-1, 1, (count, 1)), tau,
+                            np.zeros(count, dtype=int), np.ones(3, dtype=bool))
+    return problem, Settled(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
+
+
+@pytest.mark.parametrize('errors, taken', [
+    ([[5, 2, 3], [5, 2, 3], [5, 2, 3], [5, 2, 3.1], [5, 2, 3]], 3.0),      # the least
+    ([[5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2]], 10.0),       # as good, and more
+    ([[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2, 3.1]], 1.0),
+    ([[5, 2, 1], [5, 2, 1], [5, 2, 1], [5, 2, 1], [5, 2, 1]], 10.0),
+    # 10 is worse by 0.2 on average, with a standard error of 0.37: not clearly.
+    ([[5, 2, 3], [5, 2, 1], [5, 2, 3], [5, 2, 2], [5, 2, 2]], 10.0)])
+def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, taken):
+    left = [np.array(row, dtype=float) for row in errors]
+    monkeypatch.setattr(inflation, '_held_out', lambda *args: left.pop(0))
+    choice = inflation.choose_inflation(*correlated(9.0), SparseOptions())
+    assert choice.tried == (1.0, 3.0, 10.0)
+    assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
+    assert choice.inflation == taken
+    assert choice.errors == pytest.approx(np.mean(errors, axis=0).tolist())
+
+
+def test_white_residuals_are_not_tried_at_all(monkeypatch):
+    monkeypatch.setattr(inflation, '_held_out', None)
+    choice = inflation.choose_inflation(*correlated(1.0), SparseOptions())
+    assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())
