@@ -7,6 +7,7 @@ that a file that was cut, or edited by hand, is refused instead of moving an arm
 
 from __future__ import annotations
 
+from dataclasses import replace
 import hashlib
 import json
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError, ModelFileError
+from gravity_comp_ros.gravity.applied import Applied, AppliedEffect, Step, Value
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.model import check_formulation, Coverage, Expansion, GravityModel
 from gravity_comp_ros.gravity.uncertainty import (
@@ -22,7 +24,9 @@ from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
-VERSION = 1
+# A model with effects says so by its version: a program that does not know them must refuse it,
+# not predict without them. A model of gravity alone stays readable for all.
+_PLAIN, _WITH_EFFECTS = 1, 2
 # A model of ten joints with every feature is 2 MB; what is larger is something else.
 _MAX_BYTES = 64 * 2 ** 20
 
@@ -38,7 +42,8 @@ def save_model(path: Path | str, model: GravityModel) -> None:
         body = _to_json(model)
     except (TypeError, ValueError) as problem:
         raise ModelFileError(f'cannot write model {path}: {problem}') from problem
-    document = {'format': FORMAT, 'version': VERSION, 'sha256': _checksum(body), 'model': body}
+    version = _WITH_EFFECTS if 'applied' in body else _PLAIN
+    document = {'format': FORMAT, 'version': version, 'sha256': _checksum(body), 'model': body}
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     write_atomically(Path(path), text.encode(), ModelFileError)
 
@@ -53,9 +58,9 @@ def load_model(path: Path | str) -> GravityModel:
     document = _read(path)
     if document.get('format') != FORMAT:
         raise ModelFileError(f'{path} is not a model file of this package')
-    if document.get('version') != VERSION:
+    if document.get('version') not in (_PLAIN, _WITH_EFFECTS):
         raise ModelFileError(f'{path} has version {document.get("version")!r}; this program '
-                             f'reads version {VERSION}')
+                             f'reads versions {_PLAIN} and {_WITH_EFFECTS}')
     body = document.get('model')
     if not isinstance(body, dict) or not _is_signed(body, document.get('sha256')):
         raise ModelFileError(f'{path} is damaged: its checksum does not match. Fit it again or '
@@ -64,7 +69,8 @@ def load_model(path: Path | str) -> GravityModel:
         return _from_json(body)
     except ModelFileError as problem:
         raise ModelFileError(f'{path}: {problem}') from problem
-    except (GravityCompError, KeyError, TypeError, ValueError, OverflowError) as problem:
+    except (GravityCompError, AttributeError, KeyError, IndexError, TypeError, ValueError,
+            OverflowError) as problem:
         raise ModelFileError(f'{path} is no valid model: {problem}') from problem
 
 
@@ -120,6 +126,8 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
                          'moments': model.chain.moments.tolist()}
     if model.uncertainty is not None:
         body['covariance'] = model.uncertainty.covariance.tolist()
+    if model.applied.effects or model.applied.history:
+        body['applied'] = _applied_json(model.applied)
     # Through JSON and back, so that the checksum is of what a reader will see.
     return dict(json.loads(json.dumps(body, allow_nan=False)))
 
@@ -128,7 +136,62 @@ def _terms(expansion: Expansion) -> dict[str, list]:
     return {'features': expansion.indices.tolist(), 'weights': expansion.weights.tolist()}
 
 
+def _applied_json(applied: Applied) -> dict[str, Any]:
+    return {'direction': {name: x.tolist() for name, x in applied.direction.items()},
+            'effects': [_effect_json(effect) for effect in applied.effects],
+            'history': [_step_json(step) for step in applied.history]}
+
+
+def _effect_json(effect: AppliedEffect) -> dict[str, Any]:
+    return {'name': effect.name, 'joint': effect.joint, 'setting': dict(effect.setting),
+            'coefficients': {symbol: {'value': x.value, 'unit': x.unit, 'ci95': list(x.ci95)}
+                             for symbol, x in effect.coefficients.items()}}
+
+
+def _step_json(step: Step) -> dict[str, Any]:
+    return {'action': step.action, 'effects': list(step.effects), 'when': step.when,
+            'before': dict(step.before), 'after': dict(step.after),
+            'previous': None if step.previous is None else _to_json(step.previous)}
+
+
 def _from_json(body: dict[str, Any]) -> GravityModel:
+    model = _gravity(body)
+    if 'applied' not in body:
+        return model
+    parts = body['applied']
+    return replace(model, applied=Applied(
+        tuple(_effect(effect) for effect in parts['effects']),
+        {name: _floats(x) for name, x in parts['direction'].items()},
+        tuple(_step(step) for step in parts['history'])))
+
+
+def _effect(parts: dict[str, Any]) -> AppliedEffect:
+    return AppliedEffect(
+        _text(parts['name']), None if parts['joint'] is None else _text(parts['joint']),
+        _numbers(parts['setting']),
+        {symbol: Value(float(x['value']), _text(x['unit']),
+                       (float(x['ci95'][0]), float(x['ci95'][1])))
+         for symbol, x in parts['coefficients'].items()})
+
+
+def _step(parts: dict[str, Any]) -> Step:
+    previous = parts['previous']
+    return Step(parts['action'], tuple(_list(parts['effects'], str)), _text(parts['when']),
+                _numbers(parts['before']), _numbers(parts['after']),
+                None if previous is None else _from_json(previous))
+
+
+def _numbers(values: dict[str, float]) -> dict[str, float]:
+    return dict(zip(values, _floats(list(values.values())).tolist()))
+
+
+def _text(value: object) -> str:
+    if not isinstance(value, str):
+        raise TypeError('a name is no text')
+    return value
+
+
+def _gravity(body: dict[str, Any]) -> GravityModel:
     joints = tuple(_list(body['joints'], str))
     check_formulation(body['formulation'])
     place = body['coverage']

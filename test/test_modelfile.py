@@ -157,10 +157,10 @@ def test_an_edit_by_hand_is_refused(saved, edit):
     refused(saved, 'damaged: its checksum does not match')
 
 
-@pytest.mark.parametrize('version', [0, 2, None, '1', [1]])
+@pytest.mark.parametrize('version', [0, 3, None, '1', [1]])
 def test_another_version_is_refused(saved, version):
     saved.write_text(signed(json.loads(saved.read_text())['model'], version=version))
-    refused(saved, 'this program reads version 1')
+    refused(saved, 'this program reads versions 1 and 2')
 
 
 @pytest.mark.parametrize('text', [

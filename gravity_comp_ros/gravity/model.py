@@ -14,6 +14,7 @@ from typing import Any
 
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.applied import Applied
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.uncertainty import Uncertainty
 from gravity_comp_ros.samples import FloatArray, IntArray
@@ -75,9 +76,11 @@ class GravityModel:
     tau_n = dU/dq_n, for formulations that have one. `noise` (N,) is the residual's standard
     deviation in training, N·m; `provenance` tells data, options and solver, ready for JSON.
     `chain` is what the energy of the chain formulation was expanded from; `uncertainty` is None
-    where the formulation has none.
+    where the formulation has none. `applied` are effects besides gravity; `predict` is gravity
+    alone, and `effects.predict` adds them.
 
-    :raises DataError: if the parts disagree in their number of joints.
+    :raises DataError: if the parts disagree in their number of joints, or an effect is on a
+        joint that there is not.
     """
 
     joints: tuple[str, ...]
@@ -89,6 +92,7 @@ class GravityModel:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     chain: Chain | None = None
     uncertainty: Uncertainty | None = None
+    applied: Applied = Applied()
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -103,6 +107,12 @@ class GravityModel:
             if part.indices.size and part.indices[-1] >= limit:
                 raise DataError(f'model: feature {part.indices[-1]} is outside the dictionary '
                                 f'of {n} joints ({limit} features)')
+        for effect in self.applied.effects:
+            if effect.joint is not None and effect.joint not in self.joints:
+                raise DataError(f'model: effect {effect.target} is on no joint of it')
+        for name, numbers in self.applied.direction.items():
+            if len(numbers) != n:
+                raise DataError(f'model: {name} of the direction for {len(numbers)} of {n} joints')
 
     @classmethod
     def from_energy(cls, joints: tuple[str, ...], formulation: str, energy: Expansion,
