@@ -1,13 +1,16 @@
-"""What effects are computed from: acceleration, gravity's gradient, the width of the sign."""
+"""What effects are computed from: acceleration, gravity's gradient, the direction of motion."""
 
 from effect_motions import arm_of, clean_motion, clean_samples, exact_model, motions_of
+from gravity_comp_ros.effects.direction import (
+    direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
 from gravity_comp_ros.effects.motion import (
     accelerations, build_motion, gravity_gradient, MotionOptions)
-from gravity_comp_ros.effects.motion_facts import reversals, run_time
+from gravity_comp_ros.effects.motion_facts import reversals
 from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.sign_width import LEAST_WIDTH, sign_widths, speed_noise
+from gravity_comp_ros.effects.runs import run_time
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 import numpy as np
 import pytest
 
@@ -99,41 +102,75 @@ def test_what_cannot_be_used_is_refused():
         MotionOptions(window=0.0)
 
 
-def back_and_forth(width, noise, friction, seed=0, torque_noise=0.1):
-    """Return samples and residual of a joint with friction of that sign width."""
+def back_and_forth(noise, seed=0):
+    """Return samples of a joint that moves and rests, its true angle and speed, and noise."""
     rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 300.0, 0.02)
+    clock = np.arange(0.0, 300.0, 0.02)
+    # The motion stands still for 10 s in every 50 s.
+    t = np.minimum(clock % 50.0, 40.0) + 40.0 * np.floor(clock / 50.0)
     q = 0.4 * np.sin(0.3 * t) + 0.2 * np.sin(0.77 * t + 1)
-    v = 0.12 * np.cos(0.3 * t) + 0.154 * np.cos(0.77 * t + 1)
-    tau = friction * np.tanh(v / width) + torque_noise * rng.standard_normal(len(t))
+    v = np.gradient(q, clock)
     seen = v + noise * rng.standard_normal(len(t))
-    samples = JointSamples.single_run(('a',), t, q[:, None], seen[:, None], tau[:, None])
-    return samples, samples.tau
+    flutter = 1e-6 * rng.standard_normal(len(t))
+    samples = JointSamples.single_run(('a',), clock, (q + flutter)[:, None], seen[:, None],
+                                      np.zeros((len(t), 1)))
+    return samples, q, v, rng.standard_normal(len(t))
+
+
+def shape_of(samples, residual):
+    return find_shape(samples, samples.q[:, 0], samples.qd[:, 0],
+                      accelerations(samples)[:, 0], residual, float(least_widths(samples)[0]))
+
+
+def direction_of(samples, shape):
+    return direction(samples, samples.q[:, 0], samples.qd[:, 0], shape)
 
 
 @pytest.mark.parametrize('width', [0.006, 0.015])
 def test_plain_friction_tells_its_width(width):
-    found = sign_widths(*back_and_forth(width, 2e-4, friction=1.0))
-    assert found[0] == pytest.approx(width, rel=0.2)
+    samples, _, v, noise = back_and_forth(2e-4)
+    found = shape_of(samples, np.tanh(v / width) + 0.1 * noise)
+    assert found.hold == 0.0 and found.width == pytest.approx(width, rel=0.2)
+
+
+def test_friction_that_holds_on_at_rest_is_told_from_one_that_lets_go():
+    samples, q, v, noise = back_and_forth(5e-4)
+    bristles = friction_torque(samples.t, q, v, LuGre(1.0, presliding=2e-4))
+    found = shape_of(samples, bristles + 0.1 * noise)
+    assert found.hold == pytest.approx(2e-4, rel=0.3)
+    values = direction_of(samples, found)
+    slope = values @ bristles / (values @ values)
+    assert slope == pytest.approx(1.0, abs=0.01)
+    assert (bristles - slope * values).std() < 0.03
+    let_go = shape_of(samples, np.tanh(v / 0.002) + 0.1 * noise)
+    assert let_go.hold == 0.0
 
 
 def test_without_friction_the_width_is_that_of_the_noise():
-    assert sign_widths(*back_and_forth(0.01, 2e-3, friction=0.0))[0] == pytest.approx(
-        6e-3, rel=0.1)
-    assert sign_widths(*back_and_forth(0.01, 0.0, friction=0.0))[0] == LEAST_WIDTH
+    samples, _, _, noise = back_and_forth(2e-3)
+    found = shape_of(samples, 0.1 * noise)
+    assert found.hold == 0.0 and found.width == pytest.approx(6e-3, rel=0.1)
+    np.testing.assert_array_equal(direction_of(samples, found),
+                                  np.tanh(samples.qd[:, 0] / found.width))
+    assert least_widths(back_and_forth(0.0)[0])[0] == LEAST_WIDTH
 
 
-def test_the_width_does_not_swallow_viscous_friction():
-    samples, _ = back_and_forth(0.01, 1e-4, friction=0.0)
-    residual = 5.0 * samples.qd
-    assert sign_widths(samples, residual)[0] == LEAST_WIDTH
+def test_the_direction_does_not_swallow_viscous_friction():
+    samples, _, _, noise = back_and_forth(1e-4)
+    for residual in (5.0 * samples.qd[:, 0], 5.0 * samples.qd[:, 0] + 0.1 * noise):
+        assert shape_of(samples, residual).width == LEAST_WIDTH
+
+
+def test_friction_beyond_half_a_milliradian_is_left_to_its_own_effect():
+    samples, q, v, noise = back_and_forth(5e-4)
+    slow = friction_torque(samples.t, q, v, LuGre(1.0, presliding=0.02))
+    found = shape_of(samples, slow + 0.1 * noise)
+    assert (slow - direction_of(samples, found)).std() > 0.1
 
 
 def test_speed_noise_leaves_motion_out():
-    samples, _ = back_and_forth(0.01, 1e-3, friction=0.0)
-    assert speed_noise(samples)[0] == pytest.approx(1e-3, rel=0.1)
-    still, _ = back_and_forth(0.01, 0.0, friction=0.0)
-    assert speed_noise(still)[0] < 1e-7
+    assert speed_noise(back_and_forth(1e-3)[0])[0] == pytest.approx(1e-3, rel=0.1)
+    assert speed_noise(back_and_forth(0.0)[0])[0] < 1e-7
 
 
 def swing(q, qd):

@@ -45,7 +45,7 @@ class Candidate:
     @property
     def complexity(self) -> int:
         """Return how many numbers the effect spends: coefficients and scanned settings."""
-        return len(self.columns) + len(self.setting)
+        return len(self.columns) + self.effect.n_scanned(self.setting)
 
 
 @dataclass

@@ -21,8 +21,10 @@ not linear in (a speed, a distance, a time) is a setting: several are tried and 
 q, qd, qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is the joint that the
 effect is about, of N. Torque is positive in the direction of positive q, as the drive supplies it.
 
-- **width**, in rad/s, is the speed over which friction turns its sign: three times the noise of
-  the measured speed and at least 2 mrad/s, or what fits best where friction is plain to see.
+- **d_n**, from -1 to 1, is the direction of motion. It is tanh(qd_n / width), with a width of
+  three times the noise of the measured speed and at least 2 mrad/s. Where friction is plain to
+  see, the shape that fits best is taken: another width, or a direction that holds on while the
+  joint stands and turns within at most 0.5 mrad of motion.
 - **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, half before and half
   after, never across the border of two runs.
 - **Runs**: whatever has a memory (warming, drift, friction that builds up) starts anew with every

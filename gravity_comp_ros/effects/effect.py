@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.effects.direction import direction, Shape
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import FloatArray, JointSamples
-import numpy as np
 
 Setting = Mapping[str, float]
 
@@ -30,7 +30,9 @@ class Motion:
     them; `gravity` (M, N) in N·m is the torque that the gravity model predicts; `gradient`
     (M, N, N) in N·m/rad is d gravity_n / d q_j, the model's stiffness; `sign_width` (N,) in
     rad/s is the speed over which a joint's friction turns its sign, as far as the data tells.
-    `model` is the gravity model itself, for effects that are made of its terms.
+    `model` is the gravity model itself, for effects that are made of its terms. `hold` (N,) in
+    rad is the way over which the direction of a joint turns whose friction holds on at rest, 0
+    (as for all, if not given) for a joint whose friction lets go.
     """
 
     samples: JointSamples
@@ -39,13 +41,20 @@ class Motion:
     gradient: FloatArray
     sign_width: FloatArray
     model: GravityModel | None = None
+    hold: FloatArray | None = None
     # What is the same for all settings of an effect, kept while the motion lives.
     memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                         compare=False)
 
     def direction(self, joint: int) -> FloatArray:
-        """Return the smoothed sign of a joint's speed, (M,): tanh(qd / sign_width)."""
-        return np.asarray(np.tanh(self.samples.qd[:, joint] / self.sign_width[joint]))
+        """Return which way a joint moves as its friction sees it, (M,), -1 to 1."""
+        key = f'direction {joint}'
+        if key not in self.memo:
+            hold = 0.0 if self.hold is None else float(self.hold[joint])
+            self.memo[key] = direction(
+                self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
+                Shape(float(self.sign_width[joint]), hold))
+        return self.memo[key]
 
 
 @dataclass(frozen=True)
@@ -104,7 +113,9 @@ class Effect:
     entry a column; where their number depends on the arm, it shows the kinds that occur and
     `coefficients_of` gives them all. `confounders` names effects that can look alike;
     `experiment` is the motion that tells them apart, with `{joint}` for the joint's name;
-    `signature` names the plot in which it shows (x axis).
+    `signature` names the plot in which it shows (x axis). `taken` names the settings that are
+    not scanned but taken from the motion as it is, such as the middle of a range, so that the
+    columns mean the same on other motions.
 
     :raises OptionError: if the scope is unknown or there is no coefficient.
     """
@@ -126,6 +137,7 @@ class Effect:
     untestable: Untestable = always_testable
     implausible: Implausible = always_plausible
     setting_units: Mapping[str, str] = field(default_factory=dict)
+    taken: tuple[str, ...] = ()
     refine: Refinement = no_refinement
     symbols: Symbols | None = None
 
@@ -137,6 +149,10 @@ class Effect:
             raise OptionError(f'effect {self.name} has no coefficient')
         if not self.per_joint and self.scope == 'joint':
             raise OptionError(f"effect {self.name}: it has scope 'joint', so it is per_joint")
+
+    def n_scanned(self, setting: Setting) -> int:
+        """Return how many numbers of a setting were chosen among several."""
+        return sum(name not in self.taken for name in setting)
 
     def coefficients_of(self, motion: Motion, joint: int,
                         setting: Setting) -> tuple[Coefficient, ...]:

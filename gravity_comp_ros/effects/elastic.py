@@ -12,13 +12,17 @@ import numpy as np
 _LEAST_TRAVEL = 0.2
 # Parts of the range at which a cable may become taut, and near whose ends a stop may begin.
 _CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
-_STOP_DEPTHS = (0.02, 0.04, 0.08)
+_HARNESS_RESTS = (0.35, 0.5, 0.65)
+_STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
 _PULLS = 'it would push the joint away instead of holding it back'
 
 
 def _spring(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    q = motion.samples.q[:, [joint]]
-    return q - q.mean()
+    return motion.samples.q[:, [joint]] - setting['centre']
+
+
+def _mean_angle(motion: Motion, joint: int) -> list[dict[str, float]]:
+    return [{'centre': float(motion.samples.q[:, joint].mean())}]
 
 
 def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -32,13 +36,12 @@ def _cable(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     Return the hinge of a cable that is taut on one side, or for side 0 a cube.
 
     The cube is that of a harness twisted about its rest at `start`; it is scaled so that its
-    coefficient, too, is a stiffness: torque over angle at half the travel from the rest.
+    coefficient, too, is a stiffness: torque over angle at `half`, half the travel, from the rest.
     """
     if setting['side']:
         return _hinge(motion, joint, setting)
-    half = max(0.5 * facts.travel(motion, joint), 1e-9)
     twist = motion.samples.q[:, [joint]] - setting['start']
-    return twist * (twist / half) ** 2
+    return twist * (twist / setting['half']) ** 2
 
 
 def _range(motion: Motion, joint: int) -> tuple[float, float]:
@@ -49,9 +52,9 @@ def _range(motion: Motion, joint: int) -> tuple[float, float]:
 def cable_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return starts within the range for either side, and three rest angles of a harness."""
     low, span = _range(motion, joint)
-    hinges = [{'start': low + part * span, 'side': side}
-              for side in (1.0, -1.0) for part in _CABLE_STARTS]
-    return hinges + [{'start': low + part * span, 'side': 0.0} for part in (0.35, 0.5, 0.65)]
+    places = [(part, side) for side in (1.0, -1.0) for part in _CABLE_STARTS]
+    return [{'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9)}
+            for part, side in (*places, *((rest, 0.0) for rest in _HARNESS_RESTS))]
 
 
 def _finer_cable(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
@@ -65,6 +68,13 @@ def stop_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
     low, span = _range(motion, joint)
     return [{'start': low + (1.0 - depth if side > 0 else depth) * span, 'side': side}
             for side in (1.0, -1.0) for depth in _STOP_DEPTHS]
+
+
+def _finer_stop(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+    low, span = _range(motion, joint)
+    end = low + span if setting['side'] > 0 else low
+    depth = setting['start'] - end
+    return [{**setting, 'start': end + factor * depth} for factor in (0.7, 0.85, 1.15, 1.3)]
 
 
 def _needs_travel(motion: Motion, joint: int) -> str | None:
@@ -109,7 +119,7 @@ EFFECTS = (
         name='joint_spring',
         title='Spring on the joint',
         family='elastic',
-        equation='tau_n = k (q_n - mean q_n)',
+        equation='tau_n = k (q_n - q_0), q_0 the mean of q_n',
         description='A spring that pulls the joint to some angle, such as a balancer or a '
                     'stiff hose.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness'),),
@@ -119,8 +129,11 @@ EFFECTS = (
                    'others still in a pose where it carries little',
         signature='position',
         source='V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016',
+        settings=_mean_angle,
         untestable=_needs_travel,
-        implausible=not_negative(_spring, _PULLS)),
+        implausible=not_negative(_spring, _PULLS),
+        setting_units={'centre': 'rad'},
+        taken=('centre',)),
     Effect(
         name='cable_stiffness',
         title='Cable or hose that tightens',
@@ -141,7 +154,8 @@ EFFECTS = (
         refine=_finer_cable,
         untestable=_needs_travel,
         implausible=not_negative(_cable, _PULLS),
-        setting_units={'start': 'rad', 'side': ''}),
+        setting_units={'start': 'rad', 'side': '', 'half': 'rad'},
+        taken=('half',)),
     Effect(
         name='end_stop',
         title='End stop',
@@ -157,6 +171,7 @@ EFFECTS = (
         source='B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral '
                'compliant contact)',
         settings=stop_settings,
+        refine=_finer_stop,
         untestable=_stop_untestable,
         implausible=not_negative(_hinge, _PULLS),
         setting_units={'start': 'rad', 'side': ''}),

@@ -1,13 +1,14 @@
 """
 Friction of one joint: what turns with the direction of motion.
 
-The direction is d = tanh(qd / width), with the width that the data shows. Load is the predicted
-gravity torque, never the measured one, which holds the friction itself.
+The direction d, from -1 to 1, turns as the data shows (`direction`). Load is the predicted gravity
+torque, never the measured one, which holds the friction itself.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.direction import direction, find_shape, least_widths, Shape
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
 from gravity_comp_ros.samples import FloatArray
@@ -46,17 +47,34 @@ def _load_dependent(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 
 def _coupled(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the direction of qd_n + s qd_m, m the joint number `partner` (from 1)."""
-    partner, qd = int(setting['partner']) - 1, motion.samples.qd
-    width = max(motion.sign_width[joint], motion.sign_width[partner])
-    return np.tanh((qd[:, [joint]] + setting['sign'] * qd[:, [partner]]) / width)
+    """Return the direction of q_n + s q_m, m the joint number `partner` (from 1)."""
+    q, qd = _shared(motion, joint, setting)
+    return direction(motion.samples, q, qd, Shape(setting['width'], setting['hold']))[:, None]
+
+
+def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, FloatArray]:
+    """Return angle and speed of a gear that the joint shares with its partner, each (M,)."""
+    partner, sign = int(setting['partner']) - 1, setting['sign']
+    q, qd = motion.samples.q, motion.samples.qd
+    return q[:, joint] + sign * q[:, partner], qd[:, joint] + sign * qd[:, partner]
 
 
 def couplings(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return the neighbours and signs whose sum of speeds has a direction of its own."""
     partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
-    settings = [{'partner': m + 1.0, 'sign': s} for m in partners for s in (1.0, -1.0)]
+    settings = [_shaped(motion, joint, {'partner': m + 1.0, 'sign': s})
+                for m in partners for s in (1.0, -1.0)]
     return [setting for setting in settings if _differs(motion, joint, setting)]
+
+
+def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, float]:
+    """Return a coupling with the shape of its direction."""
+    samples, partner = motion.samples, int(setting['partner']) - 1
+    least = float(least_widths(samples)[[joint, partner]].max())
+    residual = samples.tau[:, joint] - motion.gravity[:, joint]
+    shape = find_shape(samples, *_shared(motion, joint, setting), motion.qdd[:, joint],
+                       residual, least)
+    return {**setting, 'width': shape.width, 'hold': shape.hold}
 
 
 def _differs(motion: Motion, joint: int, setting: Setting) -> bool:
@@ -127,7 +145,7 @@ EFFECTS = (
         name='coulomb_friction',
         title='Coulomb friction',
         family='friction',
-        equation='tau_n = F_c tanh(qd_n / width)',
+        equation='tau_n = F_c d_n',
         description='A constant torque against the motion; the prediction jumps where the '
                     'joint turns back.',
         coefficients=(Coefficient('F_c', 'N·m', 'Coulomb friction torque'),),
@@ -159,7 +177,7 @@ EFFECTS = (
         name='stribeck_friction',
         title='Stribeck friction',
         family='friction',
-        equation='tau_n = F_s tanh(qd_n / width) exp(-(qd_n / v_s)^2)',
+        equation='tau_n = F_s d_n exp(-(qd_n / v_s)^2)',
         description='Extra friction at creeping speed that falls off as the joint moves '
                     'faster; it comes on top of Coulomb friction.',
         coefficients=(Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),),
@@ -181,7 +199,7 @@ EFFECTS = (
         name='asymmetric_friction',
         title='Friction that differs by direction',
         family='friction',
-        equation='tau_n = F_a |tanh(qd_n / width)|',
+        equation='tau_n = F_a |d_n|',
         description='Friction that is stronger one way than the other; in motion it looks like '
                     'an offset, which is gone when the joint stands.',
         coefficients=(Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
@@ -200,7 +218,7 @@ EFFECTS = (
         name='load_dependent_friction',
         title='Friction that grows with load',
         family='friction',
-        equation='tau_n = mu |g_n(q)| tanh(qd_n / width)',
+        equation='tau_n = mu |g_n(q)| d_n',
         description='Friction in proportion to the gravity torque that the gear carries.',
         coefficients=(Coefficient('mu', '', 'friction torque per torque carried'),),
         columns=_load_dependent,
@@ -219,7 +237,7 @@ EFFECTS = (
         name='coupled_friction',
         title='Friction of a coupled gear',
         family='friction',
-        equation='tau_n = F_k tanh((qd_n + s qd_m) / width), m a neighbour of n, s = ±1',
+        equation='tau_n = F_k d(q_n + s q_m), m a neighbour of n, s = ±1',
         description='Friction that turns with the sum or difference of two joint speeds, as in '
                     'a wrist whose motors drive two joints together.',
         coefficients=(Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),),
@@ -233,5 +251,6 @@ EFFECTS = (
         settings=couplings,
         untestable=_coupled_untestable,
         implausible=not_negative(_coupled, _PUSHES),
-        setting_units={'partner': 'joint number', 'sign': ''}),
+        setting_units={'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad'},
+        taken=('width', 'hold')),
 )

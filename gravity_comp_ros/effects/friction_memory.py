@@ -9,29 +9,30 @@ from __future__ import annotations
 from gravity_comp_ros.effects import motion_facts as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import not_negative, within_torque
+from gravity_comp_ros.effects.presliding import presliding_state, steady_path
+from gravity_comp_ros.effects.runs import longest_run, run_slices, run_time
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 _SHORTEST_RUN = 20.0
 _TIMES = 5
-# Distances over which friction builds up after a reversal, rad at the joint.
+# Distances over which friction builds up after a reversal, rad at the joint; over shorter ones
+# the direction itself turns.
 _DISTANCES = (1e-3, 0.1)
 _DISTANCE_COUNT = 6
 _LEAST_REVERSALS = 4
-# An encoder that flutters by this many times its noise has not moved.
-_FLUTTER = 3.0
 # Root mean square that a column of presliding, at most 2, must have to be seen.
 _SEEN = 0.02
 
 
 def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    warmth = np.exp(-facts.run_time(motion.samples) / setting['time'])
+    warmth = np.exp(-run_time(motion.samples) / setting['time'])
     return (motion.direction(joint) * warmth)[:, None]
 
 
 def drift_times(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return time constants from a tenth of the longest run to one and a half times it."""
-    longest = facts.longest_run(motion.samples)
+    longest = longest_run(motion.samples)
     return [{'time': float(t)} for t in np.geomspace(0.1 * longest, 1.5 * longest, _TIMES)]
 
 
@@ -40,64 +41,14 @@ def _finer_times(motion: Motion, joint: int, setting: Setting) -> list[dict[str,
 
 
 def _drift_untestable(motion: Motion, joint: int) -> str | None:
-    longest = facts.longest_run(motion.samples)
+    longest = longest_run(motion.samples)
     if longest < _SHORTEST_RUN:
         return f'the longest run takes {longest:.3g} s, too short for friction to change'
     return facts.lacks_both_ways(motion, joint)
 
 
-def presliding_state(path: FloatArray, distance: float) -> FloatArray:
-    """
-    Return how far friction has built up along a path (M,) in rad of one run: z from -1 to 1.
-
-    Dahl's element, dz/dq = (1 - z sign(dq)) / distance, solved exactly between turns (Dahl
-    1968): z = s + (z_turn - s) exp(-way since the turn / distance), s the direction. It starts
-    at 0, of which nothing is left after a few distances.
-
-    :param distance: rad.
-    """
-    steps = np.diff(path, prepend=path[:1])
-    way, towards = np.cumsum(np.abs(steps)), np.sign(steps)
-    # A pause goes on in the direction before it, so that it is no turn.
-    last_move = np.maximum.accumulate(np.where(towards != 0.0, np.arange(len(path)), 0))
-    towards = towards[last_move]
-    turns = np.flatnonzero(np.diff(towards, prepend=towards[0])).tolist()
-    bounds = [0, *turns, len(path)]
-    z, state = np.empty_like(path), 0.0
-    for begin, end in zip(bounds, bounds[1:]):
-        begun = way[begin - 1] if begin else 0.0
-        sign = towards[begin]
-        z[begin:end] = sign + (state - sign) * np.exp((begun - way[begin:end]) / distance)
-        state = float(z[end - 1])
-    return z
-
-
-def steady_path(q: FloatArray) -> FloatArray:
-    """
-    Return q (M,) of one run without the flutter of its encoder, rad.
-
-    The path is pulled along on a leash of three times the noise: what is shorter does not move
-    it, so that an encoder's noise at rest does not wear down what friction has built up.
-    """
-    leash = _FLUTTER * position_noise(q)
-    if leash <= 0.0:
-        return q
-    here, path = float(q[0]), []
-    for angle in q.tolist():
-        here = min(max(here, angle - leash), angle + leash)
-        path.append(here)
-    return np.array(path)
-
-
-def position_noise(q: FloatArray) -> float:
-    """Return the standard deviation of what in q (M,) of one run is noise, rad."""
-    jumps = np.diff(q, n=4)
-    # Fourth differences of white noise have 70 times its variance.
-    return float(1.4826 * np.median(np.abs(jumps)) / np.sqrt(70.0)) if len(jumps) else 0.0
-
-
 def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    runs = facts.run_slices(motion.samples)
+    runs = run_slices(motion.samples)
     key = f'path {joint}'
     if key not in motion.memo:
         motion.memo[key] = np.concatenate(
@@ -123,7 +74,8 @@ def _rms(column: FloatArray) -> float:
 
 
 def _finer_distances(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    return [{'distance': setting['distance'] * factor} for factor in (0.6, 1.6)]
+    return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
+            for factor in (0.6, 1.6)]
 
 
 def _presliding_untestable(motion: Motion, joint: int) -> str | None:
@@ -142,7 +94,7 @@ EFFECTS = (
         name='friction_drift',
         title='Friction that warms up',
         family='friction',
-        equation='tau_n = F_w tanh(qd_n / width) exp(-t / T), t from the start of each run',
+        equation='tau_n = F_w d_n exp(-t / T), t from the start of each run',
         description='Friction that falls (or, if negative, rises) in the course of a run as '
                     'the gear warms up.',
         coefficients=(Coefficient('F_w', 'N·m', 'friction at the start of a run beyond that of '
@@ -164,7 +116,7 @@ EFFECTS = (
         name='presliding_hysteresis',
         title='Friction that builds up after a reversal',
         family='friction',
-        equation='tau_n = F_p (z - tanh(qd_n / width)), dz/dq_n = (1 - z sign(dq_n)) / distance',
+        equation='tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance',
         description='Friction that does not jump when the joint turns back, but builds up over '
                     'some way; it mends Coulomb friction near reversals.',
         coefficients=(Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),),

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.effects.direction import find_shape, least_widths
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion_facts import run_slices
-from gravity_comp_ros.effects.sign_width import sign_widths
+from gravity_comp_ros.effects.runs import run_slices
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.model import GravityModel
@@ -54,9 +54,13 @@ def build_motion(samples: JointSamples, model: GravityModel,
     if not len(samples):
         raise DataError('no samples to look for effects in')
     gravity = model.predict(samples.q)
-    return Motion(samples, accelerations(samples, options), gravity,
-                  gravity_gradient(model, samples.q),
-                  sign_widths(samples, samples.tau - gravity), model)
+    residual, least = samples.tau - gravity, least_widths(samples)
+    qdd = accelerations(samples, options)
+    shapes = [find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n], residual[:, n],
+                         float(least[n])) for n in range(samples.n_joints)]
+    return Motion(samples, qdd, gravity, gravity_gradient(model, samples.q),
+                  np.array([shape.width for shape in shapes]), model,
+                  np.array([shape.hold for shape in shapes]))
 
 
 def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions()) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.samples import BoolArray
 import numpy as np
 
 # A joint that travels less than this, in rad, stands for our purposes.
@@ -12,26 +12,6 @@ STILL = 0.01
 _SURE = 2.0
 _LEAST_SHARE = 0.01
 _LEAST_SAMPLES = 5
-
-
-def run_time(samples: JointSamples) -> FloatArray:
-    """Return the time since the start of its run of each sample, (M,) in s."""
-    starts = np.zeros(samples.n_runs)
-    first = np.flatnonzero(np.diff(samples.runs, prepend=-1))
-    starts[samples.runs[first]] = samples.t[first]
-    return samples.t - starts[samples.runs]
-
-
-def longest_run(samples: JointSamples) -> float:
-    """Return the duration of the longest run, s."""
-    return float(run_time(samples).max(initial=0.0))
-
-
-def run_slices(samples: JointSamples) -> list[slice]:
-    """Return where each run that has samples lies."""
-    edges = np.flatnonzero(np.diff(samples.runs)) + 1
-    bounds = [0, *edges.tolist(), samples.n_samples]
-    return [slice(a, b) for a, b in zip(bounds, bounds[1:]) if b > a]
 
 
 def travel(motion: Motion, joint: int) -> float:
@@ -99,13 +79,13 @@ def lacks_speeds(motion: Motion, joint: int) -> str | None:
 
 
 def lacks_holds(motion: Motion, joint: int) -> str | None:
-    """Return why standing cannot be compared with moving, if a joint never stands."""
+    """Return why standing cannot be compared with moving, if a joint is never free."""
     if lacks_motion(motion, joint):
         return lacks_motion(motion, joint)
-    rest = np.abs(motion.samples.qd[:, joint]) < 0.5 * motion.sign_width[joint]
-    if rest.mean() < 2 * _LEAST_SHARE or rest.sum() < 2 * _LEAST_SAMPLES:
-        return ('the joint never stands for long, so that this friction is the same as an '
-                'offset')
+    free = np.abs(motion.direction(joint)) < 0.5
+    if free.mean() < 2 * _LEAST_SHARE or free.sum() < 2 * _LEAST_SAMPLES:
+        return ('the joint never stands for long, or its friction holds on when it does, so that '
+                'this friction is the same as an offset')
     return None
 
 

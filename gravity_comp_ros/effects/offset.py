@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects import motion_facts as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import smaller_than, within_torque
+from gravity_comp_ros.effects.runs import longest_run, run_time
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
@@ -20,9 +20,12 @@ def _gain(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 
 def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the time within each run, less its mean, so that every run drifts by itself."""
-    time = facts.run_time(motion.samples)
-    return (time - time.mean())[:, None]
+    """Return the time within each run from `centre` s on, so that every run drifts by itself."""
+    return (run_time(motion.samples) - setting['centre'])[:, None]
+
+
+def _mean_time(motion: Motion, joint: int) -> list[dict[str, float]]:
+    return [{'centre': float(run_time(motion.samples).mean())}]
 
 
 def _gain_untestable(motion: Motion, joint: int) -> str | None:
@@ -32,7 +35,7 @@ def _gain_untestable(motion: Motion, joint: int) -> str | None:
 
 
 def _drift_untestable(motion: Motion, joint: int) -> str | None:
-    longest = facts.longest_run(motion.samples)
+    longest = longest_run(motion.samples)
     if longest < _SHORTEST:
         return f'the longest run takes {longest:.3g} s, too short to drift'
     return None
@@ -78,7 +81,7 @@ EFFECTS = (
         name='torque_drift',
         title='Torque drift',
         family='offset',
-        equation='tau_n = r (t - mean t), t from the start of each run',
+        equation='tau_n = r (t - t_0), t from the start of each run, t_0 its mean',
         description='A torque signal whose zero moves in the course of a run, as strain gauges '
                     'do when they warm up.',
         coefficients=(Coefficient('r', 'N·m/s', 'change of the torque signal per second'),),
@@ -89,6 +92,9 @@ EFFECTS = (
         signature='time',
         source='K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
                'Strain Gauges, HBM, 2012',
+        settings=_mean_time,
+        setting_units={'centre': 's'},
+        taken=('centre',),
         untestable=_drift_untestable,
         implausible=within_torque(_drift)),
 )

@@ -18,6 +18,7 @@ from gravity_comp_ros.effects import energy_terms as terms
 from gravity_comp_ros.effects import motion_facts as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import within_torque
+from gravity_comp_ros.effects.runs import run_slices, run_time
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
 from gravity_comp_ros.samples import BoolArray, FloatArray
@@ -66,7 +67,7 @@ def _change(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 def _after(motion: Motion, setting: Setting) -> BoolArray:
     """Return which samples (M,) are at or after `time` s into run number `run`, from 1."""
-    runs, time = motion.samples.runs + 1, facts.run_time(motion.samples)
+    runs, time = motion.samples.runs + 1, run_time(motion.samples)
     return (runs > setting['run']) | ((runs == setting['run']) & (time >= setting['time']))
 
 
@@ -74,8 +75,8 @@ def change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return the starts of all runs but the first, and points within each run."""
     if motion.model is None or not payload_energies(motion.model):
         return []
-    samples, time = motion.samples, facts.run_time(motion.samples)
-    slices = facts.run_slices(samples)
+    samples, time = motion.samples, run_time(motion.samples)
+    slices = run_slices(samples)
     parts = _SHARES_OF_ONE_RUN if len(slices) == 1 else _SHARES_OF_SEVERAL
     parts = parts if len(slices) <= _MOST_RUNS_CUT else 1
     points = [{'run': float(samples.runs[run.start] + 1), 'time': float(k * time[run][-1] / parts)}
@@ -85,7 +86,7 @@ def change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
 
 def _finer_points(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
     here = motion.samples.runs + 1 == int(setting['run'])
-    length = float(facts.run_time(motion.samples)[here].max(initial=0.0))
+    length = float(run_time(motion.samples)[here].max(initial=0.0))
     parts = _SHARES_OF_ONE_RUN if motion.samples.n_runs == 1 else _SHARES_OF_SEVERAL
     moved = [setting['time'] + k * _FINER * length / parts for k in (-2, -1, 1, 2)]
     return [{**setting, 'time': time} for time in moved if 0.0 <= time < length]

@@ -1,0 +1,59 @@
+"""Dahl's element: friction that builds up over some way after a joint has turned."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+# An encoder that flutters by this many times its noise has not moved.
+_FLUTTER = 3.0
+
+
+def presliding_state(path: FloatArray, distance: float) -> FloatArray:
+    """
+    Return how far friction has built up along a path (M,) in rad of one run: z from -1 to 1.
+
+    Dahl's element, dz/dq = (1 - z sign(dq)) / distance, solved exactly between turns (Dahl
+    1968): z = s + (z_turn - s) exp(-way since the turn / distance), s the direction. It starts
+    at 0, of which nothing is left after a few distances.
+
+    :param distance: rad.
+    """
+    steps = np.diff(path, prepend=path[:1])
+    way, towards = np.cumsum(np.abs(steps)), np.sign(steps)
+    # A pause goes on in the direction before it, so that it is no turn.
+    last_move = np.maximum.accumulate(np.where(towards != 0.0, np.arange(len(path)), 0))
+    towards = towards[last_move]
+    turns = np.flatnonzero(np.diff(towards, prepend=towards[0])).tolist()
+    bounds = [0, *turns, len(path)]
+    z, state = np.empty_like(path), 0.0
+    for begin, end in zip(bounds, bounds[1:]):
+        begun = way[begin - 1] if begin else 0.0
+        sign = towards[begin]
+        z[begin:end] = sign + (state - sign) * np.exp((begun - way[begin:end]) / distance)
+        state = float(z[end - 1])
+    return z
+
+
+def steady_path(q: FloatArray) -> FloatArray:
+    """
+    Return q (M,) of one run without the flutter of its encoder, rad.
+
+    The path is pulled along on a leash of three times the noise: what is shorter does not move
+    it, so that an encoder's noise at rest does not wear down what friction has built up.
+    """
+    leash = _FLUTTER * position_noise(q)
+    if leash <= 0.0:
+        return q
+    here, path = float(q[0]), []
+    for angle in q.tolist():
+        here = min(max(here, angle - leash), angle + leash)
+        path.append(here)
+    return np.array(path)
+
+
+def position_noise(q: FloatArray) -> float:
+    """Return the standard deviation of what in q (M,) of one run is noise, rad."""
+    jumps = np.diff(q, n=4)
+    # Fourth differences of white noise have 70 times its variance.
+    return float(1.4826 * np.median(np.abs(jumps)) / np.sqrt(70.0)) if len(jumps) else 0.0
