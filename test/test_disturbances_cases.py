@@ -3,9 +3,11 @@
 from dataclasses import replace
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import inverse_dynamics
+from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
 from gravity_comp_ros.simulation.case_list import case, cases, ROLES
 from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, recordings, undisturbed
+from gravity_comp_ros.simulation.motions import sample
+from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 import pytest
 
@@ -16,19 +18,51 @@ def short(name, arm='iiwa7'):
     return replace(case(arm, name), **SHORT)
 
 
-@pytest.mark.parametrize('arm', sorted(ARMS))
-def test_every_case_records_and_hides_something_on_its_joints(arm):
-    for entry in cases(arm):
-        entry = replace(entry, runs=3 if entry.in_run else 1)
-        seen, plain = recordings(entry), recordings(undisturbed(entry))
-        hidden = np.abs(seen.tau - plain.tau).max(axis=0)
-        moved = np.abs(seen.q - plain.q).max()
-        if entry.verdict == 'nothing':
-            assert hidden.max() == 0 and moved == 0, entry.name
-            continue
+def sweep(arm):
+    """Return 40 s in which every joint goes through 95 % of its range, to and fro."""
+    omega = 2 * np.pi * np.arange(1, arm.n_joints + 1) / 40.0
+    middle, half = 0.5 * (arm.upper + arm.lower), 0.475 * (arm.upper - arm.lower)
+
+    def path(t):
+        angle = np.outer(t, omega)
+        return (middle + half * np.sin(angle), half * omega * np.cos(angle),
+                -half * omega ** 2 * np.sin(angle))
+
+    return sample('sweep', path, 40.0, 20.0)
+
+
+def changes(entry, arm, motion):
+    """Return what a case's disturbances change on each joint, in q or tau."""
+    still = Signals(motion.q, motion.qd, gravity_torque(arm, motion.q))
+    signals, rng = still, np.random.default_rng(0)
+    for disturbance in (*entry.disturbances, *(d for _, d in entry.in_run)):
+        signals = disturbance.apply(signals, motion, arm, rng)
+    return (np.abs(signals.tau - still.tau) + np.abs(signals.q - still.q)).max(axis=0)
+
+
+@pytest.mark.parametrize('arm_name', sorted(ARMS))
+def test_every_case_hides_something_on_its_joints(arm_name):
+    arm = ARMS[arm_name]()
+    motion = sweep(arm)
+    for entry in cases(arm_name):
+        hidden = changes(entry, arm, motion)
+        if not entry.disturbances and not entry.in_run:
+            assert entry.verdict == 'nothing'
         for truth in entry.truths:
             joint = slice(None) if truth.joint is None else truth.joint
-            assert moved > 0 or np.max(hidden[joint]) > 0, (entry.name, truth)
+            assert np.max(hidden[joint]) > 1e-3, (entry.name, truth)
+
+
+@pytest.mark.parametrize('arm_name', sorted(ARMS))
+def test_runs_without_a_disturbance_share_motion_and_noise_with_those_that_have_one(arm_name):
+    entry = replace(case(arm_name, 'payload_half_way'), runs=3, duration=90.0)
+    seen, plain = recordings(entry), recordings(undisturbed(entry))
+    assert np.array_equal(seen.q, plain.q) and np.array_equal(seen.qd, plain.qd)
+    different = np.abs(seen.tau - plain.tau).max(axis=1) > 1e-6
+    # Picked up 75 s into the third run.
+    assert not different[seen.runs < 2].any()
+    late = (seen.runs == 2) & (seen.t >= 75.0)
+    assert different[late].all() and not different[(seen.runs == 2) & (seen.t < 75.0)].any()
 
 
 @pytest.mark.parametrize('arm', sorted(ARMS))

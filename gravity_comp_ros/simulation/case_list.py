@@ -8,14 +8,23 @@ from math import radians
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Payload
 from gravity_comp_ros.simulation.cases import ARMS, Case, Pair, Truth
+from gravity_comp_ros.simulation.disturbances.backlash import Backlash
+from gravity_comp_ros.simulation.disturbances.balancer import SpringBalancer
+from gravity_comp_ros.simulation.disturbances.bumper import Bumper
+from gravity_comp_ros.simulation.disturbances.cogging import Cogging
 from gravity_comp_ros.simulation.disturbances.detent import Detent
 from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
+from gravity_comp_ros.simulation.disturbances.encoder import EncoderOffset
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.grasp import Grasp
+from gravity_comp_ros.simulation.disturbances.late_effort import LateEffort
 from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.disturbances.mounting import TiltedBase
-from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeZero
+from gravity_comp_ros.simulation.disturbances.shafts import DifferentialFriction
+from gravity_comp_ros.simulation.disturbances.soft_gear import SoftGear
+from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeGain, GaugeZero
+from gravity_comp_ros.simulation.disturbances.tool_jet import ToolJet
 from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
 
 
@@ -47,7 +56,8 @@ def cases(arm: str) -> tuple[Case, ...]:
         raise OptionError(f'no cases for arm {arm}; there are {", ".join(ROLES)}')
     roles = ROLES[arm]
     return (*_nothing(arm), *_friction(arm, roles), *_several(arm, roles),
-            *_elastic_and_sensor(arm, roles), *_whole_arm(arm, roles), *_limits(arm, roles))
+            *_elastic(arm, roles), *_sensors(arm, roles), *_whole_arm(arm, roles),
+            *_limits(arm, roles))
 
 
 def case(arm: str, name: str) -> Case:
@@ -95,6 +105,24 @@ def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('warming', arm, disturbances=(WarmFriction(s, LuGre(2.5, 6.0)),),
              truths=(Truth('friction_drift', s),),
              allowed=bristles(s) | {('coulomb_friction', s), ('viscous_friction', s)}),
+        Case('hysteresis', arm, disturbances=(Friction(s, LuGre(1.5, presliding=0.03)),),
+             truths=(Truth('presliding_hysteresis', s),), allowed=frozenset({
+                 ('coulomb_friction', s)})),
+        *_wrist(arm, roles),
+    )
+
+
+def _wrist(arm: str, roles: Roles) -> tuple[Case, ...]:
+    a, b = roles.pair
+    rubbing = tuple(Truth('coupled_friction', joint) for joint in roles.pair)
+    return (
+        Case('coupled_wrist', arm, disturbances=(DifferentialFriction((a, b), LuGre(0.3)),),
+             truths=(coupling(a, 0.3), coupling(b, 0.3)), allowed=bristles(a, b)),
+        Case('differential', arm,
+             disturbances=(DifferentialFriction((a, b), LuGre(0.3, 0.1), LuGre(0.15, 0.1)),),
+             truths=rubbing, allowed=bristles(a, b) | frozenset(
+                 (name, joint) for joint in roles.pair
+                 for name in ('coulomb_friction', 'viscous_friction'))),
     )
 
 
@@ -116,13 +144,38 @@ def _several(arm: str, roles: Roles) -> tuple[Case, ...]:
     )
 
 
-def _elastic_and_sensor(arm: str, roles: Roles) -> tuple[Case, ...]:
-    e = roles.elbow
+def _elastic(arm: str, roles: Roles) -> tuple[Case, ...]:
+    s, e = roles.shoulder, roles.elbow
+    balancer = SpringBalancer(s, 1000.0, free=0.5, post=0.6)
+    return (
+        Case('balancer', arm, disturbances=(balancer,),
+             truths=(Truth('joint_spring', s, (('cable_stiffness', s),)),)),
+        Case('cable', arm, disturbances=(DressPack(e, 0.4, 2.0),),
+             truths=(Truth('cable_stiffness', e, (('joint_spring', e),)),)),
+        Case('cogging', arm, disturbances=(Cogging(e, 12, 0.8, phase=0.1),),
+             truths=(Truth('torque_ripple', e),)),
+        Case('bumper', arm, disturbances=(Bumper(e, 0.9, 30.0),),
+             truths=(Truth('end_stop', e, (('cable_stiffness', e),)),)),
+        Case('soft_gear', arm, disturbances=(SoftGear(s, 6000.0),),
+             truths=(Truth('joint_flexibility', s, values=(1 / 6000.0,), unit='rad/(N·m)'),)),
+    )
+
+
+def _sensors(arm: str, roles: Roles) -> tuple[Case, ...]:
+    e, w = roles.elbow, roles.wrist
+    slipped = tuple((run, EncoderOffset(e, 0.03)) for run in (2, 3, 4))
     return (
         Case('offset', arm, disturbances=(GaugeZero(roles.base, 1.0),),
              truths=(offset(roles.base, 1.0),)),
-        Case('cable', arm, disturbances=(DressPack(e, 0.4, 2.0),),
-             truths=(Truth('cable_stiffness', e, (('joint_spring', e),)),)),
+        Case('gain', arm, disturbances=(GaugeGain(e, 1.15),), truths=(Truth('torque_gain', e),)),
+        Case('zero_drift', arm, disturbances=(GaugeDrift(w, 0.5, 200.0, 0.002),),
+             truths=(Truth('torque_drift', w),)),
+        Case('late_effort', arm, disturbances=(LateEffort(0.04),),
+             truths=(Truth('time_delay', None, values=(0.04,), unit='s'),)),
+        Case('encoder_slipped', arm, in_run=slipped,
+             truths=(Truth('encoder_offset', e, (('payload_change', None),)),)),
+        Case('encoder_unseen', arm, 'nothing', (EncoderOffset(e, 0.03),),
+             allowed=frozenset({('encoder_offset', None)})),
     )
 
 
@@ -133,6 +186,8 @@ def _whole_arm(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('payload_half_way', arm, in_run=picked, truths=(Truth('payload_change', None),)),
         Case('tilted_base', arm, disturbances=(TiltedBase(radians(2.0), 0.0),),
              truths=(Truth('base_tilt', None),)),
+        Case('tool_force', arm, disturbances=(ToolJet((6.0, 3.0, -12.0)),),
+             truths=(Truth('tool_force', None),)),
     )
 
 
@@ -141,6 +196,8 @@ def _limits(arm: str, roles: Roles) -> tuple[Case, ...]:
     return (
         Case('detent', arm, 'unexplained', (Detent(e, 0.5, 4.0),),
              truths=(Truth('detent', e),)),
+        Case('backlash', arm, 'unexplained', (Backlash(s, 0.02),),
+             truths=(Truth('backlash', s),)),
         Case('too_weak', arm, 'weak', (Friction(s, LuGre(0.002)),),
              truths=(coulomb(s, 0.002),)),
         Case('one_way', arm, 'untestable', (Friction(s, LuGre(1.0)),),
@@ -148,16 +205,21 @@ def _limits(arm: str, roles: Roles) -> tuple[Case, ...]:
     )
 
 
-def coulomb(joint: int, value: float | None = None) -> Truth:
-    return Truth('coulomb_friction', joint, value=value, unit='N·m')
+def coulomb(joint: int, *level: float) -> Truth:
+    return Truth('coulomb_friction', joint, values=level, unit='N·m')
 
 
-def viscous(joint: int, value: float | None = None) -> Truth:
-    return Truth('viscous_friction', joint, value=value, unit='N·m·s/rad')
+def viscous(joint: int, *coefficient: float) -> Truth:
+    return Truth('viscous_friction', joint, values=coefficient, unit='N·m·s/rad')
 
 
-def offset(joint: int, value: float | None = None) -> Truth:
-    return Truth('torque_offset', joint, value=value, unit='N·m')
+def offset(joint: int, *zero: float) -> Truth:
+    return Truth('torque_offset', joint, values=zero, unit='N·m')
+
+
+def coupling(joint: int, level: float) -> Truth:
+    """Return friction of a shared gear, seen from one of its joints."""
+    return Truth('coupled_friction', joint, values=(level,), unit='N·m')
 
 
 def bristles(*joints: int) -> frozenset[Pair]:

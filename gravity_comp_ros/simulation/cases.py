@@ -34,14 +34,15 @@ class Truth:
     """
     One thing to be found: an effect on a joint, or one of its named `ties` instead.
 
-    `value` is the coefficient that the effect should have, in `unit`, where the simulation's
-    law and the library's agree on its meaning; None where they do not.
+    `values` are the coefficients that the effect should have, in their order and in `unit`,
+    where the simulation's law and the library's agree on their meaning; empty where they do
+    not.
     """
 
     effect: str
     joint: int | None
     ties: tuple[Pair, ...] = ()
-    value: float | None = None
+    values: tuple[float, ...] = ()
     unit: str = ''
 
     @property
