@@ -1,0 +1,108 @@
+"""
+Gravity as a step away from a model, linear in a few numbers.
+
+Refitting gravity beside effects must keep what makes a formulation good: one energy stays one
+energy over the features it had, a chain stays a chain, and joints by themselves stay that. Each
+is a step d with tau_n = g_n(q) + J_n(q) d, exact but for the chain's axes. A step is expected to
+be no larger than what it changes, which decides where the recording says nothing: there the old
+model stays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.chain_expand import expand
+from gravity_comp_ros.gravity.design import EnergyDesign
+from gravity_comp_ros.gravity.model import Expansion, GravityModel
+from gravity_comp_ros.gravity.uncertainty import ChainUncertainty, EnergyUncertainty
+from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
+
+# rad; axes of a chain are known to about this before any data.
+_AXES = 0.3
+_SMALLEST = 1e-3
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some columns (M, P) of one joint's torque, and which unknowns (P,) they belong to."""
+
+    unknowns: IntArray
+    columns: FloatArray
+
+
+def step_size(model: GravityModel) -> int:
+    """Return how many numbers K a step has."""
+    return len(step_scale(model))
+
+
+def step_scale(model: GravityModel) -> FloatArray:
+    """Return how large each number of a step (K,) may reasonably be."""
+    if model.chain is not None:
+        moments = np.abs(model.chain.moments).ravel()
+        return np.concatenate([np.full(moments.size, _AXES), _typical(moments)])
+    return _typical(np.abs(_weights(model)))
+
+
+def step_from(origin: GravityModel, model: GravityModel) -> FloatArray:
+    """Return the step (K,) from one model to another; axes of a chain count as unmoved."""
+    if model.chain is not None and origin.chain is not None:
+        change = (model.chain.moments - origin.chain.moments).ravel()
+        return np.concatenate([np.zeros(change.size), change])
+    return _weights(model) - _weights(origin)
+
+
+def step_columns(model: GravityModel, q: FloatArray) -> list[Part]:
+    """Return d tau_n / d step of every joint n at poses q (M, N)."""
+    n = model.n_joints
+    if model.chain is not None:
+        jacobian = model.chain.jacobian(q)
+        return [_nonzero(jacobian[:, joint].T) for joint in range(n)]
+    if model.energy is not None:
+        flat = EnergyDesign(q, np.ones(q.shape)).columns(model.energy.indices)
+        return [_nonzero(part) for part in flat.reshape(n, len(q), -1)]
+    parts, first = [], 0
+    for torque in model.torques:
+        unknowns = first + np.arange(len(torque.indices))
+        parts.append(Part(unknowns, dictionary.columns(q, torque.indices)))
+        first += len(unknowns)
+    return parts
+
+
+def moved(model: GravityModel, step: FloatArray, covariance: FloatArray) -> GravityModel:
+    """Return the model after a step (K,) that is known with `covariance` (K, K)."""
+    if model.energy is None:
+        cuts = np.cumsum(model.n_features())[:-1]
+        return replace(model, torques=tuple(
+            Expansion(torque.indices, torque.weights + change)
+            for torque, change in zip(model.torques, np.split(step, cuts))))
+    uncertainty: ChainUncertainty | EnergyUncertainty
+    if model.chain is not None:
+        chain = model.chain.moved(step)
+        energy, uncertainty = expand(chain), ChainUncertainty(chain, covariance)
+    else:
+        chain, energy = None, Expansion(model.energy.indices, model.energy.weights + step)
+        uncertainty = EnergyUncertainty(energy.indices, covariance)
+    made = GravityModel.from_energy(
+        model.joints, model.formulation, energy, model.noise, model.coverage, model.provenance,
+        chain, uncertainty)
+    return replace(made, applied=model.applied)
+
+
+def _weights(model: GravityModel) -> FloatArray:
+    if model.energy is not None:
+        return model.energy.weights
+    return np.concatenate([torque.weights for torque in model.torques])
+
+
+def _typical(sizes: FloatArray) -> FloatArray:
+    """Return sizes, none below the usual one: a weight that is 0 by chance may well grow."""
+    usual = float(np.median(sizes)) if sizes.size else 0.0
+    return np.maximum(sizes, max(usual, _SMALLEST))
+
+
+def _nonzero(columns: FloatArray) -> Part:
+    present = np.flatnonzero(columns.any(axis=0))
+    return Part(present, columns[:, present])

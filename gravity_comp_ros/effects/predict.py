@@ -1,0 +1,116 @@
+"""
+The torque of a model with its effects: gravity plus what was added to it.
+
+    tau = g(q) + sum_e X_e(q, qd, qdd, g, t; setting_e) c_e
+
+X_e are the columns of effect e, c_e its coefficients. Some columns look back (acceleration,
+friction that builds up), so samples come as they were recorded; thin them out afterwards.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.effects.effect import Effect, Motion
+from gravity_comp_ros.effects.motion import accelerations, gravity_gradient
+from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
+from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.gravity.applied import AppliedEffect
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
+import numpy as np
+
+
+def predict_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m that the model says the samples' motion takes.
+
+    Joints are matched by name; those of the model, in its order, are predicted.
+
+    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
+        effect that is not installed here.
+    """
+    samples = samples.joints(model.joints)
+    gravity = model.predict(samples.q)
+    return gravity + effect_torque(model, samples) if model.applied.effects else gravity
+
+
+def effect_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return what the model's effects add to gravity, (M, N) in N·m.
+
+    :raises ModelMismatchError: as `predict_torque`.
+    """
+    samples = samples.joints(model.joints)
+    total = np.zeros_like(samples.q)
+    if not model.applied.effects or not samples.n_samples:
+        return total
+    motion = motion_of(model, samples)
+    for applied in model.applied.effects:
+        effect = installed(applied)
+        joint = joint_number(model, applied)
+        columns = effect.columns(motion, joint, applied.setting)
+        torque = columns @ _coefficients(applied, effect, motion, joint, columns.shape[-1])
+        if effect.scope == 'arm':
+            total += torque
+        else:
+            total[:, joint] += torque
+    return total
+
+
+def motion_of(model: GravityModel, samples: JointSamples) -> Motion:
+    """
+    Return what the columns of a model's effects are computed from.
+
+    Unlike `build_motion` it tells directions as the model says, so that no measured torque
+    enters a prediction.
+    """
+    told = model.applied.direction
+    return Motion(samples, accelerations(samples), model.predict(samples.q),
+                  gravity_gradient(model, samples.q), told['width'], model, told.get('hold'))
+
+
+def direction_of(motion: Motion) -> dict[str, FloatArray]:
+    """Return how the motion tells directions, for a model to keep (`Applied.direction`)."""
+    hold = np.zeros_like(motion.sign_width) if motion.hold is None else motion.hold
+    return {'width': motion.sign_width, 'hold': hold}
+
+
+def installed(applied: AppliedEffect) -> Effect:
+    """
+    Return the effect behind an applied one.
+
+    :raises ModelMismatchError: if it is not installed here.
+    """
+    effect = all_effects().get(applied.name)
+    if effect is None:
+        broken = broken_plug_ins()
+        why = f' ({broken[0]})' if broken else ''
+        raise ModelMismatchError(
+            f'the model has an effect {printable(applied.name)} that is not installed here{why}; '
+            f'install the package that brings it, or take it back with `gravity_comp add --undo`')
+    return effect
+
+
+def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
+    """Return the joint that an effect's functions are given: 0 for the whole arm."""
+    return 0 if applied.joint is None else model.joints.index(applied.joint)
+
+
+def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
+    """Return where the samples of `part`, a selection of `samples`, stand among them."""
+    rows = np.zeros(part.n_samples, dtype=np.int64)
+    for run in np.unique(part.runs):
+        here, wanted = np.flatnonzero(samples.runs == run), part.runs == run
+        rows[wanted] = here[np.searchsorted(samples.t[here], part.t[wanted])]
+    return rows
+
+
+def _coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint: int,
+                  n_columns: int) -> FloatArray:
+    symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
+    if set(symbols) != set(applied.coefficients) or len(symbols) != n_columns:
+        raise ModelMismatchError(
+            f'the model gives {applied.target} the coefficients '
+            f'{", ".join(applied.coefficients)}, but here it has {", ".join(symbols)}: it was '
+            f'made with another version of the effect. Take it back and add it again')
+    return np.array([applied.coefficients[symbol].value for symbol in symbols])

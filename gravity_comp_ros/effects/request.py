@@ -1,0 +1,72 @@
+"""What `NAME` or `NAME:JOINT` asks for, with a word on what was probably meant."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.applied import target
+from gravity_comp_ros.printable import printable
+
+
+@dataclass(frozen=True)
+class Request:
+    """
+    One effect on one joint (None: the whole arm).
+
+    `named` says that the joint was named; without a joint an effect is asked for on every
+    joint, and left out where it cannot be seen.
+    """
+
+    effect: Effect
+    joint: str | None
+    named: bool
+
+    @property
+    def target(self) -> str:
+        return target(self.effect.name, self.joint)
+
+
+def requests(texts: Iterable[str], joints: tuple[str, ...]) -> list[Request]:
+    """
+    Return what texts like `coulomb_friction:elbow` ask for on an arm of these joints.
+
+    :raises OptionError: if an effect or joint is unknown, or is asked for twice.
+    """
+    found: list[Request] = []
+    for text in texts:
+        found += _parse(text.strip(), joints)
+    targets = [request.target for request in found]
+    twice = sorted({name for name in targets if targets.count(name) > 1})
+    if twice:
+        raise OptionError(f'{printable(", ".join(twice))} is asked for twice')
+    return found
+
+
+def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
+    name, colon, joint = text.partition(':')
+    known = all_effects()
+    if name not in known:
+        raise OptionError(f'no effect {printable(name)!r}{_meant(name, known)}; known are '
+                          f'{", ".join(known)}')
+    effect = known[name]
+    whole_arm = effect.scope == 'arm' and not effect.per_joint
+    if whole_arm and colon:
+        raise OptionError(f'{name} is about the whole arm: give it without a joint')
+    if whole_arm:
+        return [Request(effect, None, True)]
+    if not colon:
+        return [Request(effect, each, False) for each in joints]
+    if joint not in joints:
+        raise OptionError(f'no joint {printable(joint)!r} in the model{_meant(joint, joints)}; '
+                          f'it has {", ".join(joints)}')
+    return [Request(effect, joint, True)]
+
+
+def _meant(word: str, known: Iterable[str]) -> str:
+    close = get_close_matches(word, list(known), n=1, cutoff=0.5)
+    return f' (did you mean {close[0]}?)' if close else ''
