@@ -1,0 +1,56 @@
+"""Results of single recordings, kept in a folder so that a long campaign can go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import gravity_comp_ros
+from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.simulation.cases import Case
+
+_ROOT = Path(gravity_comp_ros.__file__).parent
+_ROOMS = ('diagnosis', 'effects', 'gravity', 'simulation')
+
+
+@dataclass(frozen=True)
+class Task:
+    """One recording to diagnose."""
+
+    case: Case
+    seed: int
+    rate: float
+
+    @property
+    def file(self) -> str:
+        return f'{self.case.arm}.{self.case.name}.{self.seed}.json'
+
+
+def fingerprint() -> str:
+    """Return a hash of the code that makes recordings and diagnoses them."""
+    digest = hashlib.sha256()
+    for room in _ROOMS:
+        for path in sorted((_ROOT / room).rglob('*.py')):
+            digest.update(path.relative_to(_ROOT).as_posix().encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def load(folder: Path, task: Task, code: str | None) -> dict[str, Any] | None:
+    """Return an earlier result of the same task; of the same code, unless `code` is None."""
+    path = folder / task.file
+    try:
+        result: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return None
+    if result.get('rate') != task.rate or (code is not None and result.get('code') != code):
+        return None
+    return result
+
+
+def save(folder: Path, task: Task, result: dict[str, Any]) -> None:
+    text = json.dumps(result, indent=1, ensure_ascii=False)
+    write_atomically(folder / task.file, text.encode(), GravityCompError)

@@ -1,0 +1,125 @@
+"""
+Hidden-effect campaign: arms with something wrong, and what the diagnosis makes of them.
+
+Run from the root of the repository:
+
+    python -m bench.campaign.run results/ --seeds 10 --jobs 2
+    python -m bench.campaign.run results/ --arms iiwa7 --cases coulomb_large,detent --seeds 3
+
+Every recording's diagnosis is kept in the folder, so that a run that was stopped goes on where
+it was; results of older code are made anew, unless --keep is given. The folder then holds
+`campaign.json` and `campaign.md` as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+from concurrent.futures import as_completed, ProcessPoolExecutor
+import json
+from multiprocessing import get_context
+import os
+from pathlib import Path
+import resource
+import sys
+from time import monotonic
+from typing import Any
+
+from bench.campaign.results import fingerprint, load, save, Task
+from bench.campaign.table import markdown, summary
+from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.simulation.case_list import case, cases
+from gravity_comp_ros.simulation.cases import ARMS, Case, recordings, undisturbed
+from gravity_comp_ros.simulation.drawn import drawn_case
+
+_KNOWN = ('inertia', 'coriolis')
+
+
+def main() -> int:
+    """Run what is missing, judge everything that was asked for, and write the table."""
+    args = parser().parse_args()
+    folder = Path(args.folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    code = fingerprint()
+    try:
+        tasks = [Task(entry, seed, args.rate) for seed in range(args.first, args.seeds)
+                 for entry in chosen(args)]
+    except GravityCompError as error:
+        print(error, file=sys.stderr)
+        return 1
+    missing = [task for task in tasks if load(folder, task, None if args.keep else code) is None]
+    print(f'{len(tasks)} recordings, {len(tasks) - len(missing)} done before', flush=True)
+    run_all(missing, folder, code, args.jobs, not args.no_floor)
+    results = [(task, load(folder, task, None)) for task in tasks]
+    done = [(task, result) for task, result in results if result is not None]
+    (folder / 'campaign.json').write_text(json.dumps(summary(done), indent=1))
+    (folder / 'campaign.md').write_text(markdown(done))
+    print(markdown(done))
+    return 0
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    out = argparse.ArgumentParser(description='Hidden-effect campaign of the diagnosis.')
+    out.add_argument('folder', help='where results are kept')
+    out.add_argument('--arms', default=','.join(ARMS), help=f'(default: {",".join(ARMS)})')
+    out.add_argument('--cases', help='names, separated by commas (default: all)')
+    out.add_argument('--drawn', type=int, default=0, metavar='N',
+                     help='instead of the named cases, N whose effects, joints and sizes are '
+                     'drawn at random')
+    out.add_argument('--seeds', type=int, default=3, help='seeds 0 to N - 1 (default: 3)')
+    out.add_argument('--first', type=int, default=0, help='first seed (default: 0)')
+    out.add_argument('--rate', type=float, default=50.0, help='samples per second (default: 50)')
+    out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
+    out.add_argument('--keep', action='store_true', help='keep results of older code')
+    out.add_argument('--no-floor', action='store_true',
+                     help='leave out the fit that knows the truth; takes half the time')
+    return out
+
+
+def chosen(args: argparse.Namespace) -> list[Case]:
+    """Return the cases that were asked for, on all arms."""
+    arms = args.arms.split(',')
+    if args.drawn:
+        return [drawn_case(arm, number) for arm in arms for number in range(args.drawn)]
+    if args.cases:
+        return [case(arm, name) for arm in arms for name in args.cases.split(',')]
+    return [entry for arm in arms for entry in cases(arm)]
+
+
+def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) -> None:
+    """Diagnose every task's recordings in processes of their own."""
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    start = monotonic()
+    with ProcessPoolExecutor(jobs, get_context('spawn'), max_tasks_per_child=8) as pool:
+        waiting = {pool.submit(run_one, task, floor): task for task in tasks}
+        for count, future in enumerate(as_completed(waiting), start=1):
+            task, result = waiting[future], future.result()
+            save(folder, task, {**result, 'code': code, 'rate': task.rate})
+            print(f'{count}/{len(tasks)} {monotonic() - start:.0f} s: {task.file} in '
+                  f'{result["seconds"]:.1f} s', flush=True)
+
+
+def run_one(task: Task, floor: bool) -> dict[str, Any]:
+    """
+    Return the diagnosis of one recording, its time, and the error of a fit that knows all.
+
+    That fit sees the same motion and noise without what is hidden, and looks for nothing but
+    the moving arm's own inertia.
+    """
+    samples = recordings(task.case, task.seed, task.rate)
+    start = monotonic()
+    result: dict[str, Any] = {'diagnosis': diagnose(samples).to_json()}
+    result['seconds'] = monotonic() - start
+    result['peak_mb'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    result['joints'] = list(samples.names)
+    if floor and task.case.verdict == 'found':
+        plain = recordings(undisturbed(task.case), task.seed, task.rate)
+        known = diagnose(plain, options=DiagnosisOptions(effects=_KNOWN)).to_json()
+        result['floor'] = {name: report['rmse_after']
+                           for name, report in known['joints'].items()}
+    return result
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""Hidden-effect cases drawn at random, so that no diagnosis can be fitted to a list of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gravity_comp_ros.simulation.case_list import bristles, ROLES
+from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
+from gravity_comp_ros.simulation.disturbances.cogging import Cogging
+from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeZero
+from gravity_comp_ros.simulation.synthesise import Disturbance
+import numpy as np
+
+Draw = tuple[Disturbance, Truth, frozenset[Pair]]
+Maker = Callable[[int, float, np.random.Generator], Draw]
+
+
+def drawn_case(arm: str, number: int) -> Case:
+    """
+    Return case `number` of an arm: nothing, one effect or two, each on a joint of its own.
+
+    Effects are 3 to 30 times the joint's torque noise; speed, number of runs and the noise's
+    correlation are drawn as well.
+    """
+    rng = np.random.default_rng([number, len(arm), 20])
+    noise = noise_levels(ARMS[arm]())
+    count = int(rng.choice([0, 1, 2], p=[0.2, 0.5, 0.3]))
+    joints = rng.permutation(ROLES[arm].count)[:count]
+    draws = [_draw(int(joint), noise[joint], rng) for joint in joints]
+    return Case(
+        f'drawn_{number}', arm, 'found' if draws else 'nothing',
+        tuple(draw[0] for draw in draws), tuple(draw[1] for draw in draws),
+        frozenset(pair for draw in draws for pair in draw[2]),
+        runs=int(rng.integers(3, 7)), max_speed=float(rng.uniform(0.15, 0.4)),
+        correlated=float(rng.uniform(0.0, 0.8)), correlation=float(rng.uniform(0.1, 1.0)))
+
+
+def _draw(joint: int, noise: float, rng: np.random.Generator) -> Draw:
+    size = noise * float(np.exp(rng.uniform(np.log(3.0), np.log(30.0))))
+    # A joint without load has no friction of load.
+    makers = _MAKERS if joint in (1, 2, 3) else _MAKERS[:-1]
+    return makers[int(rng.integers(len(makers)))](joint, size, rng)
+
+
+def _coulomb(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    presliding = float(np.exp(rng.uniform(np.log(5e-5), np.log(1e-3))))
+    truth = Truth('coulomb_friction', joint, values=(size,), unit='N·m')
+    return Friction(joint, LuGre(size, presliding=presliding)), truth, bristles(joint)
+
+
+def _viscous(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    coefficient = 10.0 * size
+    truth = Truth('viscous_friction', joint, values=(coefficient,), unit='N·m·s/rad')
+    return Friction(joint, LuGre(0.0, coefficient)), truth, frozenset()
+
+
+def _zero(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    zero = size * float(rng.choice([-1.0, 1.0]))
+    return GaugeZero(joint, zero), Truth('torque_offset', joint, values=(zero,),
+                                         unit='N·m'), frozenset()
+
+
+def _drift(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    rise = size * float(rng.choice([-2.0, 2.0]))
+    return (GaugeDrift(joint, rise, float(rng.uniform(150.0, 400.0))),
+            Truth('torque_drift', joint), frozenset({('torque_offset', joint)}))
+
+
+def _pack(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    pack = DressPack(joint, float(rng.uniform(-0.5, 0.5)), 4.0 * size,
+                     float(rng.uniform(2.0, 5.0)), int(rng.choice([-1, 1])))
+    return pack, Truth('cable_stiffness', joint, (('joint_spring', joint),)), frozenset()
+
+
+def _teeth(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    cogging = Cogging(joint, int(rng.integers(8, 40)), 2.0 * size, float(rng.uniform(0.4, 1.5)),
+                      float(rng.uniform(0.0, 1.0)))
+    return cogging, Truth('torque_ripple', joint), frozenset()
+
+
+def _load(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    fraction = float(rng.uniform(0.03, 0.12))
+    return (LoadFriction(joint, fraction, float(rng.uniform(0.5, 3.0))),
+            Truth('load_dependent_friction', joint),
+            bristles(joint) | {('coulomb_friction', joint)})
+
+
+_MAKERS: tuple[Maker, ...] = (_coulomb, _viscous, _zero, _drift, _pack, _teeth, _load)
