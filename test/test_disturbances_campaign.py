@@ -1,6 +1,7 @@
 """The campaign's judgement, on findings made by hand, and its files."""
 
 from dataclasses import replace
+from importlib import import_module
 import json
 from pathlib import Path
 import sys
@@ -12,9 +13,10 @@ from gravity_comp_ros.simulation.drawn import drawn_case
 import numpy as np
 import pytest
 
+# The campaign is no part of the installed package.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-from bench.campaign import results, run, table  # noqa: I100
-from bench.campaign.score import score
+results, run, table, score = (
+    import_module(f'bench.campaign.{name}') for name in ('results', 'run', 'table', 'score'))
 
 JOINTS = ARMS['iiwa7']().joints
 SHOULDER, ELBOW = JOINTS[1], JOINTS[3]
@@ -30,7 +32,7 @@ def judge(name, *findings, untestable=None):
     joints = {joint: {'untestable': {}, 'rmse_after': 0.1} for joint in JOINTS}
     if untestable:
         joints[SHOULDER]['untestable'] = untestable
-    return score(case('iiwa7', name), {'findings': list(findings), 'joints': joints}, JOINTS)
+    return score.score(case('iiwa7', name), {'findings': list(findings), 'joints': joints}, JOINTS)
 
 
 COULOMB = finding('coulomb_friction', F_c=(2.01, 'N·m', 1.97, 2.05))
