@@ -15,7 +15,7 @@ from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.chain_angles import tidy
 from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve
-from gravity_comp_ros.gravity.chain_start import limit, search, SearchOptions, structure
+from gravity_comp_ros.gravity.chain_start import LIMIT, search, SearchOptions, structure
 from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
 
@@ -31,9 +31,9 @@ class ChainFit:
     """
     A chain with the covariance (4N, 4N) of a step from it, and how it came about.
 
-    `inflation` (N,) says how many samples of each joint count as one. `structure` is what the
-    residual still holds that a feature explains, in standard deviations; `clean` says that it
-    is no more than noise makes. `square` (N,) counts the angles taken as right.
+    `inflation` (N,) says how many samples of each joint count as one. `structure` is what features
+    explain of the residual beyond what they do of noise, in standard deviations; `clean` says
+    that it is nothing. `square` (N,) counts the angles taken as right.
     """
 
     chain: Chain
@@ -43,7 +43,6 @@ class ChainFit:
     starts: int
     steps: int
     structure: float
-    structure_limit: float
     clean: bool
     square: tuple[int, ...]
 
@@ -66,8 +65,7 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     tidied = tidy(problem, solution)
     left = structure(problem, tidied.solution)
     return ChainFit(tidied.solution.chain, tidied.covariance(), model, inflation, found.starts,
-                    solution.steps, left, limit(samples.n_joints),
-                    left <= limit(samples.n_joints), tidied.square)
+                    solution.steps, left, found.clean or left <= LIMIT, tidied.square)
 
 
 def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSamples

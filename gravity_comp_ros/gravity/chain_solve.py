@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg
 
 # Moments are kept under about this many times the largest torque.
-_LOOSE_MOMENT = 10.0
+_LOOSE_MOMENT = 2.0
 # No axis turns further in one step, rad.
 _LONGEST_STEP = 0.7
 # A direction that no torque shows is taken as known to a radian.
@@ -60,7 +60,7 @@ class ChainProblem:
 
     def columns(self, jacobian: FloatArray) -> FloatArray:
         """Return a Jacobian (K, N, M) in units of the noise, shape (K, N M)."""
-        return (jacobian * self.weights.T).reshape(len(jacobian), -1)
+        return (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
 
     def target(self) -> FloatArray:
         return (self.weights * self.tau).T.ravel()

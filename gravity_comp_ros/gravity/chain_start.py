@@ -2,10 +2,10 @@
 Where the chain's search starts, and how a bad end is noticed.
 
 The cost has other minima than the right one. They show: their residual still holds something
-that some feature of the dictionary explains, where the right one leaves noise. So minima are
-sought from random axes, and from the best one with an axis or two thrown anew (most wrong minima
-have one wrong axis), until nothing is left to explain or the starts are used up. A start costs
-some tens of ms on 200 samples.
+that features of the dictionary explain, where the right one leaves noise, and less of it in the
+directions that the fit itself took. So minima are sought from random axes, and from the best one
+with an axis or two thrown anew (most wrong minima have one wrong axis), until nothing is left to
+explain or the starts are used up. A start costs some tens of ms on 200 samples.
 """
 
 from __future__ import annotations
@@ -18,16 +18,24 @@ from gravity_comp_ros.gravity.chain import aligned
 from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve, SolveOptions
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.lasso import column_lengths, has_length
+from gravity_comp_ros.gravity.noise import floor
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 # Samples that a start is tried on.
 _FEW = 200
 _ROUGH = SolveOptions(max_steps=60, tolerance=1e-4)
+# A right minimum moves little when the weights change; a wrong one is not worth the walk.
+_NEAR = SolveOptions(max_steps=6, tolerance=1e-4)
 # Starts from random axes before the best one is varied.
 _RANDOM = 4
-# Above the sqrt(2 ln K) that the largest of K standard normal numbers comes to.
-_MARGIN = 2.0
+# Draws of noise that a residual is compared with, and samples that it is compared on.
+_DRAWS, _ENOUGH = 16, 500
+# Right minima leave -3 to -5 (noise that lost what was fitted), wrong ones 1 to 30.
+LIMIT = 0.0
+_REWEIGHTED = 2
+# Neighbouring residuals of white noise are correlated by no more, in standard deviations.
+_WHITE = 4.0
 
 
 @dataclass(frozen=True)
@@ -48,11 +56,10 @@ class SearchOptions:
 
 @dataclass(frozen=True)
 class Found:
-    """A minimum of the full problem, the starts it took, and what its residual still holds."""
+    """A minimum of the full problem, the starts it took, and whether it leaves noise alone."""
 
     solution: Solution
     starts: int
-    structure: float
     clean: bool
 
 
@@ -74,7 +81,7 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
         if best is not None and tried.cost >= (1.0 - 1e-3) * best.cost:
             continue
         best = tried
-        if structure(few, tried) > limit(problem.n_joints):
+        if not _is_clean(few, tried):
             continue
         result = _on_all(problem, best, count)
         if result.clean:
@@ -85,25 +92,26 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
 
 def structure(problem: ChainProblem, solution: Solution) -> float:
     """
-    Return how much of a residual some feature explains, in standard deviations.
+    Return how much the dictionary explains of a residual, against what it explains of noise.
 
-    The largest |A_k . r| / |A_k| over all 3^N features of an energy, in units of the residual's
-    own standard deviation, joint by joint.
+    That is the logarithm of sum_k (A_k . r)^2 / |A_k|^2 over all 3^N features of an energy, less
+    its mean over draws of white noise, in their standard deviations. Each joint counts in
+    units of its own residual.
     """
+    problem = thinned(problem, _ENOUGH)
     residual = problem.tau - solution.chain.torque(problem.q)
-    spread = np.sqrt((residual ** 2).mean(axis=0))
-    spread = np.maximum(spread, 1e-9 * max(float(spread.max()), 1e-300))
-    weights = np.broadcast_to(1.0 / spread, residual.shape)
-    design = EnergyDesign(problem.q, weights)
+    spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
+    design = EnergyDesign(problem.q, np.broadcast_to(1.0 / spread, residual.shape))
     lengths = column_lengths(design)
     kept = has_length(lengths)
-    score = np.abs(design.correlate((weights * residual).T.ravel())[kept]) / lengths[kept]
-    return float(score.max(initial=0.0))
 
+    def explained(unit: FloatArray) -> float:
+        score = design.correlate(unit.T.ravel())[kept] / lengths[kept]
+        return float(np.log(max(float(score @ score), 1e-300)))
 
-def limit(n_joints: int) -> float:
-    """Return the `structure` that noise stays under."""
-    return float(np.sqrt(2.0 * n_joints * np.log(3.0)) + _MARGIN)
+    rng = np.random.default_rng(0)
+    noise = np.array([explained(rng.normal(size=residual.shape)) for _ in range(_DRAWS)])
+    return float((explained(residual / spread) - noise.mean()) / noise.std(ddof=1))
 
 
 def thinned(problem: ChainProblem, count: int = _FEW) -> ChainProblem:
@@ -116,8 +124,32 @@ def thinned(problem: ChainProblem, count: int = _FEW) -> ChainProblem:
 
 def _on_all(problem: ChainProblem, rough: Solution, count: int) -> Found:
     solution = solve(problem, rough.chain.axes)
-    left = structure(problem, solution)
-    return Found(solution, count, left, left <= limit(problem.n_joints))
+    return Found(solution, count, _is_clean(problem, solution))
+
+
+def _is_clean(problem: ChainProblem, solution: Solution) -> bool:
+    """
+    Return whether a solution leaves noise alone, once each joint has the weight of its own.
+
+    Under equal weights the errors that a noisy joint forces on a quiet one look like structure.
+    """
+    for _ in range(_REWEIGHTED):
+        if structure(problem, solution) <= LIMIT and is_white(problem, solution):
+            return True
+        residual = problem.tau - solution.chain.torque(problem.q)
+        spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
+        problem = ChainProblem(problem.q, problem.tau,
+                               np.broadcast_to(1.0 / spread, residual.shape))
+        solution = solve(problem, solution.chain.axes, options=_NEAR)
+    return structure(problem, solution) <= LIMIT and is_white(problem, solution)
+
+
+def is_white(problem: ChainProblem, solution: Solution) -> bool:
+    """Return whether no joint's residual is like that of the sample before it."""
+    residual = problem.tau - solution.chain.torque(problem.q)
+    power = np.maximum((residual ** 2).sum(axis=0), len(residual) * floor(problem.tau) ** 2)
+    likeness = (residual[1:] * residual[:-1]).sum(axis=0) / power
+    return bool(likeness.max(initial=0.0) < _WHITE / np.sqrt(len(residual)))
 
 
 def _next(rng: np.random.Generator, n: int, count: int, best: Solution | None) -> FloatArray:

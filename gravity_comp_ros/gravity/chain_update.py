@@ -18,7 +18,7 @@ from itertools import product
 
 from gravity_comp_ros.gravity.chain import aligned, Chain
 from gravity_comp_ros.gravity.chain_angles import TOLERANCE
-from gravity_comp_ros.gravity.change import Change, ChangeProblem, find_change
+from gravity_comp_ros.gravity.change import average_change, Change, ChangeProblem, find_change
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
@@ -27,13 +27,31 @@ _UNSEEN = 0.3
 # How many unseen axes are tried together; more than two would multiply the trials.
 _TOGETHER = 2
 _DIRECTIONS = ((0, 0, 1), (1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0))
-# A moment is rather left alone than changed: one in three.
-_LOG_ODDS = -np.log(2.0)
 _ROUNDS = 8
 # An axis turns by no more than this in one round, rad.
 _LONGEST_TURN = 0.5
 # The change stays when no torque moves by more than this share of its noise.
 _STAYS = 0.05
+# A moment that acts less than this share of the most effective one cannot be seen to change.
+_VISIBLE = 1e-3
+
+
+@dataclass(frozen=True)
+class NewSamples:
+    """Poses `q` (M, N) in rad, torques `tau` (M, N) and their noise `sigma` (N,) in N·m."""
+
+    q: FloatArray
+    tau: FloatArray
+    sigma: FloatArray
+
+    def residual(self, chain: Chain) -> FloatArray:
+        """Return what a chain leaves over, in units of the noise, shape (N M,)."""
+        return np.asarray(((self.tau - chain.torque(self.q)) / self.sigma).T.ravel())
+
+    def columns(self, chain: Chain) -> FloatArray:
+        """Return d torque / d step, in units of the noise, shape (4N, N M)."""
+        jacobian = chain.jacobian(self.q) / self.sigma[:, None]
+        return np.asarray(jacobian.reshape(len(jacobian), -1))
 
 
 @dataclass(frozen=True)
@@ -43,21 +61,17 @@ class ChainChange:
     chain: Chain
     covariance: FloatArray
     change: Change
-    log_evidence: float
-    cost: float
 
 
-def update_chain(chain: Chain, covariance: FloatArray, q: FloatArray, tau: FloatArray,
-                 sigma: FloatArray) -> ChainChange:
+def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples) -> ChainChange:
     """
     Return the chain that a sparse change of moments makes of `chain`.
 
     :param covariance: of a step from the chain (4N, 4N).
-    :param q: new poses (M, N) in rad. :param tau: torques (M, N). :param sigma: noise (M, N).
     """
-    found = [_from(start, prior, q, tau, sigma)
-             for start, prior in _hypotheses(chain, covariance)]
-    return max(found, key=lambda each: each.log_evidence)
+    found = [_Hypothesis(start, prior, new) for start, prior in _hypotheses(chain, covariance)]
+    best = max(found, key=lambda each: each.log_evidence)
+    return best.averaged()
 
 
 def _hypotheses(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, FloatArray]]:
@@ -82,33 +96,47 @@ def _hypotheses(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, Float
     return trials
 
 
-def _from(chain: Chain, prior: FloatArray, q: FloatArray, tau: FloatArray,
-          sigma: FloatArray) -> ChainChange:
-    """Linearise, find the change, and again from there, until the change stays."""
-    n = chain.n_joints
-    may_change = np.arange(2 * n, 4 * n)
-    size = np.full(2 * n, float(np.abs(tau).max()))
-    step, here = np.zeros(4 * n), chain
-    left = _residual(here, q, tau, sigma)
-    for _ in range(_ROUNDS):
-        columns = (here.jacobian(q) / sigma.T).reshape(4 * n, -1)
-        target = left + step @ columns
-        change = find_change(ChangeProblem(columns, target, prior, may_change, size,
-                                           np.full(2 * n, _LOG_ODDS),
-                                           np.ones(2 * n, dtype=bool)))
-        move = change.mean - step
+class _Hypothesis:
+    """A chain before the change, and the likeliest change of it, linearised where that ends."""
+
+    def __init__(self, chain: Chain, prior: FloatArray, new: NewSamples) -> None:
+        self.chain, self.prior, self.new = chain, prior, new
+        self.step = np.zeros(4 * chain.n_joints)
+        self.here, self.left = chain, new.residual(chain)
+        change = None
+        for _ in range(_ROUNDS):
+            problem = self._problem()
+            change = find_change(problem)
+            if self._moved(change.mean, problem):
+                break
+        assert change is not None
+        # Where the rounds ran out before the chain was straight enough, the evidence is of a
+        # line that the chain does not follow; the true misfit counts.
+        straight = problem.residual - change.mean @ problem.columns
+        bent = new.residual(chain.moved(change.mean))
+        self.log_evidence = change.log_evidence - 0.5 * float(bent @ bent - straight @ straight)
+
+    def averaged(self) -> ChainChange:
+        """Return the chain of the average over supports."""
+        problem = self._problem()
+        change = average_change(problem)
+        self._moved(change.mean, problem)
+        return ChainChange(self.here, change.covariance, change)
+
+    def _problem(self) -> ChangeProblem:
+        columns = self.new.columns(self.here)
+        n = self.chain.n_joints
+        lengths = np.linalg.norm(columns[2 * n:], axis=1)
+        visible = np.flatnonzero(lengths > _VISIBLE * lengths.max())
+        return ChangeProblem(columns, self.left + self.step @ columns, self.prior,
+                             2 * n + visible, float(np.abs(self.new.tau).max()))
+
+    def _moved(self, target: FloatArray, problem: ChangeProblem) -> bool:
+        """Go to a step, or part of the way if it is far; return whether this was the last."""
+        n = self.chain.n_joints
+        move = target - self.step
         share = min(1.0, _LONGEST_TURN / max(float(np.abs(move[:2 * n]).max()), 1e-300))
-        step = step + share * move
-        here = chain.moved(step)
-        left = _residual(here, q, tau, sigma)
-        if share == 1.0 and np.abs(move @ columns).max() < _STAYS:
-            break
-    # Where the rounds ran out before the chain was straight enough, the evidence is of a line
-    # that the chain does not follow; the true misfit counts.
-    cost, straight = float(left @ left), float(((target - step @ columns) ** 2).sum())
-    log_evidence = change.log_evidence - 0.5 * (cost - straight)
-    return ChainChange(here, change.covariance, change, log_evidence, cost)
-
-
-def _residual(chain: Chain, q: FloatArray, tau: FloatArray, sigma: FloatArray) -> FloatArray:
-    return np.asarray(((tau - chain.torque(q)) / sigma).T.ravel())
+        self.step = self.step + share * move
+        self.here = self.chain.moved(self.step)
+        self.left = self.new.residual(self.here)
+        return share == 1.0 and bool(np.abs(move @ problem.columns).max() < _STAYS)

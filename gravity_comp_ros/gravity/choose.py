@@ -52,20 +52,16 @@ def choose(samples: JointSamples, options: SparseOptions) -> Choice:
     :raises FitError: if there are no samples.
     """
     chain = fit_chain(samples)
-    left = (f'{chain.structure:.1f} standard deviations, where noise leaves up to '
-            f'{chain.structure_limit:.1f}')
     if chain.clean and samples.n_samples >= _ENOUGH and (chain.inflation == 1.0).all():
-        return Choice('chain', 'no feature of the dictionary explains anything that the chain '
-                      f'left over ({left})', chain, None, [], ())
+        return Choice('chain', 'features of the dictionary explain no more of what the chain '
+                      'left over than of noise', chain, None, [], ())
     energy, fits = fit_potential(samples, options)
     scale = np.sqrt(((samples.tau - chain.chain.torque(samples.q)) ** 2).mean(axis=0))
     scale = np.maximum(scale, floor(samples.tau))
     errors = np.array([_held_out(samples, test, chain, fits[0], options, scale)
                        for test in folds(samples.runs)])
     means = np.sqrt(errors.mean(axis=0))
-    worse = errors[:, 0] - errors[:, 1]
-    margin = float(worse.std(ddof=1) / np.sqrt(len(worse)))
-    formulation = 'chain' if float(worse.mean()) <= margin else 'potential'
+    formulation = 'chain' if means[0] < means[1] else 'potential'
     other = 'potential' if formulation == 'chain' else 'chain'
     ours, theirs = means if formulation == 'chain' else means[::-1]
     why = (f'on held-out parts the {formulation} is right to {ours:.2f} and the {other} to '

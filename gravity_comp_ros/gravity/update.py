@@ -13,8 +13,8 @@ from typing import Any
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.chain_expand import expand
-from gravity_comp_ros.gravity.chain_update import update_chain
-from gravity_comp_ros.gravity.change import Change, ChangeProblem, find_change
+from gravity_comp_ros.gravity.chain_update import NewSamples, update_chain
+from gravity_comp_ros.gravity.change import average_change, Change, ChangeProblem
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.dictionary import feature_name
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
@@ -104,8 +104,7 @@ def _chain_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -
     n = model.n_joints
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
         else model.uncertainty.covariance
-    weights = np.broadcast_to(sigma, samples.tau.shape)
-    found = update_chain(model.chain, covariance, samples.q, samples.tau, weights)
+    found = update_chain(model.chain, covariance, NewSamples(samples.q, samples.tau, sigma))
     changed = {f'{model.joints[k // 2]} {"xy"[k % 2]}':
                float((found.chain.moments - model.chain.moments).ravel()[k])
                for k in found.change.support - 2 * n}
@@ -125,10 +124,8 @@ def _energy_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) 
     design = EnergyDesign(samples.q, np.broadcast_to(1.0 / sigma, samples.tau.shape))
     columns = design.columns(old.indices)
     residual = ((samples.tau - model.predict(samples.q)) / sigma).T.ravel()
-    change = find_change(ChangeProblem(
-        columns.T, residual, covariance, np.arange(count),
-        np.full(count, float(np.abs(samples.tau).max())), np.zeros(count),
-        np.ones(count, dtype=bool)))
+    change = average_change(ChangeProblem(columns.T, residual, covariance, np.arange(count),
+                                          float(np.abs(samples.tau).max())))
     energy = Expansion(old.indices, old.weights + change.mean)
     changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
                for k in change.support}
@@ -177,7 +174,7 @@ def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatA
         'std': by_joint(spread),
         'effect_mean': by_joint(difference.mean(axis=0)),
         'effect_max': by_joint(np.abs(difference).max(axis=0)),
-        'changed': found.changed, 'ties': found.change.ties,
+        'changed': found.changed,
         'log_evidence': found.change.log_evidence,
         'solver': {key: lasso[key] for key in
                    ('iterations', 'primal_residual', 'dual_residual', 'converged')},
