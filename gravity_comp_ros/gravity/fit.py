@@ -171,7 +171,7 @@ def _solver(found: SparseFit) -> dict[str, Any]:
 
 def _chain_report(chain: ChainFit) -> dict[str, Any]:
     return {'starts': chain.starts, 'steps': chain.steps, 'structure': chain.structure,
-            'structure_limit': chain.structure_limit, 'clean': chain.clean,
+            'clean': chain.clean,
             'right_angles': list(chain.square), 'inflation': chain.inflation.tolist()}
 
 
@@ -186,9 +186,9 @@ def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],
         words.append('no torque stands out of its noise: the model is 0 everywhere. If gravity '
                      'does load the arm, record more poses')
     if chain and not chain.clean:
-        words.append(f'the chain leaves {chain.structure:.1f} standard deviations of something '
-                     f'that is not noise (noise leaves up to {chain.structure_limit:.1f}): '
-                     f'friction or another effect, or a wrong chain. Compare with potential')
+        words.append(f'what the chain leaves over is no noise ({chain.structure:.1f} standard '
+                     f'deviations): friction or another effect, or a wrong chain. Compare with '
+                     f'potential')
     if not all(found.lasso.converged for found in fits):
         words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)
