@@ -14,8 +14,7 @@ from typing import Any
 from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.diagnosis.compare import compare, Comparison
 from gravity_comp_ros.errors import ModelFileError, OptionError
-from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
-from gravity_comp_ros.gravity.model import FORMULATIONS
+from gravity_comp_ros.gravity.fit import CHOICES, fit, FitOptions, FitResult
 from gravity_comp_ros.holdout import HoldoutOptions, Split, split
 from gravity_comp_ros.modelfile import save_model
 from rich.table import Table
@@ -39,9 +38,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_bags(parser)
     parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
                         help='write the model here (without it, only show what a fit gives)')
-    parser.add_argument('--formulation', choices=FORMULATIONS, default='potential',
-                        help='one potential energy for all joints, or each joint by itself as '
-                        'in Yu 2022 (default: %(default)s)')
+    parser.add_argument('--formulation', choices=CHOICES, default='potential',
+                        help='one potential energy for all joints; the same with the structure '
+                        'of a serial arm (chain); whichever of the two predicts held-out data '
+                        'better (auto); or each joint by itself as in Yu 2022 (default: '
+                        '%(default)s)')
     parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
                         const=0.2, default=None, help='hold this share of the data out of the '
                         'fit and judge the model on it: whole runs, or blocks of a single run '
@@ -132,6 +133,9 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
     if parts:
         terminal.show(terminal.safe(_holdout_sentence(loaded, parts)))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
+    if 'choice' in result.report:
+        choice = result.report['choice']
+        terminal.show(terminal.safe(f'{choice["formulation"]} was chosen: {choice["why"]}'))
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
@@ -173,6 +177,10 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
 
 def _solver_sentence(result: FitResult) -> str:
     problems = result.report['solver']
+    if not problems:
+        chain = result.report['chain']
+        return (f'chain: {chain["starts"]} starts, {sum(chain["right_angles"])} right angles; '
+                f'what is left {"is noise" if chain["clean"] else "is more than noise"}')
     worst = max(problems, key=lambda problem: problem['gap'])
     count = f'{len(problems)} L1 problem{"s" if len(problems) > 1 else ""}'
     return (f'ADMM: {count}, {sum(problem["iterations"] for problem in problems)} iterations, '
