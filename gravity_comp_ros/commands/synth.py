@@ -13,12 +13,13 @@ from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import JointSamples
 from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.hidden import hidden, KINDS
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 VERB = 'synth'
-HELP = 'record a simulated arm: model, motion, payload and noise to an MCAP file'
+HELP = 'record a simulated arm: model, motion, payload, hidden effects and noise to a file'
 EPILOG = """\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
@@ -30,6 +31,7 @@ examples:
   gravity_comp synth --motion eq17 --noise 0.1 -o slow.mcap
   gravity_comp synth --motion eq17 --start 100 --noise 0.1 --seed 1 -o later.mcap
   gravity_comp synth --motion eq17 --payload 2 --payload-at 50 -o loaded.mcap
+  gravity_comp synth --motion multisine --hidden coulomb_friction:4=0.8 -o rough.mcap
   gravity_comp synth --motion random --samples 1000 --relative-noise 0.01 -o poses.mcap
   gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
 """
@@ -80,6 +82,9 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        '(default: 0 0 0.1)')
     group.add_argument('--payload-at', metavar='S', type=finite,
                        help='attach it this long after the beginning (default: at once)')
+    group.add_argument('--hidden', metavar='EFFECT[:JOINT[=SIZE]]', action='append', default=[],
+                       help='something the arm should not have, simulated by other formulas '
+                       f'than the diagnosis uses; may be repeated: {", ".join(sorted(KINDS))}')
     group.add_argument('--noise', metavar='NM', type=finite, default=0.0,
                        help='standard deviation of the torque noise, N·m (default: 0)')
     group.add_argument('--relative-noise', metavar='FRACTION', type=finite, default=0.0,
@@ -93,7 +98,7 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
 def run(args: argparse.Namespace) -> int:
     arm = _arm(args)
     motion = _motion(args, arm)
-    samples = synthesise(arm, motion, _synthesis(args))
+    samples = synthesise(arm, motion, _synthesis(args, arm))
     write_bag(args.output, [joint_states(samples, args.topic)])
     notes = _limits_passed(arm, samples)
     if args.json:
@@ -144,7 +149,9 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     return make(duration, rate, args.start)
 
 
-def _synthesis(args: argparse.Namespace) -> SynthesisOptions:
+def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
+    if args.hidden and args.static:
+        raise OptionError('--hidden shows on a moving arm; leave --static away')
     payload = None
     if args.payload is not None:
         com = tuple(args.payload_com or (0.0, 0.0, 0.1))
@@ -153,7 +160,8 @@ def _synthesis(args: argparse.Namespace) -> SynthesisOptions:
         raise OptionError('--payload-com needs --payload')
     noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
     at = None if args.payload_at is None else args.start + args.payload_at
-    return SynthesisOptions(noise, args.seed, args.static, payload, at)
+    disturbances = tuple(hidden(text, arm) for text in args.hidden)
+    return SynthesisOptions(noise, args.seed, args.static, payload, at, disturbances)
 
 
 def _limits_passed(arm: arms.Arm, samples: JointSamples) -> list[str]:
@@ -169,4 +177,5 @@ def _facts(args: argparse.Namespace, samples: JointSamples, notes: list[str]) ->
     return {'output': str(args.output), 'joints': list(samples.names),
             'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
             'motion': args.motion, 'seed': args.seed, 'payload_kg': args.payload,
+            'hidden': args.hidden,
             'notes': notes}
