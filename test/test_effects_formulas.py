@@ -1,0 +1,124 @@
+"""Columns of effects against the formulas that their pages print, in numbers made by hand."""
+
+from effect_motions import clean_motion, exact_model
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion_facts import reversals
+from gravity_comp_ros.effects.registry import find_effect
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+import pytest
+
+WIDTH = 0.01
+# Two joints, two runs of three samples, 1 s apart; the second run begins at 100 s.
+T = np.array([0.0, 1.0, 2.0, 100.0, 101.0, 102.0])
+Q = np.array([[0.0, 0.5], [0.2, 0.4], [0.1, 0.3], [-0.1, 0.3], [-0.4, 0.0], [0.6, -0.2]])
+QD = np.array([[0.02, 0.0], [0.0, -0.03], [-0.1, 0.1], [0.005, 0.2], [-0.02, -0.2], [0.3, 0.1]])
+QDD = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0], [9.0, 10.0], [11.0, 12.0]])
+G = np.array([[1.0, -2.0], [-3.0, 2.0], [5.0, 0.5], [0.0, -1.0], [-4.0, 3.0], [2.0, 2.0]])
+D = np.tanh(QD / WIDTH)
+AGE = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0])
+
+
+@pytest.fixture
+def motion():
+    samples = JointSamples(('a', 'b'), T, Q, QD, 10 * G, np.array([0, 0, 0, 1, 1, 1]),
+                           ('one', 'two'))
+    gradient = np.arange(24.0).reshape(6, 2, 2)
+    return Motion(samples, QDD, G, gradient, np.full(2, WIDTH))
+
+
+@pytest.mark.parametrize('name, setting, column', [
+    ('coulomb_friction', {}, D[:, 0]),
+    ('viscous_friction', {}, QD[:, 0]),
+    ('stribeck_friction', {'speed': 0.05}, D[:, 0] * np.exp(-(QD[:, 0] / 0.05) ** 2)),
+    ('asymmetric_friction', {}, np.abs(D[:, 0])),
+    ('load_dependent_friction', {}, np.array([1, 3, 5, 0, 4, 2]) * D[:, 0]),
+    ('friction_drift', {'time': 2.0}, D[:, 0] * np.exp(-AGE / 2)),
+    ('coupled_friction', {'partner': 2.0, 'sign': -1.0, 'width': 0.02, 'hold': 0.0},
+     np.tanh((QD[:, 0] - QD[:, 1]) / 0.02)),
+    ('torque_offset', {}, np.ones(6)),
+    ('torque_gain', {}, G[:, 0]),
+    ('torque_drift', {'centre': 0.5}, AGE - 0.5),
+    ('joint_spring', {'centre': 0.1}, Q[:, 0] - 0.1),
+    ('cable_stiffness', {'start': 0.0, 'side': 1.0, 'half': 9.0}, [0, 0.2, 0.1, 0, 0, 0.6]),
+    ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 9.0}, [0, 0, 0, -0.1, -0.4, 0]),
+    ('cable_stiffness', {'start': 0.1, 'side': 0.0, 'half': 0.5},
+     [-0.004, 0.004, 0, -0.032, -0.5, 0.5]),
+    ('end_stop', {'start': -0.2, 'side': -1.0}, [0, 0, 0, 0, -0.2, 0]),
+    ('inertia', {}, QDD[:, 0]),
+    # The gradient of joint a is (0, 1), (4, 5), (8, 9) ... at one sample after the other.
+    ('time_delay', {}, -(np.arange(0, 24, 4) * QD[:, 0] + np.arange(1, 24, 4) * QD[:, 1])),
+])
+def test_column_by_hand(motion, name, setting, column):
+    found = find_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(found, np.array(column, dtype=float)[:, None], atol=1e-12)
+
+
+@pytest.mark.parametrize('name, setting, columns', [
+    ('torque_ripple', {'k': 3.0}, [np.sin(3 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
+    ('coriolis', {}, [QD[:, 0] * QD[:, 1], QD[:, 1] ** 2]),
+])
+def test_columns_by_hand(motion, name, setting, columns):
+    found = find_effect(name).columns(motion, 0, setting)
+    np.testing.assert_allclose(found, np.column_stack(columns), atol=1e-12)
+
+
+def test_columns_of_the_whole_arm_by_hand(motion):
+    rows = np.arange(0.0, 24.0, 4.0)
+    # d tau / d q_b stands in the second column of each sample's gradient.
+    turned = np.column_stack([rows + 1, rows + 3])
+    offset = find_effect('encoder_offset').columns(motion, 1, {})
+    np.testing.assert_allclose(offset[:, :, 0], turned)
+    sag = find_effect('joint_flexibility').columns(motion, 1, {})
+    np.testing.assert_allclose(sag[:, :, 0], -turned * G[:, [1]])
+
+
+def test_presliding_column_by_hand(motion):
+    found = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    z = [0.0, 1 - np.exp(-2)]
+    z += [-1 + (z[1] + 1) * np.exp(-1)]
+    z += [0.0, -1 + np.exp(-3)]
+    z += [1 + (z[4] - 1) * np.exp(-10)]
+    np.testing.assert_allclose(found[:, 0], np.array(z) - D[:, 0], atol=1e-12)
+
+
+def test_a_direction_that_holds_on_turns_with_the_way(motion):
+    holding = Motion(motion.samples, QDD, G, motion.gradient, motion.sign_width,
+                     hold=np.array([0.1, 0.0]))
+    expected = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    np.testing.assert_allclose(holding.direction(0), expected[:, 0] + D[:, 0], atol=1e-12)
+    np.testing.assert_allclose(holding.direction(1), D[:, 1])
+
+
+def test_a_payload_stays_for_the_runs_that_follow():
+    motion, effect = clean_motion('six_axis'), find_effect('payload_change')
+    runs, time = motion.samples.runs, motion.samples.t
+    made = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
+    assert not made[runs == 0].any() and made[runs == 2].all()
+    np.testing.assert_array_equal(made[runs == 1], time[runs == 1] >= 30.0)
+
+
+def test_change_points_are_where_a_load_could_have_been_taken_up():
+    motion = clean_motion('six_axis')
+    points = find_effect('payload_change').settings(motion, 0)
+    assert {'run': 2.0, 'time': 0.0} in points and {'run': 3.0, 'time': 0.0} in points
+    assert {'run': 1.0, 'time': 0.0} not in points
+    assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
+
+
+def test_a_reversal_is_one_within_a_run(motion):
+    qd = np.array([0.1, 0.1, -0.1, 0.1, 0.1, -0.1])[:, None]
+    samples = JointSamples(('a',), T, qd, qd, qd, np.array([0, 0, 0, 1, 1, 1]), ('one', 'two'))
+    once = Motion(samples, qd, qd, qd[:, :, None], np.array([WIDTH]))
+    assert reversals(once, 0) == 2
+
+
+@pytest.mark.parametrize('travel, lowest', [(6.0, 2), (1.0, 7), (0.3, 21)])
+def test_the_longest_ripple_fits_into_the_travel(travel, lowest):
+    t = np.arange(0.0, 60.0, 0.05)
+    q = 0.5 * travel * np.sin(0.2 * t)[:, None]
+    samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
+    gravity = exact_model('pendulum').predict(q)
+    motion = Motion(samples, q, gravity, gravity[:, :, None], np.array([WIDTH]))
+    found = [s['k'] for s in find_effect('torque_ripple').settings(motion, 0)]
+    assert found[0] == lowest and found[-1] <= 320
