@@ -17,7 +17,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
-VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'replay')
+VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'replay')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -27,6 +27,9 @@ the loop:
   gravity_comp info run1.mcap                       what is in the recording, what is not
   gravity_comp fit run1.mcap -o arm.json            learn the gravity model
   gravity_comp compare run2.mcap --model arm.json   how wrong it is, joint by joint
+  gravity_comp diagnose run2.mcap --model arm.json  which physical effect the model is missing
+  gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
+                                                    put it in, and see the error fall
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
 
@@ -131,7 +134,8 @@ def _run_verb(verb: str, argv: list[str]) -> int:
     module = _module(verb)
     parser = Parser(prog=f'{PROGRAM} {verb}', description=module.HELP, epilog=module.EPILOG)
     module.add_arguments(parser)
-    return int(module.run(parser.parse_args(argv)) or 0)
+    # Options may stand between a verb's arguments.
+    return int(module.run(parser.parse_intermixed_args(argv)) or 0)
 
 
 def _module(verb: str) -> ModuleType:

@@ -49,11 +49,16 @@ class Block:
 
 @dataclass(frozen=True)
 class Split:
-    """Samples to fit, samples to judge, and the `blocks` of time that the latter lie in."""
+    """
+    Samples to fit, samples to judge, and the `blocks` of time that the latter lie in.
+
+    `guarded` are the same blocks with their margins, in which nothing is fitted.
+    """
 
     fitted: JointSamples
     held_out: JointSamples
     blocks: tuple[Block, ...]
+    guarded: tuple[Block, ...]
 
 
 def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> Split:
@@ -66,12 +71,12 @@ def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> 
         raise DataError('there are no samples to hold out')
     blocks = _whole_runs(samples, options) if samples.n_runs > 1 else _parts(samples, options)
     held_out = within(samples, blocks)
-    guarded = within(samples, [Block(b.run, b.start - options.guard, b.end + options.guard)
-                               for b in blocks])
+    margins = tuple(Block(b.run, b.start - options.guard, b.end + options.guard) for b in blocks)
+    guarded = within(samples, margins)
     if not held_out.any() or guarded.all():
         raise DataError(f'{samples.n_samples} samples are too few to hold {options.fraction:.0%} '
                         'out and fit the rest')
-    return Split(samples.select(~guarded), samples.select(held_out), blocks)
+    return Split(samples.select(~guarded), samples.select(held_out), blocks, margins)
 
 
 def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:

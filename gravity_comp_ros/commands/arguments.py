@@ -25,13 +25,15 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
         help='an MCAP file, a rosbag2 folder or a bare .db3 file; several bags are several runs')
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Add --topic, --joints and --effort-scale; see `read_options`."""
+def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
+    """Add --topic, --effort-scale and, unless a model says it, --joints; see `read_options`."""
+    parser.set_defaults(joints=None)
     group = parser.add_argument_group('reading')
     group.add_argument('--topic', metavar='TOPIC',
                        help='topic of the joint states (default: the only one in the bag)')
-    group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
-                       help='use these joints, in this order (default: all, as recorded)')
+    if joints:
+        group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
+                           help='use these joints, in this order (default: all, as recorded)')
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
     samples, fitted = _unseen(args, model, loaded)
-    comparison = compare(model, samples)
+    comparison = compare(model, samples, loaded.samples)
     joints = {name: comparison.joints[name] for name in chosen}
     if args.json != '-':
         for line in loaded.lines():
@@ -96,8 +96,7 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
                           '--holdout')
     fresh = [Block(run, -float('inf'), float('inf')) for run in range(len(loaded.reports))
              if run not in seen]
-    held_out = [Block(run, block['start'], block['end']) for run in seen for block in blocks
-                if block['sha256'] == loaded.reports[run].sha256]
+    held_out = reading.held_out_blocks(model, loaded.reports)
     kept = samples.select(within(samples, [*fresh, *held_out]))
     if kept.n_samples == 0:
         raise DataError('the model was fitted to all of these bags: nothing of them was held out')

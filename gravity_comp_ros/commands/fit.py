@@ -11,12 +11,17 @@ import re
 import time
 from typing import Any
 
-from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.diagnosis.compare import compare, Comparison
+from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.diagnosis.refit_result import Refit
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import ModelFileError, OptionError
+from gravity_comp_ros.gravity.applied import with_step
 from gravity_comp_ros.gravity.fit import CHOICES, fit, FitOptions, FitResult
-from gravity_comp_ros.holdout import HoldoutOptions, Split, split
+from gravity_comp_ros.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.samples import JointSamples
 from rich.table import Table
 
 VERB = 'fit'
@@ -26,6 +31,7 @@ examples:
   gravity_comp fit run1.mcap run2.mcap -o arm.json
   gravity_comp fit run1.mcap --holdout -o arm.json      judge on data that is not fitted
   gravity_comp fit run1.db3 --joints a1,a2,a3 --effort-scale a1=-1,a2=-1,a3=-1 -o arm.json
+  gravity_comp fit run1.mcap --effects coulomb_friction,torque_offset:wrist -o arm.json
   gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
 
 Only slow samples are used: in fast motion the torque is more than gravity. With --holdout the
@@ -49,6 +55,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         '(0.2 if no number is given)')
     parser.add_argument('--terms', metavar='N', type=int, default=8,
                         help='terms of each equation to show (default: %(default)s)')
+    parser.add_argument('--effects', metavar='A,B:JOINT,...', default=None,
+                        help='learn these effects together with gravity; without a joint, on '
+                        'every joint that can show them (docs/effects.md has them all)')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
@@ -62,23 +71,46 @@ def run(args: argparse.Namespace) -> int:
         parts = _split(args, loaded)
         fitted = parts.fitted if parts else loaded.gated.samples
         started = time.perf_counter()
-        result = fit(fitted, FitOptions(formulation=args.formulation), report)
+        result, joint = _fit(args, loaded, fitted, parts, report)
         seconds = time.perf_counter() - started
-    judged = compare(result.model, parts.held_out) if parts else None
+    judged = compare(result.model, parts.held_out, loaded.samples) if parts else None
     provenance = {**result.model.provenance, **loaded.to_json(),
                   'holdout': _holdout_json(args, loaded, parts)}
     model = replace(result.model, provenance=provenance)
     document = {
         'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
         'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': provenance['holdout'], **loaded.to_json()}
+        'holdout': provenance['holdout'], **loaded.to_json(),
+        **(refitting.to_json(joint) if joint else {})}
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
         _show(args, loaded, parts, result, judged, seconds)
+        if joint:
+            terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
+                          *refitting.effect_lines(joint))
+    for line in refitting.warnings(joint) if joint else []:
+        terminal.warn(line)
     if args.json:
         terminal.emit_json(document, args.json)
     return 0
+
+
+def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
+         parts: Split | None, report: terminal.ProgressCallback
+         ) -> tuple[FitResult, Refit | None]:
+    """Return the fit; with --effects its model has them, and the refit that judged them."""
+    options = FitOptions(formulation=args.formulation)
+    if args.effects is None:
+        return fit(fitted, options, report), None
+    samples = loaded.samples
+    wanted = requests(args.effects.split(','), samples.names)
+    use = ~within(samples, parts.guarded) if parts else None
+    both = fit_with_effects(samples, fitted, wanted, options, refitting.speeds(args), use, report)
+    model = with_step(both.joint.model, both.gravity, both.joint.added, refitting.now(),
+                      *both.joint.by_joint())
+    found = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
+    return FitResult(model, found, both.fit.converged), both.joint
 
 
 def _check_output(args: argparse.Namespace) -> None:

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.bag import read_bag, ReadReport
 from gravity_comp_ros.commands.arguments import Gated, gated, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
-from gravity_comp_ros.samples import concatenate
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.holdout import Block
+from gravity_comp_ros.samples import concatenate, JointSamples
 
 
 @dataclass(frozen=True)
 class Loaded:
-    """What was read from each bag, and the samples of all that passed the gate."""
+    """What was read from each bag, all samples, and those of all that passed the gate."""
 
     reports: tuple[ReadReport, ...]
     gated: Gated
+    samples: JointSamples
 
     def to_json(self) -> dict[str, Any]:
         return {'bags': [bag_json(report) for report in self.reports],
@@ -25,16 +29,7 @@ class Loaded:
 
     def lines(self) -> list[str]:
         """Return plain lines for a person; they may hold text from the bags."""
-        found = []
-        for report in self.reports:
-            found.append(
-                f'{report.path.name}: {report.topic}, {report.n_samples} samples at '
-                f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
-                f'velocity {report.velocity}')
-            found += [f'  dropped {count} of {report.n_messages} messages: {reason}'
-                      for reason, count in report.dropped.items() if count]
-            found += [f'  {note}' for note in report.notes]
-        return [*found, self.gated.sentence()]
+        return [*bag_lines(self.reports), self.gated.sentence()]
 
 
 def load(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
@@ -45,13 +40,46 @@ def load(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
     :raises ModelMismatchError: if two bags are of different robots.
     :raises DataError: if nothing passes the gate.
     """
+    reports, samples = read_all(args, report)
+    return Loaded(reports, gated(args, samples), samples)
+
+
+def read_all(args: argparse.Namespace, report: ProgressCallback
+             ) -> tuple[tuple[ReadReport, ...], JointSamples]:
+    """
+    Return a report on each of `args.bags`, and all their samples, fast ones too.
+
+    :raises BagError: if a bag cannot be read.
+    :raises ModelMismatchError: if two bags are of different robots.
+    """
     options = read_options(args)
     recordings = []
     for number, path in enumerate(args.bags):
         report(f'read {path.name}', number / len(args.bags))
         recordings.append(read_bag(path, options))
     samples = concatenate(recording.samples for recording in recordings)
-    return Loaded(tuple(recording.report for recording in recordings), gated(args, samples))
+    return tuple(recording.report for recording in recordings), samples
+
+
+def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
+    """Return plain lines on what was read; they may hold text from the bags."""
+    found = []
+    for report in reports:
+        found.append(
+            f'{report.path.name}: {report.topic}, {report.n_samples} samples at '
+            f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
+            f'velocity {report.velocity}')
+        found += [f'  dropped {count} of {report.n_messages} messages: {reason}'
+                  for reason, count in report.dropped.items() if count]
+        found += [f'  {note}' for note in report.notes]
+    return found
+
+
+def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport]) -> list[Block]:
+    """Return the stretches of these bags that `fit --holdout` kept out of the model."""
+    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
+    return [Block(run, block['start'], block['end']) for run, report in enumerate(reports)
+            for block in blocks if block['sha256'] == report.sha256]
 
 
 def bag_json(report: ReadReport) -> dict[str, Any]:

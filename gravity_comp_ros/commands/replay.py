@@ -11,6 +11,7 @@ from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, Writ
 from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
 from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.modelfile import load_model
@@ -22,7 +23,7 @@ HELP = 'write measured, predicted and residual torque to an MCAP file for PlotJu
 EPILOG = """\
 topics of the output, all sensor_msgs/JointState:
   /joint_states              as measured, in N·m
-  /gravity_comp/prediction   effort = what the model says gravity asks for
+  /gravity_comp/prediction   effort = what the model says: gravity, and the effects it has
   /gravity_comp/residual     effort = measured minus predicted
 
 examples:
@@ -50,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     # A gripper in the bag is no concern of a model of the arm.
     recording = read_bag(args.bag, replace(options, joints=options.joints or model.joints))
     samples = recording.samples.joints(model.joints)
-    predicted = model.predict(samples.q)
+    predicted = predict_torque(model, samples)
     residual = samples.tau - predicted
     topics = [joint_states(samples),
               JointTopic(PREDICTION, samples.names, samples.t, samples.q, effort=predicted),

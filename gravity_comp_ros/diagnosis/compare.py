@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.diagnosis.where import find_places, Place
+from gravity_comp_ros.effects.predict import predict_torque, rows_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
@@ -51,15 +52,25 @@ class Comparison:
                 'worst_joint': self.worst, 'share_outside_trained_range': self.share_outside}
 
 
-def compare(model: GravityModel, samples: JointSamples) -> Comparison:
+def compare(model: GravityModel, samples: JointSamples,
+            recorded: JointSamples | None = None) -> Comparison:
     """
-    Compare `model` with measured torques; joints are matched by name.
+    Compare `model`, with the effects that it has, with measured torques.
 
-    :raises ModelMismatchError: if the samples lack a joint of the model.
+    Joints are matched by name.
+
+    :param recorded: what `samples` were selected from; the model's effects may need what lies
+        between (acceleration, friction that builds up).
+    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
+        effect that is not installed here.
     :raises DataError: if there are no samples.
     """
     samples = samples.joints(model.joints)
-    return compare_prediction(samples, model.predict(samples.q),
+    if recorded is None or not model.applied.effects:
+        predicted = predict_torque(model, samples)
+    else:
+        predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
+    return compare_prediction(samples, predicted,
                               model.coverage.distance(samples.q).max(axis=1) > 0.0)
 
 

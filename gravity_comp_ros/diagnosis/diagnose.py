@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.diagnosis import structure
 from gravity_comp_ros.diagnosis.base import choose_base
@@ -14,6 +14,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
 from gravity_comp_ros.diagnosis.verdict import Judge
 from gravity_comp_ros.effects.effect import Effect, Motion
+from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import FloatArray, JointSamples
@@ -39,13 +40,16 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     Rank the effects that would explain what the gravity model leaves.
 
     :param samples: one or several runs, fast motion included: inertia is an effect too.
-    :param model: the gravity model to judge beside; None fits one.
+    :param model: the gravity model to judge beside, with the effects that it has; None fits
+        one.
     :raises DataError: if there are too few samples.
     :raises ModelMismatchError: if the samples lack a joint of the model.
     """
     tell = progress or (lambda word, share: None)
     if model is not None:
         samples = samples.joints(model.joints)
+        # What the model has already is not missing.
+        samples = replace(samples, tau=samples.tau - effect_torque(model, samples))
     samples = samples.select(
         np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
     tell('gravity model', 0.0)

@@ -43,11 +43,14 @@ _TILT = 'base_tilt'
 @dataclass(frozen=True)
 class RefitOptions:
     """
-    Which samples are fitted: those below `slow` rad/s, unless they are few or the effects need
-    fast motion; None fits all.
+    Which samples are fitted: those below `slow` rad/s, None for all.
+
+    Unless `force` is set, all are fitted as well if slow ones are few, or if the effects need
+    fast motion.
     """
 
     slow: float | None = 0.15
+    force: bool = False
 
 
 def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
@@ -152,9 +155,10 @@ def _workplace(motion: Motion, model: GravityModel, kept: tuple[AppliedEffect, .
     samples = motion.samples
     allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
     rows, all_speeds = np.flatnonzero(allowed), True
-    if options.slow is not None and not any(t.effect.family in _FAST for t in terms):
+    needs_fast = any(t.effect.family in _FAST for t in terms)
+    if options.slow is not None and (options.force or not needs_fast):
         slow = allowed & (np.abs(samples.qd) <= options.slow).all(axis=1)
-        if slow.sum() >= _ENOUGH_SLOW * max(len(rows), 1):
+        if options.force or slow.sum() >= _ENOUGH_SLOW * max(len(rows), 1):
             all_speeds, rows = bool(slow.sum() == len(rows)), np.flatnonzero(slow)
     rows = rows[::-(-max(len(rows), 1) // _MOST_ROWS)]
     fixed = np.zeros_like(samples.q)

@@ -61,6 +61,11 @@ class Refit:
     implausible: Mapping[str, str]
     kept: tuple[str, ...]
 
+    def by_joint(self) -> tuple[dict[str, float], dict[str, float]]:
+        """Return held-out RMSE in N·m by joint, before and after."""
+        return ({name: e.before for name, e in self.errors.items()},
+                {name: e.after for name, e in self.errors.items()})
+
     @property
     def helps(self) -> bool:
         """Return whether the held-out error falls by more than chance would have it."""

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.gravity.applied import target
 from gravity_comp_ros.printable import printable
+
+_ALIKE = 0.6
 
 
 @dataclass(frozen=True)
@@ -47,13 +49,22 @@ def requests(texts: Iterable[str], joints: tuple[str, ...]) -> list[Request]:
     return found
 
 
-def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
-    name, colon, joint = text.partition(':')
+def known_effect(name: str) -> Effect:
+    """
+    Return the effect of that name.
+
+    :raises OptionError: if there is none; the message says what was probably meant.
+    """
     known = all_effects()
     if name not in known:
         raise OptionError(f'no effect {printable(name)!r}{_meant(name, known)}; known are '
                           f'{", ".join(known)}')
-    effect = known[name]
+    return known[name]
+
+
+def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
+    name, colon, joint = text.partition(':')
+    effect = known_effect(name)
     whole_arm = effect.scope == 'arm' and not effect.per_joint
     if whole_arm and colon:
         raise OptionError(f'{name} is about the whole arm: give it without a joint')
@@ -68,5 +79,12 @@ def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
 
 
 def _meant(word: str, known: Iterable[str]) -> str:
-    close = get_close_matches(word, list(known), n=1, cutoff=0.5)
-    return f' (did you mean {close[0]}?)' if close else ''
+    def likeness(name: str) -> float:
+        # What was typed may be only the beginning of a name.
+        return max(SequenceMatcher(None, word, part).ratio()
+                   for part in (name, name[:len(word) + 1]))
+
+    closest = max(known, key=likeness, default=None)
+    if closest is None or likeness(closest) < _ALIKE:
+        return ''
+    return f' (did you mean {closest}?)'

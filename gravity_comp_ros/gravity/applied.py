@@ -127,6 +127,16 @@ class Applied:
         return any((e.name, e.joint) == (name, joint) for e in self.effects)
 
 
+def with_step(model: GravityModel, previous: GravityModel, effects: tuple[str, ...], when: str,
+              before: Mapping[str, float], after: Mapping[str, float]) -> GravityModel:
+    """Return a model with the step that led to it from the `previous` one in its history."""
+    # Each step holds one model, not the histories of those before it over again.
+    bare = replace(previous, applied=replace(previous.applied, history=()))
+    step = Step(ADDED, effects, when, before, after, bare)
+    history = (*previous.applied.history, step)
+    return replace(model, applied=replace(model.applied, history=history))
+
+
 def undone(model: GravityModel, when: str) -> GravityModel:
     """
     Return the model as it was before the last addition; the history tells of both steps.

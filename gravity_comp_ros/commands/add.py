@@ -1,0 +1,144 @@
+"""`gravity_comp add`: put effects into a model, see the held-out error fall, or take them back."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import os
+from pathlib import Path
+from typing import Any
+
+from gravity_comp_ros.bag import ReadReport
+from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.diagnosis.refit import refit
+from gravity_comp_ros.diagnosis.refit_result import Refit
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.gravity.applied import undone, with_step
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.holdout import within
+from gravity_comp_ros.modelfile import load_model, save_model
+
+VERB = 'add'
+HELP = 'add effects to a model, refit it as a whole, and see the held-out error fall'
+EPILOG = """\
+examples:
+  gravity_comp add coulomb_friction:elbow --model arm.json run1.mcap run2.mcap
+  gravity_comp add coulomb_friction,viscous_friction --model arm.json run1.mcap
+                                       on every joint that can show them
+  gravity_comp add torque_offset:wrist --model arm.json run1.mcap --dry-run
+  gravity_comp add --undo --model arm.json
+
+Gravity and effects are fitted together to the whole recordings. Slow samples count, unless they
+are few or the effect shows in fast motion only (inertia, Coriolis, delay); --all-samples and
+--max-speed say otherwise. Errors are of data that was not fitted: whole runs, or blocks of time.
+docs/effects.md describes every effect.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `add`."""
+    parser.add_argument('effects', metavar='EFFECT[:JOINT]', nargs='?',
+                        help='what to add, several with commas; without a joint, on every joint '
+                        'that can show it')
+    arguments.add_bags(parser, nargs='*')
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
+                        help='the model to change')
+    parser.add_argument('--undo', action='store_true',
+                        help='take back what was added last; needs no bag')
+    parser.add_argument('--dry-run', action='store_true', help='show, but write nothing')
+    speeds = parser.add_argument_group('samples that are fitted')
+    speeds.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive,
+                        help='only where every joint is slower (default: 0.15, see below)')
+    speeds.add_argument('--all-samples', action='store_true', help='fast ones too')
+    arguments.add_reading(parser, joints=False)
+    arguments.add_json(parser)
+    parser.set_defaults(parser=parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Change the model, show what it brought, and write it."""
+    _check_usage(args)
+    model = load_model(args.model)
+    if not args.dry_run:
+        _check_writable(args.model)
+    return _undo(args, model) if args.undo else _add(args, model)
+
+
+def _check_usage(args: argparse.Namespace) -> None:
+    if args.undo and args.effects is not None:
+        args.parser.error('--undo takes back the last addition; it needs no effect and no bag')
+    if not args.undo and not (args.effects and args.bags):
+        args.parser.error('name an effect and at least one bag, or give --undo')
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse before a long fit what could not be written after it."""
+    target = path.resolve()
+    # Replacing a file needs no right to write it, so a read-only model must be asked for.
+    if not target.stat().st_mode & 0o222 or not os.access(target, os.W_OK):
+        raise ModelFileError(f'cannot write {path}: it is read-only')
+    if not os.access(target.parent, os.W_OK):
+        raise ModelFileError(f'cannot write {path}: its folder is read-only')
+
+
+def _undo(args: argparse.Namespace, model: GravityModel) -> int:
+    try:
+        back = undone(model, refitting.now())
+    except DataError as problem:
+        raise OptionError(f'{args.model}: {problem}') from problem
+    step = back.applied.history[-1]
+    if not args.dry_run:
+        save_model(args.model, back)
+    left = [effect.target for effect in back.applied.effects]
+    if args.json != '-':
+        done = 'would be taken back from' if args.dry_run else 'taken back from'
+        terminal.show(terminal.safe(f'{", ".join(step.effects)} {done} {args.model}; the model '
+                                    f'is as it was before, with {", ".join(left) or "no effect"}'))
+    if args.json:
+        terminal.emit_json({'model': str(args.model), 'removed': list(step.effects),
+                            'effects': left, 'written': not args.dry_run}, args.json)
+    return 0
+
+
+def _add(args: argparse.Namespace, model: GravityModel) -> int:
+    wanted = requests(args.effects.split(','), model.joints)
+    args.joints = model.joints
+    with terminal.progress() as report:
+        reports, samples = reading.read_all(args, report)
+        # What was held out of the model stays so.
+        use = ~within(samples, reading.held_out_blocks(model, reports))
+        result = refit(samples, model, wanted, refitting.speeds(args), use, report)
+    changed = with_step(result.model, model, result.added, refitting.now(), *result.by_joint())
+    changed = replace(changed, provenance=_provenance(model, reports))
+    if not args.dry_run:
+        save_model(args.model, changed)
+    if args.json != '-':
+        _show(args, result, reports)
+    for line in refitting.warnings(result):
+        terminal.warn(line)
+    if args.json:
+        terminal.emit_json(
+            {'model': str(args.model), 'written': not args.dry_run,
+             **refitting.to_json(result),
+             'bags': [reading.bag_json(r) for r in reports]}, args.json)
+    return 0
+
+
+def _provenance(model: GravityModel, reports: tuple[ReadReport, ...]) -> dict[str, Any]:
+    """Return the model's provenance with the bags that it is now fitted to."""
+    known = list(model.provenance.get('bags', ()))
+    seen = {bag['sha256'] for bag in known}
+    new = [reading.bag_json(report) for report in reports if report.sha256 not in seen]
+    return {**model.provenance, 'bags': [*known, *new]}
+
+
+def _show(args: argparse.Namespace, result: Refit,
+          reports: tuple[ReadReport, ...]) -> None:
+    for line in reading.bag_lines(reports):
+        terminal.show(terminal.safe(line))
+    terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
+                  *refitting.effect_lines(result))
+    done = 'nothing written (--dry-run)' if args.dry_run else f'written to {args.model}; ' \
+        f'`gravity_comp add --undo --model {args.model}` takes it back'
+    terminal.show('', terminal.safe(done))

@@ -1,0 +1,80 @@
+"""What a recording can tell and what it cannot, before anything is concluded from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
+from gravity_comp_ros.diagnosis.recording import describe, RecordingFacts
+from gravity_comp_ros.effects.direction import least_widths
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+from rich.table import Table
+
+_COLUMNS = ('joint', 'range °', 'max rad/s', 'turns', 'at rest', 'noise N·m', 'independent')
+
+
+@dataclass(frozen=True)
+class DataCheck:
+    """
+    Facts on the recording, joint by joint.
+
+    `rest` is the share of time that a joint stands; the reports hold the noise floor, how many
+    samples are independent, and which effects this recording does not show.
+    """
+
+    facts: RecordingFacts
+    rest: Mapping[str, float]
+    reports: Mapping[str, JointReport]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Return remarks in words."""
+        return self.facts.remarks
+
+    def table(self) -> Table:
+        """Return the facts as a table."""
+        rows = []
+        for name, report in self.reports.items():
+            joint = self.facts.joints[name]
+            low, high = np.degrees([joint.q_min, joint.q_max])
+            rows.append((name, f'{low:.0f} … {high:.0f}', f'{joint.max_speed:.3f}',
+                         '–' if joint.reversals is None else str(joint.reversals),
+                         f'{100 * self.rest[name]:.0f} %', f'{report.noise_floor:.3g}',
+                         f'{report.n_effective:.0f}'))
+        return terminal.table(
+            f'the recording: {self.facts.n_samples} samples; neighbours are alike, so fewer are '
+            f'independent', _COLUMNS, rows)
+
+    def unseen(self) -> list[str]:
+        """Return a line for each effect that some joints do not show, with the reason."""
+        grouped: dict[str, list[tuple[str, str]]] = {}
+        for name, report in self.reports.items():
+            for effect, reason in report.untestable.items():
+                grouped.setdefault(effect, []).append((name, reason))
+        lines = []
+        for effect, entries in grouped.items():
+            names = [name for name, _ in entries]
+            joints = 'every joint' if len(names) == len(self.reports) else ', '.join(names)
+            lines.append(f'{effect} on {joints}: {entries[0][1]}')
+        return lines
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what is not in the diagnosis already."""
+        return {
+            'joints': {name: {'q_min': joint.q_min, 'q_max': joint.q_max,
+                              'max_speed': joint.max_speed, 'rms_speed': joint.rms_speed,
+                              'reversals': joint.reversals, 'rest': self.rest[name]}
+                       for name, joint in self.facts.joints.items()},
+            'n_samples': self.facts.n_samples, 'remarks': list(self.facts.remarks)}
+
+
+def check(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
+    """Return the facts on the samples that a diagnosis was made from."""
+    samples = samples.joints(tuple(diagnosis.joints))
+    still = np.abs(samples.qd) < 0.5 * least_widths(samples)
+    return DataCheck(describe(samples), dict(zip(samples.names, still.mean(axis=0).tolist())),
+                     diagnosis.joints)

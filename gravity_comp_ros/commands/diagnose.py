@@ -1,0 +1,158 @@
+"""`gravity_comp diagnose`: which physical effect a gravity model is missing."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+import shlex
+import time
+
+from gravity_comp_ros.commands import arguments, data_check, reading, terminal
+from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.effects.registry import broken_plug_ins
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.modelfile import load_model
+from rich.table import Table
+
+VERB = 'diagnose'
+HELP = 'name the physical effect that a gravity model is missing, with its size'
+EPILOG = """\
+examples:
+  gravity_comp diagnose run1.mcap run2.mcap --model arm.json
+  gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
+  gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
+
+verdicts:
+  established   it explains held-out data, in nearly every run, and nothing else does
+  likely        the same, less surely
+  ambiguous     another effect explains as much: both are named, and the motion that settles it
+  weak          perhaps there, too small to be sure
+  untestable    this motion cannot tell it from another effect
+  unexplained   something repeats there that no known effect describes
+
+All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
+was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).
+"""
+
+_FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'error before', 'after',
+             'or rather')
+_MOST_SHOWN = 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `diagnose`."""
+    arguments.add_bags(parser)
+    parser.add_argument('--model', metavar='MODEL.json', type=Path,
+                        help='the model to judge, as `fit` writes it (default: one is fitted)')
+    parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list, default=None,
+                        help='look for these effects only (default: all that are known)')
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, diagnose and show."""
+    for name in args.effects or ():
+        known_effect(name)
+    model = _model(args)
+    started = time.perf_counter()
+    with terminal.progress() as report:
+        reports, samples = reading.read_all(args, report)
+        diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
+    seconds = time.perf_counter() - started
+    findings = tuple(replace(f, next_step=_spelled_out(f.next_step, args))
+                     for f in diagnosis.findings)
+    diagnosis = replace(diagnosis, findings=findings)
+    for line in broken_plug_ins():
+        terminal.warn(line)
+    check = data_check.check(samples, diagnosis)
+    if args.json != '-':
+        terminal.show(f'[bold]{terminal.safe(words.verdict(diagnosis))}[/bold]', '')
+        for line in reading.bag_lines(reports):
+            terminal.show(terminal.safe(line))
+        _show(args, diagnosis, check, model)
+        terminal.show(f'diagnosed in {seconds:.1f} s')
+    if args.json:
+        terminal.emit_json(
+            {**diagnosis.to_json(), 'verdict': words.verdict(diagnosis),
+             'model': args.model.name if args.model else None,
+             'data': check.to_json(), 'bags': [reading.bag_json(r) for r in reports],
+             'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
+    return 0
+
+
+def _model(args: argparse.Namespace) -> GravityModel | None:
+    if args.model is None:
+        return None
+    model = load_model(args.model)
+    if args.joints is not None and set(args.joints) != set(model.joints):
+        raise OptionError('--joints: the model says which joints there are '
+                          f'({", ".join(model.joints)}); leave it out')
+    # A gripper in the bag is no concern of a model of the arm.
+    args.joints = model.joints
+    return model
+
+
+def _spelled_out(step: str, args: argparse.Namespace) -> str:
+    """Return a next step with the file names of this call."""
+    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+    model = shlex.quote(str(args.model)) if args.model else 'MODEL.json'
+    return step.replace('MODEL.json', model).replace('BAG...', bags)
+
+
+def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.DataCheck,
+          model: GravityModel | None) -> None:
+    if model is not None and model.applied.effects:
+        known = ', '.join(effect.target for effect in model.applied.effects)
+        terminal.show(terminal.safe(f'the model has {known} already'))
+    terminal.show('', check.table())
+    if diagnosis.findings:
+        terminal.show(_table(diagnosis))
+    for line in _next_steps(args, diagnosis):
+        terminal.show(line)
+    for line in check.remarks:
+        terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
+    unseen = check.unseen()
+    if unseen:
+        terminal.show('', '[bold]cannot be judged from this recording[/bold]')
+        for line in unseen:
+            terminal.show(f'  {terminal.safe(line)}')
+    terminal.show('')
+
+
+def _table(diagnosis: Diagnosis) -> Table:
+    rows = [(f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
+             words.percent(f.nrmse_before), words.percent(f.nrmse_after),
+             ', '.join(f.rivals) or '–') for f in diagnosis.findings]
+    return terminal.table('what is missing', _FINDINGS, rows,
+                          left=('effect', 'verdict', 'coefficient, 95 %', 'or rather'))
+
+
+def _coefficients(finding: Finding) -> str:
+    items = list(finding.coefficients.items())
+    shown = '; '.join(f'{symbol} = {words.plus_minus(x)}' for symbol, x in items[:_MOST_SHOWN])
+    more = len(items) - _MOST_SHOWN
+    return shown + (f' and {more} more' if more > 0 else '') or '–'
+
+
+def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
+    """Return lines of markup on what to do next."""
+    targets = words.targets(diagnosis.findings)
+    lines = []
+    if targets and args.model is None:
+        bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+        lines.append(f'  {terminal.safe(f"gravity_comp fit {bags} -o MODEL.json")}')
+    if targets:
+        command = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
+                               f'--model MODEL.json BAG...', args)
+        lines.append(f'  {terminal.safe(command)}')
+    for finding in diagnosis.findings:
+        if finding.verdict not in words.FOUND and finding.next_step:
+            place = f'{finding.effect or "unknown"} on {words.where(finding)}'
+            lines.append(f'  {terminal.safe(f"{place}: {finding.next_step}")}')
+    return ['[bold]next step[/bold]', *lines, ''] if lines else []

@@ -1,0 +1,98 @@
+"""What `add` and `fit --effects` say of a refit with effects."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+from datetime import datetime, UTC
+from typing import Any
+
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.diagnosis.findings import Estimate
+from gravity_comp_ros.diagnosis.refit import RefitOptions
+from gravity_comp_ros.diagnosis.refit_result import Refit
+from gravity_comp_ros.diagnosis.words import percent, plus_minus
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.applied import AppliedEffect
+from rich.table import Table
+
+_MOST_SHOWN = 6
+
+
+def now() -> str:
+    """Return the time, for a model's history."""
+    return datetime.now(UTC).isoformat(timespec='seconds')
+
+
+def speeds(args: argparse.Namespace) -> RefitOptions:
+    """
+    Return which samples --all-samples and --max-speed let a refit use.
+
+    :raises OptionError: if both are given.
+    """
+    if args.all_samples and args.max_speed is not None:
+        raise OptionError('give --all-samples or --max-speed, not both')
+    if args.all_samples:
+        return RefitOptions(slow=None)
+    return RefitOptions() if args.max_speed is None else RefitOptions(args.max_speed, force=True)
+
+
+def fitted_sentence(result: Refit) -> str:
+    """Return how many samples were fitted."""
+    speeds = 'fast ones too' if result.all_speeds else 'slow ones only'
+    return f'gravity and effects are fitted to {result.n_samples} samples, {speeds}'
+
+
+def error_table(result: Refit) -> Table:
+    """Return the held-out errors by joint, before and after."""
+    rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
+             percent(e.nrmse_after), _change(e.before, e.after))
+            for name, e in result.errors.items()]
+    return terminal.table('held-out error: N·m, and share of the torque range',
+                          ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
+
+
+def _change(before: float, after: float) -> str:
+    return f'{100 * (after / before - 1):+.0f} %' if before > 0.0 else '–'
+
+
+def effect_lines(result: Refit) -> list[str]:
+    """Return lines of markup on what was added, left out, and left as it was."""
+    lines = [f'added [bold]{terminal.safe(effect.target)}[/bold]: '
+             f'{terminal.safe(numbers(effect))}'
+             for effect in result.model.applied.effects if effect.target in result.added]
+    lines += [terminal.safe(f'left out {name}: {why}') for name, why in result.skipped.items()]
+    return lines + [terminal.safe(f'{name} stays as it was: this recording does not show it')
+                    for name in result.kept]
+
+
+def numbers(effect: AppliedEffect) -> str:
+    """Return an applied effect's coefficients and setting in one line."""
+    parts = [f'{symbol} = {plus_minus(Estimate(x.value, x.unit, x.ci95))}'
+             for symbol, x in effect.coefficients.items()]
+    more = [f'{len(parts) - _MOST_SHOWN} more'] if len(parts) > _MOST_SHOWN else []
+    return ', '.join([*parts[:_MOST_SHOWN], *more,
+                      *(f'{name} {x:.3g}' for name, x in effect.setting.items())])
+
+
+def warnings(result: Refit) -> list[str]:
+    """Return what a user should think twice about."""
+    lines = [f'{name} is not physical: {why}' for name, why in result.implausible.items()]
+    if not result.helps:
+        lines.append('the held-out error does not fall by more than chance: these recordings do '
+                     'not need what was added, or gravity imitated it already; `gravity_comp add '
+                     '--undo` takes it back')
+    return lines
+
+
+def to_json(result: Refit) -> dict[str, Any]:
+    """Return the refit as `add --json` prints it; errors in N·m, shares of the range."""
+    return {
+        'added': list(result.added),
+        'held_out': {name: {'rmse_before': e.before, 'rmse_after': e.after,
+                            'nrmse_before': e.nrmse_before, 'nrmse_after': e.nrmse_after}
+                     for name, e in result.errors.items()},
+        'effects': [{'target': e.target, **asdict(e)} for e in result.model.applied.effects],
+        'p': result.p, 'n_samples': result.n_samples, 'all_speeds': result.all_speeds,
+        'left_out': dict(result.skipped), 'implausible': dict(result.implausible),
+        'kept': list(result.kept), 'warnings': warnings(result)}
