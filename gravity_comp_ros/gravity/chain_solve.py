@@ -154,8 +154,7 @@ class _Search:
         for _ in range(_TRIES):
             gram.flat[:n_axes * len(gram):len(gram) + 1] = diagonal + damping * stiffness
             d = np.zeros(self.free_axes.shape)
-            d[self.free_axes] = linalg.solve(gram, gradient, assume_a='sym',
-                                             check_finite=False)[:n_axes]
+            d[self.free_axes] = np.linalg.solve(gram, gradient)[:n_axes]
             d *= min(1.0, _LONGEST_STEP / max(float(np.abs(d).max()), 1e-300))
             tried = self.at(point.axes @ tilt(d.reshape(-1, 2)))
             if tried.cost < point.cost:

@@ -103,6 +103,8 @@ class _Hypothesis:
         self.chain, self.prior, self.new = chain, prior, new
         self.step = np.zeros(4 * chain.n_joints)
         self.here, self.left = chain, new.residual(chain)
+        # A moment acts with its full size in some pose: it jumps by about what torques did.
+        self.size = float(np.abs(new.tau - chain.torque(new.q)).max())
         change = None
         for _ in range(_ROUNDS):
             problem = self._problem()
@@ -129,7 +131,7 @@ class _Hypothesis:
         lengths = np.linalg.norm(columns[2 * n:], axis=1)
         visible = np.flatnonzero(lengths > _VISIBLE * lengths.max())
         return ChangeProblem(columns, self.left + self.step @ columns, self.prior,
-                             2 * n + visible, float(np.abs(self.new.tau).max()))
+                             2 * n + visible, self.size)
 
     def _moved(self, target: FloatArray, problem: ChangeProblem) -> bool:
         """Go to a step, or part of the way if it is far; return whether this was the last."""

@@ -64,6 +64,7 @@ def update(model: GravityModel, samples: JointSamples,
 
     :param model: of the chain or the potential formulation.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
+        Their torque is gravity: what the effects of the model do must have been taken off.
     :raises ModelMismatchError: if the samples lack a joint, or the model is per_joint.
     :raises FitError: if there are too few samples.
     """
@@ -123,9 +124,10 @@ def _energy_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) 
         else model.uncertainty.covariance
     design = EnergyDesign(samples.q, np.broadcast_to(1.0 / sigma, samples.tau.shape))
     columns = design.columns(old.indices)
-    residual = ((samples.tau - model.predict(samples.q)) / sigma).T.ravel()
+    left = samples.tau - model.predict(samples.q)
+    residual, size = (left / sigma).T.ravel(), float(np.abs(left).max())
     change = average_change(ChangeProblem(columns.T, residual, covariance, np.arange(count),
-                                          float(np.abs(samples.tau).max())))
+                                          size))
     energy = Expansion(old.indices, old.weights + change.mean)
     changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
                for k in change.support}
@@ -135,8 +137,9 @@ def _energy_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) 
 
 def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
                  uncertainty: Any) -> GravityModel:
-    return GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
-                                    model.coverage, model.provenance, chain, uncertainty)
+    changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
+                                       model.coverage, model.provenance, chain, uncertainty)
+    return replace(changed, applied=model.applied)
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, sigma: FloatArray,
