@@ -1,0 +1,213 @@
+"""Fits of the chain: accuracy outside the motion, every kind of arm, bad starts, folds."""
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.chain_angles import in_common_frame, upright
+from gravity_comp_ros.gravity.chain_fit import fit_chain
+from gravity_comp_ros.gravity.chain_solve import ChainProblem, solve
+from gravity_comp_ros.gravity.chain_start import LIMIT, SearchOptions, structure
+from gravity_comp_ros.gravity.design import EnergyDesign
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.simulation import arms, generated, motions
+import numpy as np
+import pinocchio as pin
+import pytest
+from serial_arms import poses, samples_of
+from test_chain_model import random_chain
+
+NOISE = 0.1
+CHAIN = FitOptions('chain')
+
+
+def worst(model, arm, q) -> float:
+    """Return the RMSE in N·m of the worst joint against noise-free gravity."""
+    error = model.predict(q) - arms.gravity_torque(arm, q)
+    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+
+
+def parallel_arm(n: int, level: bool) -> arms.Arm:
+    """Return an arm whose axes are all parallel, upright or level."""
+    model, parent = pin.Model(), 0
+    for k in range(n):
+        turn = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0) if level and not k else np.eye(3)
+        parent = model.addJoint(parent, pin.JointModelRZ(),
+                                pin.SE3(turn, np.array([0.3, 0, 0])), f'j{k}')
+        model.appendBodyToJoint(parent, pin.Inertia(2.0, np.array([0.15, 0.02, 0.01]),
+                                                    0.01 * np.eye(3)), pin.SE3.Identity())
+    limit = np.full(n, 2.6)
+    return arms.Arm('parallel', tuple(f'j{k}' for k in range(n)), model, -limit, limit, limit)
+
+
+@pytest.fixture(scope='module')
+def iiwa():
+    """Return the arm, what 500 samples of Yu 2022, Eq. (17) give, and the samples."""
+    arm, q = arms.iiwa7(), motions.eq17().q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 3, arm.joints)
+    return arm, fit(samples, CHAIN), samples
+
+
+def test_right_over_the_whole_joint_range_from_a_small_motion(iiwa):
+    arm, result, _ = iiwa
+    assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+    assert worst(result.model, arm, wide) <= 0.15
+    assert result.report['chain']['clean'] and result.converged
+    assert result.report['warnings'] == []
+
+
+def test_right_angles_of_the_iiwa_are_found(iiwa):
+    chain = iiwa[1].model.chain
+    # Joint 7 of the iiwa carries no moment, so that nothing shows its axis.
+    assert np.abs(np.abs(chain.axes[:6]).round() - np.abs(chain.axes[:6])).max() < 1e-9
+    assert iiwa[1].model.n_features().max() < 40
+
+
+def test_band_holds_what_it_promises(iiwa):
+    arm, result, _ = iiwa
+    model = result.model
+    wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+    for q in (motions.eq17(start=100.0).q, wide):
+        tau = arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(2).normal(size=q.shape)
+        inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
+                                                                   model.noise)
+        assert 0.92 <= inside.mean() <= 0.98
+
+
+def test_warm_start_needs_no_search(iiwa):
+    _, result, samples = iiwa
+    again = fit_chain(samples, start=result.model.chain)
+    assert again.starts == 1
+    np.testing.assert_allclose(again.chain.torque(samples.q),
+                               result.model.predict(samples.q), atol=0.02)
+
+
+def test_model_file_keeps_chain_and_uncertainty(iiwa, tmp_path):
+    model = iiwa[1].model
+    save_model(tmp_path / 'm.json', model)
+    loaded = load_model(tmp_path / 'm.json')
+    q = poses(20, 7)
+    np.testing.assert_array_equal(loaded.predict(q), model.predict(q))
+    np.testing.assert_array_equal(loaded.predict_std(q), model.predict_std(q))
+    np.testing.assert_array_equal(loaded.chain.axes, model.chain.axes)
+
+
+@pytest.mark.parametrize('seed', [0, 3, 6])
+@pytest.mark.parametrize('right_angles', [False, True])
+def test_arms_that_nobody_built(seed, right_angles):
+    # Six and seven axes, level and tilted. The floor with true axes is 0.01 and 0.02 to 0.03.
+    arm = generated.generated_arm(seed, right_angles=right_angles)
+    q = generated.small_motion(arm, seed).q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
+    model = fit(samples, CHAIN).model
+    assert worst(model, arm, generated.small_motion(arm, seed, start=100.0).q) <= 0.04
+    assert worst(model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.15
+
+
+@pytest.mark.parametrize('n', [1, 2, 10])
+def test_any_number_of_joints(n):
+    arm = generated.generated_arm(2, n)
+    q = generated.small_motion(arm, 0, duration=60.0).q
+    result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
+    assert worst(result.model, arm, poses(100, n, reach=2.6)) <= 0.1
+    wide = poses(3, n)
+    for pose, torque in zip(wide, result.model.predict(wide)):
+        np.testing.assert_allclose(result.model.predict_one(pose), torque, atol=1e-6)
+
+
+@pytest.mark.parametrize('level', [True, False])
+def test_parallel_axes(level):
+    arm = arms.with_base_tilt(parallel_arm(3, level), 0.0 if level else 0.1, 0.2)
+    q = generated.small_motion(arm, 1, duration=60.0).q
+    model = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN).model
+    assert worst(model, arm, poses(200, 3)) <= 0.1
+
+
+def test_upright_axes_carry_no_gravity():
+    arm = parallel_arm(3, level=False)
+    q = generated.small_motion(arm, 1, duration=60.0).q
+    model = fit(samples_of(q, np.zeros_like(q), 0.05, 0, arm.joints), CHAIN).model
+    assert np.abs(model.predict(poses(100, 3))).max() < 0.05
+
+
+def test_joints_at_rest():
+    arm = arms.iiwa7()
+    q = generated.small_motion(arm, 1).q.copy()
+    q[:, 2], q[:, 6] = 0.3, 0.0
+    result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
+    assert max(result.report['rmse'].values()) < 0.07
+    assert result.report['dropped_joints'] == ['iiwa_joint_3', 'iiwa_joint_7']
+    elsewhere = q.copy()
+    elsewhere[:, 2] += 1.5
+    assert result.model.predict_std(elsewhere).max() > 5 * result.model.predict_std(q).max()
+
+
+def test_a_wrong_minimum_shows():
+    arm = generated.generated_arm(3)
+    q = generated.small_motion(arm, 3).q
+    problem = ChainProblem(q, arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(
+        0).normal(size=q.shape), np.full(q.shape, 1.0 / NOISE))
+    found = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
+    best = min(found, key=lambda s: s.cost)
+    assert structure(problem, best) <= LIMIT
+    wrong = [s for s in found if s.cost > 2.0 * best.cost]
+    assert wrong and all(structure(problem, s) > LIMIT for s in wrong)
+
+
+def test_one_start_that_goes_wrong_is_reported():
+    arm = arms.iiwa7()
+    q = motions.eq17().q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    results = [fit_chain(samples, SearchOptions(starts=1, seed=seed)) for seed in range(5)]
+    right = [result.noise.absolute.max() < 1.3 * NOISE for result in results]
+    assert not all(right)
+    assert [result.clean for result in results] == right
+
+
+def test_search_options_are_checked():
+    with pytest.raises(OptionError, match='starts'):
+        SearchOptions(starts=0)
+
+
+def test_upright_and_common_frames_keep_the_torque():
+    chain, q = random_chain(5, 7), poses(6, 5)
+    same = upright(chain)
+    assert same.axes[0, 2, 2] >= 0.0
+    np.testing.assert_allclose(same.torque(q), chain.torque(q), atol=1e-12)
+    for j in range(5):
+        same = in_common_frame(same, j, vertical=False)
+        assert abs(same.axes[j][2, 0]) < 1e-12
+    np.testing.assert_allclose(same.torque(q), chain.torque(q), atol=1e-12)
+
+
+def energy_samples(features: dict[str, float], n: int, noise: float):
+    """Return samples of an arm whose energy is a sum of named features."""
+    names = {dictionary.feature_name(k, n): k for k in range(3 ** n)}
+    indices = np.array([names[name] for name in features])
+    q = 1.5 * np.sin(np.multiply.outer(0.2 * np.arange(300), 0.11 + 0.07 * np.arange(n)))
+    design = EnergyDesign(q, np.ones_like(q))
+    tau = (design.columns(indices) @ np.array(list(features.values()))).reshape(n, -1).T
+    return samples_of(q, tau, noise, 0)
+
+
+def test_auto_takes_the_chain_where_nothing_is_left(iiwa):
+    result = fit(iiwa[2], FitOptions('auto'))
+    assert result.model.formulation == 'chain'
+    assert 'than of noise' in result.report['choice']['why']
+
+
+def test_auto_falls_back_where_the_arm_is_no_chain():
+    # No serial arm has these together: a chain's c1 comes with what the other links add to it.
+    samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
+    result = fit(samples, FitOptions('auto'))
+    assert result.model.formulation == 'potential'
+    errors = result.report['choice']['held_out']
+    assert errors['potential'] < errors['chain']
+    assert 'potential is right to' in result.report['choice']['why']
+    assert result.model.chain is None
+
+
+def test_zero_moments_make_a_model_of_zero():
+    chain = Chain(np.eye(3)[None], np.zeros((1, 2)))
+    assert not chain.torque(poses(3, 1)).any()

@@ -1,0 +1,142 @@
+"""Few-sample update after a tool change."""
+
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.gravity.update import update, UpdateOptions
+from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.simulation import arms, generated, motions
+import numpy as np
+import pytest
+from serial_arms import samples_of
+
+NOISE = 0.1
+LATER = motions.eq17(start=100.0).q
+
+
+def rmse(model, arm, q) -> float:
+    """Return the RMSE in N·m of the worst joint against noise-free gravity."""
+    error = model.predict(q) - arms.gravity_torque(arm, q)
+    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+
+
+def after(arm, q, seed: int = 1) -> JointSamples:
+    return samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
+
+
+@pytest.fixture(scope='module')
+def old():
+    """Return the iiwa without a tool and the model of it from Yu 2022, Eq. (17)."""
+    arm, q = arms.iiwa7(), motions.eq17().q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    return arm, fit(samples, FitOptions('chain')).model
+
+
+@pytest.fixture(scope='module')
+def wide():
+    arm = arms.iiwa7()
+    return np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
+
+
+@pytest.mark.parametrize('com', [(0.0, 0.0, 0.1), (0.02, 0.03, 0.1)])
+@pytest.mark.parametrize('count, on_motion, over_range', [(50, 0.10, 0.5), (25, 0.6, 1.0)])
+def test_two_kilograms_from_seconds_of_motion(old, wide, com, count, on_motion, over_range):
+    arm = arms.with_payload(old[0], arms.Payload(2.0, com))
+    result = update(old[1], after(arm, LATER[:count]))
+    assert rmse(old[1], arm, LATER) > 5.0
+    assert rmse(result.model, arm, LATER) <= on_motion
+    assert rmse(result.model, arm, wide) <= over_range
+
+
+def test_band_after_an_update(old, wide):
+    arm = arms.with_payload(old[0], arms.Payload(2.0, (0.02, 0.03, 0.1)))
+    model = update(old[1], after(arm, LATER[:50])).model
+    for q in (LATER, wide):
+        tau = after(arm, q, seed=9).tau
+        inside = np.abs(tau - model.predict(q)) <= 1.96 * np.hypot(model.predict_std(q),
+                                                                   model.noise)
+        assert inside.mean() >= 0.9
+
+
+def test_a_tool_comes_and_goes(old, wide):
+    arm, model = old
+    loaded = arms.with_payload(arm, arms.Payload(2.0, (0.0, 0.0, 0.1)))
+    with_tool = update(model, after(loaded, LATER[:50]))
+    without = update(with_tool.model, after(arm, LATER[50:100], 2))
+    assert rmse(without.model, arm, LATER) <= 0.1
+    assert rmse(without.model, arm, wide) <= 0.3
+    assert len(without.model.provenance['updates']) == 2
+
+
+def test_no_change_changes_little(old, wide):
+    arm, model = old
+    result = update(model, after(arm, LATER[:50]))
+    assert rmse(result.model, arm, wide) <= 1.5 * rmse(model, arm, wide)
+    assert result.report['changed'] == {}
+
+
+def test_report_tells_the_effect_of_the_tool(old, tmp_path):
+    arm = arms.with_payload(old[0], arms.Payload(2.0, (0.0, 0.0, 0.1)))
+    result = update(old[1], after(arm, LATER[:50]))
+    report = result.report
+    expected = (arms.gravity_torque(arm, LATER[:50])
+                - arms.gravity_torque(old[0], LATER[:50])).mean(axis=0)
+    assert list(report['effect_mean'].values()) == pytest.approx(expected, abs=0.1)
+    assert report['rmse']['iiwa_joint_2'] < 0.2 < report['rmse_before']['iiwa_joint_2']
+    assert report['solver']['converged'] and report['n_samples'] == 50
+    assert {name.split()[0] for name in report['changed']} <= set(arm.joints)
+    save_model(tmp_path / 'm.json', result.model)
+    loaded = load_model(tmp_path / 'm.json')
+    np.testing.assert_array_equal(loaded.predict_std(LATER), result.model.predict_std(LATER))
+
+
+def test_an_axis_that_nothing_showed_is_found_with_the_tool(old, wide):
+    # Joint 7 of the bare iiwa carries no moment; the tool's off-axis moment shows its axis.
+    arm = arms.with_payload(old[0], arms.Payload(2.0, (0.05, 0.0, 0.1)))
+    assert not old[1].chain.moments[6].any()
+    model = update(old[1], after(arm, LATER[:50])).model
+    error = (model.predict(wide) - arms.gravity_torque(arm, wide))[:, 6]
+    assert np.sqrt((error ** 2).mean()) <= 0.1
+
+
+def test_update_of_an_arm_without_right_angles():
+    arm = generated.generated_arm(4)
+    q = generated.small_motion(arm, 4).q
+    model = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 4, arm.joints),
+                FitOptions('chain')).model
+    loaded = arms.with_payload(arm, arms.Payload(1.0, (0.02, 0.03, 0.1)))
+    new = generated.small_motion(arm, 4, start=100.0).q
+    result = update(model, after(loaded, new[:50]))
+    assert rmse(result.model, loaded, new) <= 0.2 < rmse(model, loaded, new)
+
+
+def test_update_of_a_potential(old):
+    arm, q = old[0], motions.eq17().q
+    model = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)).model
+    loaded = arms.with_payload(arm, arms.Payload(2.0, (0.0, 0.0, 0.1)))
+    result = update(model, after(loaded, LATER[:100]))
+    assert result.model.formulation == 'potential'
+    np.testing.assert_array_equal(result.model.energy.indices, model.energy.indices)
+    assert rmse(result.model, loaded, LATER[:100]) <= 0.3 < rmse(model, loaded, LATER[:100])
+    assert np.isfinite(result.model.predict_std(LATER)).all()
+
+
+def test_what_cannot_be_updated_says_so(old):
+    arm, model = old
+    with pytest.raises(FitError, match='an update needs 10'):
+        update(model, after(arm, LATER[:9]))
+    others = samples_of(LATER[:50], np.zeros((50, 7)), 0.1, 0, tuple('abcdefg'))
+    with pytest.raises(ModelMismatchError, match='no joint'):
+        update(model, others)
+    q = motions.eq17().q
+    per_joint = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints),
+                    FitOptions('per_joint')).model
+    with pytest.raises(ModelMismatchError, match='per_joint'):
+        update(per_joint, after(arm, LATER[:50]))
+
+
+@pytest.mark.parametrize('options', [{'min_samples': 1}, {'old_noise': 0.0},
+                                     {'old_noise': float('nan')}])
+def test_options_are_checked(options):
+    with pytest.raises(OptionError, match='update'):
+        UpdateOptions(**options)

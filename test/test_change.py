@@ -1,0 +1,125 @@
+"""Sparse change of Gaussian numbers: evidence, search, averages."""
+
+from itertools import product
+
+from gravity_comp_ros.gravity import change
+from gravity_comp_ros.gravity.change import average_change, ChangeProblem, find_change, propose
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+import pytest
+from scipy import stats
+
+
+def problem(jumps: FloatArray, seed: int = 0, rows: int = 60, spread: float = 0.05
+            ) -> ChangeProblem:
+    """Return data in which the numbers moved by `jumps`, beside their old uncertainty."""
+    rng = np.random.default_rng(seed)
+    count = len(jumps)
+    columns = rng.normal(size=(count, rows))
+    residual = (jumps + spread * rng.normal(size=count)) @ columns + rng.normal(size=rows)
+    return ChangeProblem(columns, residual, spread ** 2 * np.eye(count), np.arange(count), 10.0)
+
+
+def log_evidence(given: ChangeProblem, support: np.ndarray, share: float) -> float:
+    """Return ln p(r, S | s) from the dense covariance of r, as the textbook has it."""
+    variance = given.covariance + np.diag(support * (share * given.size) ** 2.0)
+    covariance = np.eye(len(given.residual)) + given.columns.T @ variance @ given.columns
+    count, k = len(support), int(support.sum())
+    orders = np.prod([(count - j) / (j + 1) for j in range(k)])
+    likelihood = stats.multivariate_normal(cov=covariance).logpdf(given.residual)
+    return float(likelihood - np.log(count + 1.0) - np.log(orders))
+
+
+@pytest.fixture
+def small() -> ChangeProblem:
+    return problem(np.array([3.0, 0.0, 0.0, -0.4, 0.0]), seed=2)
+
+
+def test_score_is_the_textbook_evidence(small):
+    evidence = change._Evidence(small, 0.3)
+    constant = -0.5 * small.residual @ small.residual - 0.5 * len(small.residual) * np.log(
+        2 * np.pi)
+    for support in product([False, True], repeat=5):
+        mask = np.array(support)
+        assert evidence.score(mask) + constant == pytest.approx(
+            log_evidence(small, mask, 0.3), abs=1e-8)
+
+
+def test_gains_are_differences_of_scores(small):
+    evidence = change._Evidence(small, 0.3)
+    for support in product([False, True], repeat=5):
+        mask = np.array(support)
+        expected = [evidence.score(change._toggled(mask, k)) - evidence.score(mask)
+                    for k in range(5)]
+        np.testing.assert_allclose(evidence.gains(mask), expected, atol=1e-8)
+
+
+def test_the_likeliest_support_is_found(small):
+    supports = list(product([False, True], repeat=5))
+    best = max((log_evidence(small, np.array(support), share), support)
+               for share in change._SIZES for support in supports)
+    np.testing.assert_array_equal(find_change(small).support, np.flatnonzero(best[1]))
+
+
+def test_average_is_the_sum_over_all_supports_and_sizes(small):
+    scores, means, covariances = [], [], []
+    for share in change._SIZES:
+        evidence = change._Evidence(small, share)
+        for support in product([False, True], repeat=5):
+            scores.append(evidence.score(np.array(support)))
+            mean, covariance = evidence.posterior(np.array(support))
+            means.append(mean)
+            covariances.append(covariance)
+    weights = np.exp(np.array(scores) - max(scores))
+    weights /= weights.sum()
+    mean = weights @ np.array(means)
+    off = np.array(means) - mean
+    exact = np.tensordot(weights, np.array(covariances), axes=(0, 0)) + (off.T * weights) @ off
+    found = average_change(small)
+    np.testing.assert_allclose(found.mean, mean, atol=0.03)
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(exact)),
+                               rtol=0.3)
+
+
+def test_l1_proposes_what_jumped():
+    jumps = np.zeros(30)
+    jumps[[4, 17]] = 5.0, -3.0
+    found, moved = propose(problem(jumps, rows=25))
+    assert found.converged and moved[[4, 17]].all() and moved.sum() <= 8
+
+
+def test_few_of_many_are_found_from_fewer_rows_than_numbers():
+    jumps = np.zeros(30)
+    jumps[[4, 17]] = 5.0, -3.0
+    found = find_change(problem(jumps, rows=25, spread=0.01))
+    np.testing.assert_array_equal(found.support, [4, 17])
+    assert found.mean == pytest.approx(jumps, abs=0.5)
+
+
+def test_nothing_changed():
+    found = average_change(problem(np.zeros(12)))
+    assert found.support.size == 0
+    assert np.abs(found.mean).max() < 0.2
+
+
+def test_intervals_hold_what_they_promise():
+    inside = []
+    for seed in range(40):
+        rng = np.random.default_rng(1000 + seed)
+        jumps = np.where(rng.random(8) < 0.4, rng.normal(scale=2.0, size=8), 0.0)
+        given = problem(jumps, seed, rows=16)
+        found = average_change(given, seed)
+        # `problem` moved the numbers by their old uncertainty too; regenerate what it drew.
+        again = np.random.default_rng(seed)
+        again.normal(size=given.columns.shape)
+        truth = jumps + 0.05 * again.normal(size=8)
+        inside.append(np.abs(truth - found.mean) <= 1.96 * np.sqrt(np.diag(found.covariance)))
+    assert 0.91 <= np.mean(inside) <= 0.99
+
+
+def test_numbers_known_exactly_stay():
+    given = problem(np.array([2.0, 0.0, 0.0]))
+    fixed = ChangeProblem(given.columns, given.residual, np.zeros((3, 3)), np.array([0]), 10.0)
+    found = average_change(fixed)
+    assert found.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert found.mean[0] == pytest.approx(2.0, abs=0.4)
