@@ -1,0 +1,167 @@
+"""
+Measure the chain: on the motion, over the whole joint range, after a tool change, on other arms.
+
+    OPENBLAS_NUM_THREADS=1 python3 bench/chain/accuracy.py iiwa arms [--seeds 10]
+
+Errors are RMSE of the worst joint in N·m against noise-free gravity. `motion` is 100 s of the
+training motion's continuation, `range` 1000 poses over all joint limits. `in` and `out` are the
+shares of torques, measured with the same noise, inside the 95 % band on `motion` and `range`,
+over all joints and seeds; `true` are those of the noise-free torques inside the model's own.
+The floor is a fit of all moments with the true axes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+import time
+
+from gravity_comp_ros.gravity.chain import aligned, Sweep
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.gravity.update import update
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.simulation import arms, generated, motions
+import numpy as np
+
+NOISE = 0.1
+Row = dict[str, float]
+PAYLOADS = {'on axis': (0.0, 0.0, 0.1), 'off axis': (0.02, 0.03, 0.1)}
+
+
+@dataclass
+class Case:
+    """An arm with its training motion and the poses that a model is judged on."""
+
+    arm: arms.Arm
+    path: object
+    seed: int
+
+    def __post_init__(self) -> None:
+        self.motion = self.path(start=100.0).q
+        self.range = np.random.default_rng(1234).uniform(
+            self.arm.lower, self.arm.upper, (1000, self.arm.n_joints))
+
+    def samples(self, arm: arms.Arm, stream: int, **when) -> JointSamples:
+        motion = self.path(**when)
+        rng = np.random.default_rng([self.seed, stream])
+        tau = arms.gravity_torque(arm, motion.q)
+        return JointSamples.single_run(arm.joints, motion.t, motion.q, np.zeros_like(motion.q),
+                                       tau + NOISE * rng.normal(size=tau.shape))
+
+    def judge(self, model: GravityModel, arm: arms.Arm) -> dict[str, float]:
+        found = {}
+        for name, q in (('motion', self.motion), ('range', self.range)):
+            error = model.predict(q) - arms.gravity_torque(arm, q)
+            std = model.predict_std(q)
+            measured = error + NOISE * np.random.default_rng(5).normal(size=error.shape)
+            found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
+            found[f'band_{name}'] = float(
+                (np.abs(measured) <= 1.96 * np.hypot(std, model.noise)).mean())
+            found[f'true_{name}'] = float((np.abs(error) <= 1.96 * std + 1e-9).mean())
+        return found
+
+    def floor(self, samples: JointSamples) -> dict[str, float]:
+        """Return the errors of a least-squares fit of all moments with the true axes."""
+        axes = np.stack([p.rotation for p in list(self.arm.model.jointPlacements)[1:]])
+        up = -self.arm.model.gravity.linear
+        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
+        columns = Sweep(axes, samples.q).moment_columns().reshape(2 * len(axes), -1) / NOISE
+        gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
+        moments = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
+        found = {}
+        for name, q in (('motion', self.motion), ('range', self.range)):
+            torque = np.tensordot(moments, Sweep(axes, q).moment_columns(), axes=(0, 0)).T
+            error = torque - arms.gravity_torque(self.arm, q)
+            found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
+        return found
+
+
+def show(title: str, rows: list[dict[str, float]]) -> None:
+    """Print the worst and the mean of what was measured."""
+    def column(key: str) -> np.ndarray:
+        return np.array([row[key] for row in rows])
+    print(f'{title:26s} motion {column("motion").max():6.3f} (mean {column("motion").mean():.3f})'
+          f'  range {column("range").max():6.3f} (mean {column("range").mean():.3f})'
+          f'  band in {column("band_motion").mean():.3f} out {column("band_range").mean():.3f}'
+          f'  true in {column("true_motion").mean():.2f} out {column("true_range").mean():.2f}'
+          f'  s {column("seconds").max():.2f}', flush=True)
+
+
+def fitted(case: Case, samples: JointSamples, formulation: str) -> tuple[GravityModel, Row]:
+    """Return a fit, judged and timed."""
+    start = time.perf_counter()
+    model = fit(samples, FitOptions(formulation)).model
+    seconds = time.perf_counter() - start
+    return model, {**case.judge(model, case.arm), 'seconds': seconds}
+
+
+def updated(case: Case, loaded: arms.Arm, model: GravityModel, new: JointSamples) -> Row:
+    """Return how an update of the model fares on the loaded arm."""
+    start = time.perf_counter()
+    result = update(model, new).model
+    seconds = time.perf_counter() - start
+    return {**case.judge(result, loaded), 'seconds': seconds}
+
+
+def iiwa(seeds: int, formulation: str) -> None:
+    """Measure on the iiwa and Yu 2022, Eq. (17), with and without 2 kg."""
+    rows: dict[str, list[dict[str, float]]] = {}
+    floors = []
+    for seed in range(seeds):
+        case = Case(arms.iiwa7(), motions.eq17, seed)
+        samples = case.samples(case.arm, 0)
+        model, row = fitted(case, samples, formulation)
+        rows.setdefault('500 samples', []).append(row)
+        floors.append(case.floor(samples))
+        for name, com in PAYLOADS.items():
+            loaded = arms.with_payload(case.arm, arms.Payload(2.0, com))
+            for stream, count in enumerate((50, 25), start=1):
+                new = case.samples(loaded, stream, start=100.0, duration=count / 5)
+                rows.setdefault(f'2 kg {name}, {count}', []).append(
+                    updated(case, loaded, model, new))
+    print(f'iiwa, {formulation}, {seeds} seeds; floor motion '
+          f'{max(f["motion"] for f in floors):.3f} range {max(f["range"] for f in floors):.3f}')
+    for title, found in rows.items():
+        show(title, found)
+
+
+def others(seeds: int, formulation: str) -> None:
+    """Measure on generated arms, against the floor."""
+    for right in (False, True):
+        rows: dict[str, list[dict[str, float]]] = {}
+        for seed in range(seeds):
+            arm = generated.generated_arm(seed, right_angles=right)
+            case = Case(arm, lambda a=arm, s=seed, **when: generated.small_motion(a, s, **when),
+                        seed)
+            samples = case.samples(arm, 0)
+            model, row = fitted(case, samples, formulation)
+            floor = case.floor(samples)
+            loaded = arms.with_payload(arm, arms.Payload(1.0, (0.02, 0.03, 0.1)))
+            new = case.samples(loaded, 1, start=100.0, duration=10.0)
+            after = updated(case, loaded, model, new)
+            rows.setdefault('500 samples', []).append(row)
+            rows.setdefault('1 kg, 50', []).append(after)
+            print(f'  arm {seed} ({arm.n_joints} axes): motion {row["motion"]:.3f} = '
+                  f'{row["motion"] / floor["motion"]:.1f} floors, range {row["range"]:.3f} = '
+                  f'{row["range"] / floor["range"]:.1f} floors; 1 kg, 50 samples: motion '
+                  f'{after["motion"]:.3f} range {after["range"]:.3f} band '
+                  f'{after["band_range"]:.2f}', flush=True)
+        print(f'generated arms, {"right angles" if right else "any angles"}, {formulation}')
+        for title, found in rows.items():
+            show(title, found)
+
+
+def main() -> None:
+    """Run the parts that are named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
+    parser.add_argument('parts', nargs='+', choices=('iiwa', 'arms'))
+    parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--formulation', default='chain')
+    args = parser.parse_args()
+    for part in args.parts:
+        {'iiwa': iiwa, 'arms': others}[part](args.seeds, args.formulation)
+
+
+if __name__ == '__main__':
+    main()
