@@ -39,8 +39,8 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
 
 def fitted_sentence(result: Refit) -> str:
     """Return how many samples were fitted."""
-    speeds = 'fast ones too' if result.all_speeds else 'slow ones only'
-    return f'gravity and effects are fitted to {result.n_samples} samples, {speeds}'
+    speeds = '' if result.all_speeds else ', the slow ones; --all-samples takes fast ones too'
+    return f'gravity and effects are fitted to {result.n_samples} samples{speeds}'
 
 
 def error_table(result: Refit) -> Table:

@@ -36,7 +36,8 @@ class FitWithEffects:
 
 def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence[Request],
                      options: FitOptions = FitOptions(), speeds: RefitOptions = RefitOptions(),
-                     use: BoolArray | None = None, progress: Progress | None = None) -> FitWithEffects:
+                     use: BoolArray | None = None, progress: Progress | None = None
+                     ) -> FitWithEffects:
     """
     Learn gravity and effects.
 

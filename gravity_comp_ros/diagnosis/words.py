@@ -17,11 +17,9 @@ def verdict(diagnosis: Diagnosis) -> str:
     """Return the whole answer in one sentence."""
     found = [f for f in diagnosis.findings if f.verdict in FOUND]
     if found:
-        gain = max(found, key=_fall)
-        others = [sentence(f) for f in found if f is not gain]
-        if not others:
-            return f'Missing: {sentence(gain)}.'
-        return f'{len(found)} effects are missing, above all {sentence(gain)}.'
+        if len(found) == 1:
+            return f'Missing: {sentence(found[0])}.'
+        return f'{len(found)} effects are missing, above all {sentence(found[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
     return 'Nothing is missing that this motion could show.'
@@ -102,10 +100,6 @@ def targets(findings: Sequence[Finding]) -> list[str]:
     """Return what `add` would be given for findings that are sure enough."""
     return [target(f.effect, f.joint) for f in findings
             if f.verdict in FOUND and f.effect is not None]
-
-
-def _fall(finding: Finding) -> float:
-    return finding.nrmse_before - finding.nrmse_after
 
 
 def _capital(text: str) -> str:
