@@ -67,8 +67,10 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     rows = np.arange(0.0, 24.0, 4.0)
     # d tau / d q_b stands in the second column of each sample's gradient.
     turned = np.column_stack([rows + 1, rows + 3])
-    offset = find_effect('encoder_offset').columns(motion, 1, {})
+    offset = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
     np.testing.assert_allclose(offset[:, :, 0], turned)
+    slipped = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
+    np.testing.assert_allclose(slipped[:, :, 0], turned * [[0], [1], [1], [1], [1], [1]])
     sag = find_effect('joint_flexibility').columns(motion, 1, {})
     np.testing.assert_allclose(sag[:, :, 0], -turned * G[:, [1]])
 

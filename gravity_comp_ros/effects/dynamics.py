@@ -74,7 +74,7 @@ EFFECTS = (
         coefficients=(Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor '
                                                  'included'),),
         columns=_inertia,
-        confounders=('joint_spring', 'coriolis', 'time_delay'),
+        confounders=('joint_spring', 'coriolis'),
         experiment='move joint {joint} to and fro over the same short way at two speeds; '
                    'inertia grows with the square of the speed',
         signature='acceleration',
@@ -91,7 +91,7 @@ EFFECTS = (
                     'values over the poses, so that it holds in a narrow range only.',
         coefficients=(Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),),
         columns=_coriolis,
-        confounders=('inertia', 'asymmetric_friction'),
+        confounders=('inertia',),
         experiment='move joint {joint} and its neighbours together at two speeds; this torque '
                    'grows with the square of the speed and does not turn with direction',
         signature='speed',

@@ -124,7 +124,8 @@ EFFECTS = (
                     'stiff hose.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness'),),
         columns=_spring,
-        confounders=('cable_stiffness', 'end_stop', 'torque_offset', 'payload_change'),
+        confounders=('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
+                     'torque_ripple', 'base_tilt', 'inertia'),
         experiment='move joint {joint} slowly to and fro through its whole range with the '
                    'others still in a pose where it carries little',
         signature='position',
@@ -144,7 +145,7 @@ EFFECTS = (
                     'harness that stiffens as it is twisted.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness when taut'),),
         columns=_cable,
-        confounders=('joint_spring', 'end_stop', 'torque_offset'),
+        confounders=('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple'),
         experiment='move joint {joint} slowly to and fro through its whole range with the '
                    'others still; once with the cables taken off, if they can be',
         signature='position',
@@ -164,7 +165,7 @@ EFFECTS = (
         description='A buffer that the joint runs into at an end of its range.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),),
         columns=_hinge,
-        confounders=('cable_stiffness', 'joint_spring', 'presliding_hysteresis'),
+        confounders=('cable_stiffness', 'joint_spring', 'torque_ripple'),
         experiment='move joint {joint} slowly into the end of its range and back several '
                    'times, with other poses of the other joints',
         signature='position',
@@ -184,7 +185,7 @@ EFFECTS = (
                     'motor encoder says and all joints carry another torque.',
         coefficients=(Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),),
         columns=_flexibility,
-        confounders=('encoder_offset', 'torque_gain', 'joint_spring'),
+        confounders=('encoder_offset',),
         experiment='in the pose where joint {joint} carries most, compare the angle that a '
                    'level on the link shows with the one that the encoder gives, with and '
                    'without a known load',

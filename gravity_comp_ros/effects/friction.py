@@ -151,7 +151,8 @@ EFFECTS = (
         coefficients=(Coefficient('F_c', 'N·m', 'Coulomb friction torque'),),
         columns=_coulomb,
         confounders=('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
-                     'presliding_hysteresis', 'asymmetric_friction', 'torque_offset'),
+                     'presliding_hysteresis', 'asymmetric_friction', 'torque_offset',
+                     'coupled_friction', 'friction_drift'),
         experiment=_TO_AND_FRO,
         signature='speed',
         source='C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
@@ -166,7 +167,8 @@ EFFECTS = (
         description='A torque against the motion that grows in proportion to speed.',
         coefficients=(Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),),
         columns=_viscous,
-        confounders=('coulomb_friction', 'stribeck_friction', 'time_delay'),
+        confounders=('coulomb_friction', 'stribeck_friction', 'time_delay', 'coupled_friction',
+                     'friction_drift'),
         experiment=_TO_AND_FRO,
         signature='speed',
         source='H. Olsson et al., Friction models and friction compensation, European Journal '
@@ -205,7 +207,7 @@ EFFECTS = (
         coefficients=(Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
                                                 'downwards'),),
         columns=_asymmetric,
-        confounders=('torque_offset', 'coulomb_friction', 'torque_drift'),
+        confounders=('torque_offset', 'coulomb_friction'),
         experiment='move joint {joint} to and fro and let it stand for some seconds in several '
                    'places on the way',
         signature='speed',
@@ -222,7 +224,7 @@ EFFECTS = (
         description='Friction in proportion to the gravity torque that the gear carries.',
         coefficients=(Coefficient('mu', '', 'friction torque per torque carried'),),
         columns=_load_dependent,
-        confounders=('coulomb_friction', 'torque_gain', 'viscous_friction'),
+        confounders=('coulomb_friction', 'torque_gain'),
         experiment='move joint {joint} to and fro over a short way in a pose with much load '
                    'and in one with none',
         signature='load',

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.effects import energy_terms as terms
+from gravity_comp_ros.effects.change_points import after, change_points, finer_points
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import smaller_than
 from gravity_comp_ros.gravity import dictionary
@@ -17,7 +18,17 @@ _STEEPEST = 0.35
 
 
 def _encoder(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.gradient[:, :, [joint]]
+    return (motion.gradient[:, :, joint] * after(motion, setting)[:, None])[:, :, None]
+
+
+def slips(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """
+    Return when a joint's zero may have moved: before the recording, or on the way.
+
+    An offset that was there throughout belongs to the gravity that is learned from the same
+    recording; it shows beside a model that was learned before.
+    """
+    return [{'run': 1.0, 'time': 0.0}, *change_points(motion)]
 
 
 def _encoder_untestable(motion: Motion, joint: int) -> str | None:
@@ -115,7 +126,7 @@ EFFECTS = (
         name='encoder_offset',
         title='Encoder offset',
         family='geometry',
-        equation='tau = delta dg(q)/dq_n',
+        equation='tau = delta dg(q)/dq_n from a time on, or throughout',
         description='A joint whose zero is not where the model has it, as after the change of '
                     'an encoder; all joints carry another torque.',
         coefficients=(Coefficient('delta', 'rad', 'true angle less the one that is reported'),),
@@ -125,6 +136,9 @@ EFFECTS = (
         signature='position',
         source='Yu 2022, Eq. (2), expanded to first order in one angle',
         scope='arm',
+        settings=slips,
+        refine=finer_points,
+        setting_units={'run': 'run number', 'time': 's'},
         untestable=_encoder_untestable,
         implausible=smaller_than(_encoder, 0.3, 'rad', 'an offset that large is another zero; '
                                                        'fit a new model')),

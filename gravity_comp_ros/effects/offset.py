@@ -50,7 +50,8 @@ EFFECTS = (
         description='A torque signal that is not zero when the torque is.',
         coefficients=(Coefficient('b', 'N·m', 'torque signal at no torque'),),
         columns=_offset,
-        confounders=('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force'),
+        confounders=('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
+                     'coulomb_friction', 'cable_stiffness'),
         experiment='let joint {joint} stand in ten poses, each reached from below and from '
                    'above',
         signature='time',

@@ -16,18 +16,14 @@ from itertools import product
 
 from gravity_comp_ros.effects import energy_terms as terms
 from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.effects.change_points import after, change_points, finer_points
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import within_torque
-from gravity_comp_ros.effects.runs import run_slices, run_time
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
-from gravity_comp_ros.samples import BoolArray, FloatArray
+from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
-_SHARES_OF_ONE_RUN = 10
-_SHARES_OF_SEVERAL = 4
-_MOST_RUNS_CUT = 8
-_FINER = 0.25
 # The last joints get every feature, the one before them those of two factors.
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
@@ -62,34 +58,13 @@ def _change(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     if 'payload' not in motion.memo and motion.model is not None:
         energies = [energy for _, energy in payload_energies(motion.model)]
         motion.memo['payload'] = terms.torques(energies, motion.samples.q)
-    return motion.memo['payload'] * _after(motion, setting)[:, None, None]
+    return motion.memo['payload'] * after(motion, setting)[:, None, None]
 
 
-def _after(motion: Motion, setting: Setting) -> BoolArray:
-    """Return which samples (M,) are at or after `time` s into run number `run`, from 1."""
-    runs, time = motion.samples.runs + 1, run_time(motion.samples)
-    return (runs > setting['run']) | ((runs == setting['run']) & (time >= setting['time']))
-
-
-def change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return the starts of all runs but the first, and points within each run."""
+def _change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
     if motion.model is None or not payload_energies(motion.model):
         return []
-    samples, time = motion.samples, run_time(motion.samples)
-    slices = run_slices(samples)
-    parts = _SHARES_OF_ONE_RUN if len(slices) == 1 else _SHARES_OF_SEVERAL
-    parts = parts if len(slices) <= _MOST_RUNS_CUT else 1
-    points = [{'run': float(samples.runs[run.start] + 1), 'time': float(k * time[run][-1] / parts)}
-              for run in slices for k in range(parts)]
-    return points[1:]
-
-
-def _finer_points(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    here = motion.samples.runs + 1 == int(setting['run'])
-    length = float(run_time(motion.samples)[here].max(initial=0.0))
-    parts = _SHARES_OF_ONE_RUN if motion.samples.n_runs == 1 else _SHARES_OF_SEVERAL
-    moved = [setting['time'] + k * _FINER * length / parts for k in (-2, -1, 1, 2)]
-    return [{**setting, 'time': time} for time in moved if 0.0 <= time < length]
+    return change_points(motion)
 
 
 def _change_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
@@ -112,7 +87,7 @@ def _change_untestable(motion: Motion, joint: int) -> str | None:
         return "payload changes are told from a model with an energy: fit with 'potential'"
     if not motion.model.energy.indices.any():
         return 'the model knows no gravity that a payload could add to'
-    if not change_points(motion, joint):
+    if not change_points(motion):
         return 'there is no time before and after'
     return None
 
@@ -181,8 +156,8 @@ EFFECTS = (
         source='Yu 2022 (updates after a change of payload); derived in effects/payload.py',
         scope='arm',
         per_joint=False,
-        settings=change_points,
-        refine=_finer_points,
+        settings=_change_points,
+        refine=finer_points,
         untestable=_change_untestable,
         implausible=within_torque(_change),
         symbols=_change_symbols,
@@ -196,7 +171,7 @@ EFFECTS = (
                     'makes a torque that does not depend on the own angle of its joint.',
         coefficients=(Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),),
         columns=_tool_force,
-        confounders=('torque_offset', 'encoder_offset', 'cable_stiffness'),
+        confounders=('torque_offset',),
         experiment='take hoses and cables off the tool and record the same motion again',
         signature='position of the last joints',
         source='R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
