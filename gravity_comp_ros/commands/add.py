@@ -16,7 +16,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
 from gravity_comp_ros.gravity.applied import undone, with_step
 from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.holdout import within
+from gravity_comp_ros.holdout import HoldoutOptions, within
 from gravity_comp_ros.modelfile import load_model, save_model
 
 VERB = 'add'
@@ -34,6 +34,9 @@ are few or the effect shows in fast motion only (inertia, Coriolis, delay); --al
 --max-speed say otherwise. Errors are of data that was not fitted: whole runs, or blocks of time.
 docs/effects.md describes every effect.
 """
+
+# What is held out stays so with its margins, s.
+_GUARD = HoldoutOptions().guard
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +110,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     with terminal.progress() as report:
         reports, samples = reading.read_all(args, report)
         # What was held out of the model stays so.
-        use = ~within(samples, reading.held_out_blocks(model, reports))
+        use = ~within(samples, reading.held_out_blocks(model, reports, _GUARD))
         result = refit(samples, model, wanted, refitting.speeds(args), use, report)
     changed = with_step(result.model, model, result.added, refitting.now(), *result.by_joint())
     changed = replace(changed, provenance=_provenance(model, reports))

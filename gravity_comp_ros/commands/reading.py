@@ -75,10 +75,12 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     return found
 
 
-def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport]) -> list[Block]:
-    """Return the stretches of these bags that `fit --holdout` kept out of the model."""
+def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
+                    guard: float = 0.0) -> list[Block]:
+    """Return what `fit --holdout` kept of these bags out of the model, and `guard` s about it."""
     blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
-    return [Block(run, block['start'], block['end']) for run, report in enumerate(reports)
+    return [Block(run, block['start'] - guard, block['end'] + guard)
+            for run, report in enumerate(reports)
             for block in blocks if block['sha256'] == report.sha256]
 
 

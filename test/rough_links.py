@@ -1,0 +1,33 @@
+"""Two links with friction and an offset, whose torque is known by hand."""
+
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+
+NOISE, COULOMB, VISCOUS, OFFSET = 0.05, 0.6, 5.0, 0.4
+JOINTS = ('shoulder', 'elbow')
+
+
+def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0):
+    """
+    Return 60 s of two links in an upright plane with friction; q = 0 hangs down.
+
+    tau_1 = 10 s1 + 4 s12 + 0.6 tanh(qd_1 / 0.005) + 5 qd_1, tau_2 = 4 s12 + 0.4.
+    """
+    t = 0.05 * np.arange(count)
+    rng = np.random.default_rng(seed)
+    phase = rng.uniform(0.0, 6.0, 4)
+    if one_way:
+        q = np.column_stack([-1.0 + 0.03 * t, 1.2 * np.sin(0.09 * t)])
+        qd = np.column_stack([np.full(count, 0.03), 0.108 * np.cos(0.09 * t)])
+    else:
+        q = np.column_stack([
+            0.5 * np.sin(0.11 * t + phase[0]) + 0.1 * np.sin(0.7 * t + phase[1]),
+            0.6 * np.sin(0.09 * t + phase[2]) + 0.1 * np.sin(0.5 * t + phase[3])])
+        qd = np.column_stack([
+            0.055 * np.cos(0.11 * t + phase[0]) + 0.07 * np.cos(0.7 * t + phase[1]),
+            0.054 * np.cos(0.09 * t + phase[2]) + 0.05 * np.cos(0.5 * t + phase[3])])
+    both = 4.0 * np.sin(q.sum(axis=1))
+    tau = np.column_stack([
+        10.0 * np.sin(q[:, 0]) + both + rough * (COULOMB * np.tanh(qd[:, 0] / 0.005) + VISCOUS * qd[:, 0]),
+        both + rough * OFFSET])
+    return JointSamples.single_run(names, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))

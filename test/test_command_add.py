@@ -1,0 +1,211 @@
+"""`add`, `add --undo` and `fit --effects`, on two links whose torque is known by hand."""
+
+import hashlib
+import json
+from pathlib import Path
+
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.gravity.applied import AppliedEffect, Value
+from gravity_comp_ros.modelfile import load_model, save_model
+import numpy as np
+import pytest
+from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('bags')
+    made = {'one': two_links(1), 'two': two_links(2), 'later': two_links(3),
+            'short': two_links(4, count=40), 'one_way': two_links(5, one_way=True),
+            'other': two_links(6, names=('a', 'b'))}
+    for name, samples in made.items():
+        write_bag(folder / f'{name}.mcap', [joint_states(samples)])
+    return {name: str(folder / f'{name}.mcap') for name in made}
+
+
+@pytest.fixture(scope='module')
+def fitted(bags, tmp_path_factory):
+    path = tmp_path_factory.mktemp('models') / 'arm.json'
+    assert main(['fit', bags['one'], bags['two'], '-o', str(path)]) == 0
+    return path.read_bytes()
+
+
+@pytest.fixture
+def model(fitted, tmp_path):
+    path = tmp_path / 'arm.json'
+    path.write_bytes(fitted)
+    return path
+
+
+def run_json(capsys, *argv):
+    status = main([*map(str, argv), '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def add(capsys, effects, model, *bags, **options):
+    return run_json(capsys, 'add', effects, '--model', model, *bags, *options.get('more', ()))
+
+
+def rms(model, samples):
+    return np.sqrt(((samples.tau - predict_torque(model, samples)) ** 2).mean(axis=0))
+
+
+def test_friction_and_offset_come_out_as_they_went_in(bags, model, capsys):
+    found = add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder,'
+                'torque_offset:elbow', model, bags['one'], bags['two'])
+    effects = {effect['target']: effect['coefficients'] for effect in found['effects']}
+    for target, symbol, truth, unit in (
+            ('coulomb_friction:shoulder', 'F_c', COULOMB, 'N·m'),
+            ('viscous_friction:shoulder', 'F_v', VISCOUS, 'N·m·s/rad'),
+            ('torque_offset:elbow', 'b', OFFSET, 'N·m')):
+        value = effects[target][symbol]
+        assert value['unit'] == unit
+        low, high = value['ci95']
+        assert low < truth < high and high - low < 0.3 * truth
+    for joint in JOINTS:
+        assert found['held_out'][joint]['rmse_after'] < 1.15 * NOISE
+    # Gravity had imitated most of the offset by a feature c2, but can imitate no friction.
+    assert found['held_out']['shoulder']['rmse_before'] > 0.5
+    assert found['held_out']['elbow']['rmse_before'] > 1.5 * NOISE
+    assert found['p'] < 1e-3 and not found['warnings'] and found['written']
+    # Gravity itself is right again, on a recording that no fit has seen.
+    changed, later = load_model(model), two_links(3)
+    truth = np.column_stack([10.0 * np.sin(later.q[:, 0]), np.zeros(len(later))]) \
+        + 4.0 * np.sin(later.q.sum(axis=1))[:, None]
+    assert np.abs(changed.predict(later.q) - truth).max() < 0.1
+    assert (rms(changed, later) < 1.2 * NOISE).all()
+
+
+def test_compare_and_diagnose_take_the_effects_into_account(bags, model, capsys):
+    before = run_json(capsys, 'compare', bags['later'], '--model', model)['joints']
+    add(capsys, 'coulomb_friction:shoulder,viscous_friction:shoulder', model, bags['one'])
+    after = run_json(capsys, 'compare', bags['later'], '--model', model)['joints']
+    assert after['shoulder']['rmse'] < 0.2 * before['shoulder']['rmse']
+    # The elbow's offset bends gravity a little, so that it is not exactly as before.
+    assert after['elbow']['rmse'] == pytest.approx(before['elbow']['rmse'], rel=0.1)
+    rest = run_json(capsys, 'diagnose', bags['one'], bags['two'], '--model', model)['findings']
+    assert {(f['joint'], f['effect']) for f in rest} == {('elbow', 'torque_offset')}
+
+
+def test_without_a_joint_it_goes_where_it_shows(bags, model, capsys):
+    found = add(capsys, 'coulomb_friction', model, bags['one'], bags['two'])
+    assert 'coulomb_friction:shoulder' in found['added']
+    # The elbow has none: it is left out if it comes out negative, and next to nothing if not.
+    elbow = [e for e in found['effects'] if e['joint'] == 'elbow']
+    assert 'coulomb_friction:elbow' in found['left_out'] or \
+        abs(elbow[0]['coefficients']['F_c']['value']) < 0.03
+
+
+def test_undo_brings_the_model_back_to_the_last_bit(bags, model, capsys):
+    start = load_model(model)
+    add(capsys, 'coulomb_friction:shoulder', model, bags['one'])
+    middle = load_model(model)
+    add(capsys, 'torque_offset:elbow', model, bags['one'])
+    done = run_json(capsys, 'add', '--undo', '--model', model)
+    assert done['removed'] == ['torque_offset:elbow']
+    assert done['effects'] == ['coulomb_friction:shoulder']
+    back = load_model(model)
+    assert back.applied.effects == middle.applied.effects
+    np.testing.assert_array_equal(back.energy.weights, middle.energy.weights)
+    assert main(['add', '--undo', '--model', str(model)]) == 0
+    back = load_model(model)
+    np.testing.assert_array_equal(back.energy.weights, start.energy.weights)
+    np.testing.assert_array_equal(back.noise, start.noise)
+    assert [(step.action, step.effects) for step in back.applied.history] == [
+        ('added', ('coulomb_friction:shoulder',)), ('added', ('torque_offset:elbow',)),
+        ('removed', ('torque_offset:elbow',)), ('removed', ('coulomb_friction:shoulder',))]
+    capsys.readouterr()
+    kept = model.read_bytes()
+    assert main(['add', '--undo', '--model', str(model)]) == 1
+    assert 'no addition to take back' in capsys.readouterr().err
+    assert model.read_bytes() == kept
+
+
+def test_a_needless_effect_is_added_with_a_warning(bags, model, capsys):
+    assert main(['add', 'joint_spring:elbow', '--model', str(model), bags['one']]) == 0
+    out = capsys.readouterr()
+    assert 'the held-out error does not fall' in out.err
+    assert 'added joint_spring:elbow' in out.out
+
+
+def test_a_dry_run_writes_nothing(bags, model, fitted, capsys):
+    found = add(capsys, 'coulomb_friction:shoulder', model, bags['one'], more=['--dry-run'])
+    assert found['added'] and not found['written']
+    assert model.read_bytes() == fitted
+
+
+def test_what_was_held_out_stays_held_out(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
+    found = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
+    # The second bag is the one that was held out.
+    assert found['n_samples'] == 1200
+
+
+def test_fit_learns_effects_with_gravity(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    found = run_json(capsys, 'fit', bags['one'], bags['two'], '--effects',
+                     'coulomb_friction:shoulder,viscous_friction:shoulder,torque_offset:elbow',
+                     '-o', path)
+    assert set(found['added']) == {'coulomb_friction:shoulder', 'viscous_friction:shoulder',
+                                   'torque_offset:elbow'}
+    model = load_model(path)
+    # 10 s1 + 4 s1 c2 + 4 c1 s2, and no feature that imitates friction.
+    assert model.n_features().tolist() == [3, 2]
+    assert (rms(model, two_links(3)) < 1.2 * NOISE).all()
+
+
+def test_an_effect_that_is_not_installed_is_named(bags, model, capsys):
+    found = load_model(model)
+    strange = AppliedEffect('ghost_torque', 'elbow', {}, {'x': Value(1.0, 'N·m', (0.9, 1.1))})
+    applied = type(found.applied)((strange,), {'width': np.full(2, 0.01)})
+    save_model(model, type(found)(**{**found.__dict__, 'applied': applied}))
+    assert main(['compare', bags['later'], '--model', str(model)]) == 1
+    err = capsys.readouterr().err.splitlines()[-1]
+    assert 'ghost_torque' in err and 'not installed' in err
+
+
+@pytest.mark.parametrize('effects, bag, words', [
+    ('coulom:shoulder', 'one', 'did you mean coulomb_friction?'),
+    ('coulomb_friction:sholder', 'one', 'did you mean shoulder?'),
+    ('coulomb_friction:shoulder,coulomb_friction', 'one', 'asked for twice'),
+    ('base_tilt:shoulder', 'one', 'whole arm'),
+    ('coulomb_friction:shoulder', 'short', 'too few'),
+    ('coulomb_friction:shoulder', 'one_way', 'one way only'),
+    ('coulomb_friction:shoulder', 'other', 'no joint shoulder'),
+    ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
+])
+def test_bad_input_gets_one_line_and_leaves_the_file(bags, model, fitted, capsys, effects, bag,
+                                                     words):
+    path = bags.get(bag, str(Path(bags['one']).with_name('missing.mcap')))
+    assert main(['add', effects, '--model', str(model), path]) == 1
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
+    assert len(err) == 1 and words in err[0], err
+    assert model.read_bytes() == fitted
+
+
+def test_an_effect_is_not_added_twice(bags, model, capsys):
+    add(capsys, 'torque_offset:elbow', model, bags['one'])
+    kept = hashlib.sha256(model.read_bytes()).hexdigest()
+    assert main(['add', 'torque_offset:elbow', '--model', str(model), bags['one']]) == 1
+    assert 'in the model already' in capsys.readouterr().err
+    assert hashlib.sha256(model.read_bytes()).hexdigest() == kept
+
+
+def test_a_read_only_model_is_refused_before_the_work(bags, model, fitted, capsys):
+    model.chmod(0o444)
+    assert main(['add', 'torque_offset:elbow', '--model', str(model), bags['one']]) == 1
+    err = capsys.readouterr().err
+    assert 'read-only' in err and 'read one.mcap' not in err
+    assert model.read_bytes() == fitted
+
+
+@pytest.mark.parametrize('argv', [
+    ['add', '--model', 'm.json'], ['add', 'torque_offset', '--model', 'm.json'],
+    ['add', 'torque_offset', 'a.mcap', '--model', 'm.json', '--undo'], ['add', '--undo']])
+def test_wrong_usage_exits_with_2(argv, capsys):
+    assert main(argv) == 2
+    assert capsys.readouterr().err

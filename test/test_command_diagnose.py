@@ -1,0 +1,132 @@
+"""`diagnose`: what it says for people and for machines, and what it says cannot be known."""
+
+import json
+import shlex
+
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.diagnosis.findings import VERDICTS
+import pytest
+from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with recordings and a model fitted to two of them."""
+    folder = tmp_path_factory.mktemp('diagnose')
+    made = {'one': two_links(1), 'two': two_links(2), 'clean': two_links(3, rough=0.0),
+            'one_way': two_links(5, one_way=True), 'short': two_links(4, count=40),
+            'other': two_links(6, names=('a', 'b'))}
+    for name, samples in made.items():
+        write_bag(folder / f'{name}.mcap', [joint_states(samples)])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(['fit', 'one.mcap', 'two.mcap', '-o', 'arm.json']) == 0
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def here(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+
+
+def run_json(capsys, *argv):
+    status = main(['diagnose', *argv, '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def shown(capsys, *argv):
+    assert main(['diagnose', *argv]) == 0
+    out = capsys.readouterr()
+    return out.out, out.err
+
+
+def test_json_is_as_agreed_and_names_what_is_missing(capsys):
+    found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    for finding in found['findings']:
+        assert {'joint', 'effect', 'verdict', 'rivals', 'coefficients', 'nrmse_before',
+                'nrmse_after', 'base_absorbed', 'runs_better', 'why', 'next_step'} <= set(finding)
+        assert finding['verdict'] in VERDICTS
+        for value in finding['coefficients'].values():
+            assert set(value) == {'value', 'unit', 'ci95'}
+            assert value['ci95'][0] <= value['value'] <= value['ci95'][1]
+    assert set(found['joints']) == set(JOINTS)
+    for report in found['joints'].values():
+        assert {'summary', 'noise_floor', 'n_effective'} <= set(report)
+        assert 0 < report['n_effective'] <= 2400
+    named = {(f['joint'], f['effect']): f for f in found['findings']}
+    assert {('shoulder', 'coulomb_friction'), ('shoulder', 'viscous_friction')} <= set(named)
+    friction = named['shoulder', 'coulomb_friction']['coefficients']['F_c']
+    assert friction['ci95'][0] < COULOMB < friction['ci95'][1]
+    assert named['shoulder', 'coulomb_friction']['nrmse_after'] < 0.5 * \
+        named['shoulder', 'coulomb_friction']['nrmse_before']
+    low, high = named['elbow', 'torque_offset']['coefficients']['b']['ci95']
+    assert low < OFFSET < high
+
+
+def test_people_get_a_sentence_a_table_and_commands(capsys):
+    out, err = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    lines = out.splitlines()
+    assert 'effects are missing, above all' in lines[0] and '±' in lines[0]
+    for words in ('the recording: 2400 samples', 'what is missing', 'or rather', 'next step',
+                  'cannot be judged from this recording', 'coulomb_friction', 'established',
+                  'turns', 'at rest', 'independent'):
+        assert words in out, words
+    assert '... selection' in err
+
+
+def test_the_next_step_is_a_command_that_works(capsys):
+    out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
+    command = next(line for line in out.splitlines() if 'gravity_comp add' in line)
+    argv = shlex.split(command)[1:]
+    assert argv[-4:] == ['--model', 'arm.json', 'one.mcap', 'two.mcap']
+    assert main([*argv, '--dry-run', '--json']) == 0
+    added = json.loads(capsys.readouterr().out)
+    for joint in JOINTS:
+        assert added['held_out'][joint]['rmse_after'] < 1.3 * NOISE
+
+
+def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
+    out, _ = shown(capsys, 'one.mcap', '--effects', 'coulomb_friction,viscous_friction')
+    assert 'gravity_comp fit one.mcap -o MODEL.json' in out
+    assert 'coulomb_friction:shoulder' in out and 'torque_offset' not in out
+
+
+def test_nothing_is_invented_where_nothing_is_missing(capsys):
+    found = run_json(capsys, 'clean.mcap')
+    assert found['findings'] == []
+    assert found['verdict'] == 'Nothing is missing that this motion could show.'
+    out, _ = shown(capsys, 'clean.mcap')
+    assert out.startswith('Nothing is missing') and 'next step' not in out
+
+
+def test_one_way_motion_cannot_show_friction(capsys):
+    found = run_json(capsys, 'one_way.mcap')
+    sure = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
+    assert not [f for f in sure if f['joint'] == 'shoulder' and 'friction' in f['effect']]
+    assert 'one way only' in found['joints']['shoulder']['untestable']['coulomb_friction']
+    assert any('one way only: shoulder' in remark for remark in found['data']['remarks'])
+    out, _ = shown(capsys, 'one_way.mcap')
+    assert 'coulomb_friction on shoulder: the joint moves one way only' in ' '.join(out.split())
+
+
+def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):
+    out, _ = shown(capsys, 'one.mcap', '--json', str(tmp_path / 'd.json'))
+    assert 'what is missing' in out
+    assert json.loads((tmp_path / 'd.json').read_text())['findings']
+
+
+@pytest.mark.parametrize('argv, words', [
+    (['other.mcap', '--model', 'arm.json'], 'shoulder'),
+    (['short.mcap', '--model', 'arm.json'], 'too few'),
+    (['one.mcap', '--model', 'nothing.json'], 'nothing.json'),
+    (['one.mcap', '--effects', 'viscos_friction'], 'did you mean viscous_friction?'),
+    (['one.mcap', '--model', 'arm.json', '--joints', 'shoulder'], '--joints'),
+    (['one.mcap', 'other.mcap'], 'different robots'),
+])
+def test_bad_input_gets_one_line(capsys, argv, words):
+    assert main(['diagnose', *argv]) == 1
+    err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
+    assert len(err) == 1 and words in err[0], err

@@ -1,0 +1,199 @@
+"""Joint refits of gravity and effects in every formulation, and predictions with effects."""
+
+from dataclasses import replace
+import json
+
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.refit import refit, RefitOptions
+from gravity_comp_ros.effects.predict import effect_torque, predict_torque, rows_of
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.gate import slow_samples
+from gravity_comp_ros.gravity.applied import Applied, AppliedEffect, Step, Value, with_step
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.samples import concatenate, JointSamples
+import numpy as np
+import pytest
+from rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
+
+SAMPLES = concatenate([two_links(1), two_links(2)])
+FRICTION = ('coulomb_friction:shoulder', 'viscous_friction:shoulder')
+
+
+def fitted(formulation='potential', samples=SAMPLES):
+    return fit(slow_samples(samples).samples, FitOptions(formulation)).model
+
+
+MODEL = fitted()
+
+
+def added(model, *targets, samples=SAMPLES, **options):
+    return refit(samples, model, requests(targets, model.joints), **options)
+
+
+def values(model, target):
+    effect = next(e for e in model.applied.effects if e.target == target)
+    return {symbol: x.value for symbol, x in effect.coefficients.items()}
+
+
+@pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
+def test_every_formulation_stays_what_it_is(formulation):
+    model = fitted(formulation)
+    made = added(model, *FRICTION).model
+    assert made.formulation == formulation and (made.chain is None) == (model.chain is None)
+    if formulation == 'per_joint':
+        assert made.energy is None
+    else:
+        q = two_links(9).q
+        torque = np.column_stack([_slope(made, q, n) for n in range(2)])
+        np.testing.assert_allclose(made.predict(q), torque, atol=1e-6)
+        assert (made.predict_std(q) > 0.0).all()
+    assert values(made, FRICTION[0])['F_c'] == pytest.approx(COULOMB, abs=0.05)
+    assert values(made, FRICTION[1])['F_v'] == pytest.approx(VISCOUS, rel=0.1)
+
+
+def _slope(model, q, joint):
+    """Return d U / d q of a joint from energies alone: the torques must have a potential."""
+    from gravity_comp_ros.gravity import dictionary
+    step = np.zeros(q.shape[1])
+    step[joint] = 1e-5
+    energy = [dictionary.columns(x, model.energy.indices) @ model.energy.weights
+              for x in (q - step, q + step)]
+    return (energy[1] - energy[0]) / 2e-5
+
+
+def test_a_setting_is_found_by_the_training_part():
+    # 0.8 N·m more at creeping speed, which is gone beyond 0.03 rad/s.
+    extra = 0.8 * np.exp(-(SAMPLES.qd[:, 0] / 0.03) ** 2) * np.tanh(SAMPLES.qd[:, 0] / 0.005)
+    tau = SAMPLES.tau + np.column_stack([extra, np.zeros(len(extra))])
+    samples = replace(SAMPLES, tau=tau)
+    made = added(fitted(samples=samples), *FRICTION, 'stribeck_friction:shoulder',
+                 samples=samples)
+    effect = made.model.applied.effects[-1]
+    assert effect.setting['speed'] == pytest.approx(0.03, rel=0.35)
+    assert effect.coefficients['F_s'].value == pytest.approx(0.8, rel=0.25)
+    # The width over which the sign turns is told with Stribeck's hump in the way.
+    assert made.errors['shoulder'].after < 1.5 * NOISE
+
+
+def test_before_and_after_are_of_samples_that_were_not_fitted():
+    # What is not there must not seem to help; fitted errors would fall every time.
+    tries = [added(MODEL, 'joint_spring:elbow', 'inertia:elbow',
+                   samples=concatenate([two_links(10 + k), two_links(30 + k)])) for k in range(5)]
+    assert all(t.errors['elbow'].after > 0.97 * t.errors['elbow'].before for t in tries)
+
+
+def test_rows_that_are_held_out_have_no_influence():
+    use = SAMPLES.runs == 0
+    spoilt = replace(SAMPLES, tau=np.where(use[:, None], SAMPLES.tau, 0.0))
+    # The direction of motion is told from all samples; with it fixed, nothing else may enter.
+    a = added(MODEL, 'torque_offset:elbow', samples=SAMPLES, use=use).model
+    b = added(MODEL, 'torque_offset:elbow', samples=spoilt, use=use).model
+    assert values(a, 'torque_offset:elbow') == values(b, 'torque_offset:elbow')
+    np.testing.assert_array_equal(a.energy.weights, b.energy.weights)
+
+
+def test_only_slow_samples_count_unless_told_otherwise():
+    fast = two_links(3)
+    fast = JointSamples.single_run(JOINTS, fast.t / 3, fast.q, 3 * fast.qd, fast.tau, 'fast')
+    samples = concatenate([SAMPLES, fast])
+    slow = int((np.abs(samples.qd) <= 0.15).all(axis=1).sum())
+    assert added(MODEL, FRICTION[0], samples=samples).n_samples == slow < len(samples)
+    assert added(MODEL, 'inertia:shoulder', samples=samples).n_samples == len(samples)
+    assert added(MODEL, FRICTION[0], samples=samples,
+                 options=RefitOptions(slow=None)).n_samples == len(samples)
+    few = added(MODEL, FRICTION[0], samples=samples, options=RefitOptions(0.1, force=True))
+    assert few.n_samples == int((np.abs(samples.qd) <= 0.1).all(axis=1).sum())
+
+
+def test_an_effect_that_a_recording_does_not_show_stays_as_it_was():
+    made = added(MODEL, *FRICTION).model
+    still = two_links(5, one_way=True)
+    later = added(made, 'torque_offset:elbow', samples=still)
+    assert FRICTION[0] in later.kept
+    assert values(later.model, FRICTION[0]) == values(made, FRICTION[0])
+    # What remains of the recording is not blamed on anything else.
+    assert later.errors['elbow'].after < 1.2 * NOISE
+
+
+def test_predictions_take_nothing_from_measured_torque():
+    made = added(MODEL, *FRICTION, 'torque_offset:elbow').model
+    samples = two_links(7)
+    blind = replace(samples, tau=np.zeros_like(samples.tau))
+    np.testing.assert_array_equal(predict_torque(made, samples), predict_torque(made, blind))
+    np.testing.assert_allclose(predict_torque(made, samples) - made.predict(samples.q),
+                               effect_torque(made, samples))
+    turned = samples.joints(JOINTS[::-1])
+    np.testing.assert_array_equal(predict_torque(made, turned), predict_torque(made, samples))
+
+
+def test_what_a_model_has_is_not_diagnosed_again():
+    made = added(MODEL, *FRICTION).model
+    names = {f.effect for f in diagnose(SAMPLES, made).findings if f.joint == 'shoulder'}
+    assert not names & {'coulomb_friction', 'viscous_friction'}
+
+
+def test_rows_of_finds_every_sample_of_a_selection():
+    keep = np.random.default_rng(0).random(len(SAMPLES)) < 0.3
+    np.testing.assert_array_equal(rows_of(SAMPLES, SAMPLES.select(keep)), np.flatnonzero(keep))
+
+
+def test_a_chain_holds_a_tilt_already():
+    with pytest.raises(DataError, match='first axis'):
+        added(fitted('chain'), 'base_tilt')
+
+
+def test_requests_name_what_was_meant():
+    found = requests(['viscous_friction', 'base_tilt'], JOINTS)
+    assert [(r.target, r.named) for r in found] == [
+        ('viscous_friction:shoulder', False), ('viscous_friction:elbow', False),
+        ('base_tilt', True)]
+    with pytest.raises(OptionError, match='did you mean encoder_offset'):
+        requests(['encoder:elbow'], JOINTS)
+
+
+def test_files_keep_effects_and_history(tmp_path):
+    result = added(MODEL, *FRICTION)
+    model = with_step(result.model, MODEL, result.added, '2025-01-01T00:00:00+00:00',
+                      *result.by_joint())
+    save_model(tmp_path / 'm.json', model)
+    again = load_model(tmp_path / 'm.json')
+    assert again.applied.effects == model.applied.effects
+    step = again.applied.history[0]
+    assert (step.action, step.effects) == ('added', FRICTION)
+    assert step.before == result.by_joint()[0]
+    np.testing.assert_array_equal(step.previous.energy.weights, MODEL.energy.weights)
+    np.testing.assert_array_equal(predict_torque(again, SAMPLES), predict_torque(model, SAMPLES))
+    document = json.loads((tmp_path / 'm.json').read_text())
+    assert document['version'] == 2
+    # The checksum covers a coefficient of friction too.
+    document['model']['applied']['effects'][0]['coefficients']['F_c']['value'] += 0.1
+    (tmp_path / 'm.json').write_text(json.dumps(document))
+    with pytest.raises(ModelFileError, match='damaged'):
+        load_model(tmp_path / 'm.json')
+
+
+def test_a_model_of_gravity_alone_is_written_as_before(tmp_path):
+    save_model(tmp_path / 'm.json', MODEL)
+    document = json.loads((tmp_path / 'm.json').read_text())
+    assert document['version'] == 1 and 'applied' not in document['model']
+
+
+ONE = AppliedEffect('x', 'elbow', {}, {'b': Value(1.0, 'N·m', (0.9, 1.1))})
+
+
+@pytest.mark.parametrize('make', [
+    lambda: Value(float('nan'), 'N·m', (0.0, 1.0)),
+    lambda: AppliedEffect('x', None, {}, {}),
+    lambda: AppliedEffect('x', None, {'speed': float('inf')}, ONE.coefficients),
+    lambda: Applied((ONE, ONE), {'width': np.ones(2)}),
+    lambda: Applied((ONE,)),
+    lambda: Applied((ONE,), {'width': -np.ones(2)}),
+    lambda: Step('forgotten', (), 'today'),
+    lambda: replace(MODEL, applied=Applied((ONE,), {'width': np.ones(3)})),
+    lambda: replace(MODEL, applied=Applied((replace(ONE, joint='knee'),), {'width': np.ones(2)})),
+])
+def test_effects_that_make_no_sense_are_refused(make):
+    with pytest.raises(DataError):
+        make()
