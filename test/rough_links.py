@@ -28,6 +28,7 @@ def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0):
             0.054 * np.cos(0.09 * t + phase[2]) + 0.05 * np.cos(0.5 * t + phase[3])])
     both = 4.0 * np.sin(q.sum(axis=1))
     tau = np.column_stack([
-        10.0 * np.sin(q[:, 0]) + both + rough * (COULOMB * np.tanh(qd[:, 0] / 0.005) + VISCOUS * qd[:, 0]),
+        10.0 * np.sin(q[:, 0]) + both
+        + rough * (COULOMB * np.tanh(qd[:, 0] / 0.005) + VISCOUS * qd[:, 0]),
         both + rough * OFFSET])
     return JointSamples.single_run(names, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))

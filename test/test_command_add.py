@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
 
+
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp('bags')
