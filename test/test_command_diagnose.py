@@ -70,7 +70,7 @@ def test_people_get_a_sentence_a_table_and_commands(capsys):
     out, err = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
     assert 'effects are missing, above all' in lines[0] and '±' in lines[0]
-    for words in ('the recording: 2400 samples', 'what is missing', 'or rather', 'next step',
+    for words in ('the recording: 2400 samples', 'what is missing', 'held-out error', 'next step',
                   'cannot be judged from this recording', 'coulomb_friction', 'established',
                   'turns', 'at rest', 'independent'):
         assert words in out, words

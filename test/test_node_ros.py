@@ -332,4 +332,5 @@ def test_diagnose_names_what_the_model_lacks(model_file, bags):
             probe.spin(0.003)
         answer = probe.call('diagnose', 60)
     assert answer.success, answer.message
-    assert 'coulomb_friction on iiwa_joint_4' in answer.message
+    assert 'Coulomb friction on joint iiwa_joint_4' in answer.message
+    assert 'coulomb_friction:iiwa_joint_4 (established)' in answer.message

@@ -39,8 +39,8 @@ All samples are used, fast ones too: inertia is an effect like any other. Errors
 was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).
 """
 
-_FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'error before', 'after',
-             'or rather')
+_FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
+_RIVALS = 'or rather'
 _MOST_SHOWN = 3
 
 
@@ -126,11 +126,18 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 
 def _table(diagnosis: Diagnosis) -> Table:
-    rows = [(f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
-             words.percent(f.nrmse_before), words.percent(f.nrmse_after),
-             ', '.join(f.rivals) or '–') for f in diagnosis.findings]
-    return terminal.table('what is missing', _FINDINGS, rows,
-                          left=('effect', 'verdict', 'coefficient, 95 %', 'or rather'))
+    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
+             f'{words.percent(f.nrmse_before)} → {words.percent(f.nrmse_after)}',
+             ', '.join(f.rivals)] for f in diagnosis.findings]
+    columns = [*_FINDINGS, _RIVALS]
+    if not any(f.rivals for f in diagnosis.findings):
+        columns, rows = columns[:-1], [row[:-1] for row in rows]
+    made = terminal.table('what is missing', columns, rows,
+                          left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS))
+    # Names are copied from here, so they stay whole; numbers and rivals may be folded.
+    for column in made.columns[:3]:
+        column.no_wrap = True
+    return made
 
 
 def _coefficients(finding: Finding) -> str:

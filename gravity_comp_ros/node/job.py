@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 import time
 
+from gravity_comp_ros.diagnosis import words
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.gravity.applied import target
 from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.node.judge import judge, Verdict
@@ -71,12 +73,13 @@ def ask(question: Question) -> Findings:
     :raises DataError: if there are too few samples.
     """
     start = time.monotonic()
-    found = diagnose(question.samples, question.model).findings
-    words = [f'{item.effect or "unexplained"} on {item.joint or "the whole arm"} '
-             f'({item.verdict})' for item in found]
-    text = '; '.join(words) if words else 'nothing is missing'
-    return Findings(question.number, f'{text}; {len(question.samples)} slow samples, '
-                    f'{time.monotonic() - start:.1f} s')
+    found = diagnose(question.samples, question.model)
+    # Named as `gravity_comp add` and the parameter `effects` take them.
+    ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
+                        for item in found.findings)
+    lines = [words.verdict(found), *([ranking] if ranking else []),
+             f'{len(question.samples)} slow samples, {time.monotonic() - start:.1f} s']
+    return Findings(question.number, ' | '.join(lines))
 
 
 def work(job: Job) -> Outcome:
