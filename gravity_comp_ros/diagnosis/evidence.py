@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 from scipy import linalg
 
@@ -95,9 +95,7 @@ def training_sums(values: FloatArray, blocks: Blocks) -> FloatArray:
 
 def solve(joint: JointGram, columns: IntArray, n_shared: int, prior: Prior,
           blocks: Blocks) -> Fit:
-    """
-    Fit one joint on `columns`, of which the first `n_shared` are shared and have a prior.
-    """
+    """Fit one joint on `columns`, of which the first `n_shared` are shared and have a prior."""
     gram, c = joint.take(columns)
     g, r = training_sums(gram, blocks), training_sums(c, blocks)
     g[:, :n_shared, :n_shared] += prior.information
@@ -121,20 +119,20 @@ def shared_information(joint: JointGram, columns: IntArray, n_shared: int,
     gram, c = joint.take(columns)
     g, r = training_sums(gram, blocks), training_sums(c, blocks)
     g += np.diag(joint.ridge[columns])
-    s, l = slice(0, n_shared), slice(n_shared, len(columns))
+    s, own = slice(0, n_shared), slice(n_shared, len(columns))
     if n_shared == len(columns):
         return Prior(g[:, s, s], r[:, s])
     information, vector = np.empty(g[:, s, s].shape), np.empty(r[:, s].shape)
     for k in range(len(g)):
-        solved = _solve(g[k, l, l], np.column_stack([g[k, l, s], r[k, l]]))
-        information[k] = g[k, s, s] - g[k, s, l] @ solved[:, :-1]
-        vector[k] = r[k, s] - g[k, s, l] @ solved[:, -1]
+        solved = _solve(g[k, own, own], np.column_stack([g[k, own, s], r[k, own]]))
+        information[k] = g[k, s, s] - g[k, s, own] @ solved[:, :-1]
+        vector[k] = r[k, s] - g[k, s, own] @ solved[:, -1]
     return Prior(information, vector)
 
 
 def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> FloatArray:
     """
-    Return the covariance (P, P) of a fit's coefficients, robust to correlation within blocks.
+    Return how sure a fit's coefficients are, robust to correlation within blocks: (P, P).
 
     The sandwich A^-1 (sum_b s_b s_b.T) A^-1 with the blocks' scores s_b = c_b - G_b x, and the
     prior's information added to the middle as it stands (Liang and Zeger 1986).
@@ -157,7 +155,6 @@ def absorbed(joint: JointGram, base: IntArray, columns: IntArray) -> float:
     cross = total[np.ix_(base, columns)]
     explained = np.einsum('ij,ij->j', cross, _solve(total[np.ix_(base, base)], cross))
     return float(np.clip(explained / np.maximum(own, 1e-300), 0.0, 1.0).mean())
-
 
 
 def _solve(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -1,5 +1,5 @@
 """
-Is anything left that repeats, whatever its shape?
+What is left over but repeats, whatever its shape.
 
 Bumps along a joint's own angle, and along its angle by direction, can imitate any torque that
 depends on them. If they predict held-out residuals, there is something to find; if no effect of
@@ -21,7 +21,7 @@ PRIOR_BLOCKS = 0.1
 
 
 def bumps(q: FloatArray, low: float, high: float, count: int) -> FloatArray:
-    """Return `count` Gaussian bumps (M, count) along q (M,), overlapping at half height."""
+    """Return a row of Gaussians along q (M,), overlapping at half height, as (M, count)."""
     centres = np.linspace(low, high, count)
     width = 0.6 * (high - low) / max(count - 1, 1)
     return np.asarray(np.exp(-0.5 * ((q[:, None] - centres) / width) ** 2))
