@@ -17,10 +17,13 @@ from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
+from gravity_comp_ros.gravity.sparse import SparseOptions
 from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
 import numpy as np
 
 _SAMPLES = 1500
+# What is missing is still in the torque and correlated over seconds: a few samples count as one.
+_CAUTIOUS = FitOptions(sparse=SparseOptions(inflation=4.0))
 # An arm whose first joint carries less than this share of the largest torque is level but for
 # a tilt; more is a wall or an incline, whose gravity the base must hold.
 _NEARLY_LEVEL = 0.15
@@ -36,12 +39,12 @@ def choose_base(samples: JointSamples, model: GravityModel | None
     if model is None or model.energy is None:
         few = samples.select(np.arange(samples.n_samples)
                              % max(1, samples.n_samples // _SAMPLES) == 0)
-        rough = fit(few).model
+        rough = fit(few, _CAUTIOUS).model
         motion = build_motion(samples, rough)
         cleaned = replace(samples, tau=samples.tau - _nuisance(motion, _features(rough)))
         kept = cleaned.select(np.arange(samples.n_samples)
                               % max(1, samples.n_samples // _SAMPLES) == 0)
-        model = fit(kept, FitOptions()).model
+        model = fit(kept, _CAUTIOUS).model
     model = _level(model, samples.q)
     return model, _features(model), build_motion(samples, model)
 

@@ -38,7 +38,7 @@ class SelectionOptions:
     """
 
     alpha: float = 0.01
-    least_share: float = 0.02
+    least_share: float = 0.004
     most: int = 40
 
     def __post_init__(self) -> None:
@@ -136,7 +136,7 @@ class Selection:
                      self.blocks)
 
     def errors(self, joint: int | None, chosen: list[Candidate]) -> FloatArray:
-        """Return held-out errors (B,) of one joint, or of all together."""
+        """Return each block's held-out error (B,), of one joint or of all together."""
         joints = range(len(self.grams)) if joint is None else [joint]
         return np.sum([held_out_errors(self.grams[n], self.fit(n, chosen), self.blocks)
                        for n in joints], axis=0)

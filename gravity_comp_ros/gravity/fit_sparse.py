@@ -17,11 +17,13 @@ def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
     :raises FitError: if there are no samples.
     """
     few = problem.thinned(_ENOUGH)
-    grown = grow(few, options)
-    inflation = options.inflation
-    if inflation is None:
+    if options.inflation is None:
+        grown = grow(few, options)
         inflation = choose_inflation(few, grown, options).inflation
-    pruned = prune(few, grown, inflation)
+        pruned = prune(few, grown, inflation)
+    else:
+        inflation = options.inflation
+        pruned = grow(few, options, inflation)
     if few is problem:
         return finish(problem, pruned, inflation, options)
     settled = with_all_samples(problem, pruned)

@@ -119,10 +119,11 @@ class SparseFit:
     ties: int
 
 
-def grow(problem: SparseProblem, options: SparseOptions) -> Settled:
+def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0) -> Settled:
     """
-    Return the settled support of samples taken as independent.
+    Return the settled support, grown from nothing.
 
+    :param inflation: how many samples count as one; 1 takes them as independent.
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
@@ -131,7 +132,8 @@ def grow(problem: SparseProblem, options: SparseOptions) -> Settled:
                     np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
     proposal = propose(design, b, problem, options).indices
-    return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)), 1.0)
+    return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)),
+                   inflation)
 
 
 def prune(problem: SparseProblem, grown: Settled, inflation: float) -> Settled:
