@@ -256,7 +256,8 @@ def test_the_report_is_json_and_its_certificate_good():
     solver = report['solver'][0]
     assert solver['converged'] and -1e-9 <= solver['gap'] < 1e-5
     assert solver['violation'] < 1e-6 and solver['iterations'] > 0
-    assert solver['primal_residual'] >= 0 and solver['dual_residual'] >= 0
+    assert 0 <= solver['primal_residual'] < 1e-5 * solver['lambda']
+    assert 0 <= solver['dual_residual'] < 1e-5 * solver['lambda']
     residual = rms(samples.tau - result.model.predict(q))
     assert list(report['rmse'].values()) == pytest.approx(residual.tolist())
     assert result.model.noise == pytest.approx(residual)

@@ -37,6 +37,11 @@ def check_certificate(a: np.ndarray, b: np.ndarray, solution: LassoSolution) -> 
     assert certificate.dual_objective == pytest.approx(dual, rel=1e-6, abs=1e-9 * primal)
     assert certificate.gap == pytest.approx((primal - dual) / primal, abs=1e-9)
     assert np.abs(unit.T @ point).max() <= solution.lam * (1 + 1e-9)
+    z = (x * lengths)[lengths > 1e-9 * lengths.max()]
+    step = admm.soft_threshold(z + unit.T @ residual, solution.lam)
+    scale = max(np.abs(z).max(), 1.0)
+    assert certificate.primal_residual == pytest.approx(np.linalg.norm(z - step),
+                                                        rel=1e-6, abs=1e-8 * scale)
 
 
 @st.composite
@@ -74,6 +79,23 @@ def test_every_solution_is_optimal_over_all_columns(problem):
     assert -1e-9 <= solution.certificate.gap <= 1e-6
     assert solution.certificate.violation <= 1e-6
     assert solution.certificate.dual_residual <= 1e-6 * solution.lam
+    # A 2-norm over all columns, so that many small breaches add up.
+    assert solution.certificate.primal_residual <= 1e-6 * solution.lam * np.sqrt(a.shape[1])
+
+
+def test_residuals_of_one_column_by_hand():
+    # One unit column, b = 5 of it and lambda 2: x = 3, y = 2, and both residuals are 0. At x = 1
+    # y = 4, Eq. (13) steps to 1 + 4 - 2 = 3, and y is 2 more than the subdifferential allows.
+    problem = lasso(DenseDesign(np.array([[1.0], [0.0]])), np.array([5.0, 7.0]))
+    solution = problem.solve(2.0)
+    assert solution.x == pytest.approx([3.0])
+    assert solution.certificate.primal_residual == pytest.approx(0.0, abs=1e-6)
+    assert solution.certificate.dual_residual == pytest.approx(0.0, abs=1e-6)
+    off = problem._certify(np.array([0]), np.array([1.0]), 2.0)
+    assert (off.primal_residual, off.dual_residual) == pytest.approx((2.0, 2.0))
+    # 1/2 (16 + 49) + 2 against the dual point 2/4 of the residual: (2, 3.5).
+    assert off.objective == pytest.approx(34.5)
+    assert off.dual_objective == pytest.approx(2 * 5 + 3.5 * 7 - 0.5 * (4 + 12.25))
 
 
 @settings(max_examples=15, deadline=None)

@@ -39,11 +39,13 @@ def has_length(lengths: FloatArray) -> BoolArray:
 @dataclass(frozen=True)
 class Certificate:
     """
-    How optimal a solution is, computed from the problem over all columns.
+    How optimal a solution is, computed from the problem over all columns of unit length.
 
     `gap` is the duality gap relative to the primal objective; `violation` the largest breach
-    of the optimality conditions relative to lambda; `dual_residual` the distance of A.T (b - A
-    x) from lambda times the subdifferential; `primal_residual` |x - z| of ADMM's split.
+    of the optimality conditions relative to lambda. The residuals are those of the split x = z
+    at the final point: with y = A.T (b - A x), for which Eq. (12) yields x again, Eq. (13) yields
+    z = S_lambda(x + y), and `primal_residual` is |x - z|; `dual_residual` is the largest distance
+    of y from lambda times the subdifferential of |x|.
     """
 
     objective: float
@@ -146,12 +148,11 @@ class LassoProblem:
         active = np.flatnonzero(z)
         order = active[np.argsort(self._set[active])]
         indices = self._set[order]
-        certificate = self._certify(indices, z[order], lam, inner.primal_residual)
+        certificate = self._certify(indices, z[order], lam)
         return LassoSolution(lam, indices, z[order] * self._inverse_lengths[indices],
                              iterations, rounds, len(self._set), inner.converged, certificate)
 
-    def _certify(self, indices: IntArray, z: FloatArray, lam: float,
-                 primal_residual: float) -> Certificate:
+    def _certify(self, indices: IntArray, z: FloatArray, lam: float) -> Certificate:
         """Compute the certificate from A, b and z alone."""
         unit_columns = self.design.columns(indices) * self._inverse_lengths[indices]
         residual = self.b - unit_columns @ z
@@ -163,5 +164,6 @@ class LassoProblem:
         dual_point = residual * min(1.0, lam / max(steepest, 1e-300))
         dual = float(dual_point @ self.b - 0.5 * dual_point @ dual_point)
         broken = admm.violation(full, -correlation, np.full(len(full), lam))
+        split = float(np.linalg.norm(full - admm.soft_threshold(full + correlation, lam)))
         return Certificate(objective, dual, (objective - dual) / max(objective, 1e-300),
-                           broken, primal_residual, broken * lam)
+                           broken, split, broken * lam)
