@@ -267,7 +267,7 @@ def test_killed_while_saving_the_file_is_old_or_new(tmp_path, model_file, record
 
 
 def folder_full(path, recording):
-    """A folder that cannot be written to: told, and the file stays as it was."""
+    """Save into a folder that is gone: that is told, and the file stays as it was."""
     before = path.read_bytes()
     for left in path.parent.glob('.model.json.*'):
         left.unlink()

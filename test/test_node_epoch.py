@@ -5,7 +5,8 @@ from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 import numpy as np
 import pytest
 
-OPTIONS = EpochOptions(capacity=200, min_samples=15, full_samples=60, min_span=0.5, block=5)
+OPTIONS = EpochOptions(capacity=200, min_samples=15, first_samples=15, full_samples=60,
+                       min_span=0.5, block=5)
 
 
 def feed(epoch, n, start=0, step=0.05, still=False):
@@ -72,7 +73,7 @@ def test_a_closed_epoch_collects_and_waits():
 
 
 def test_options_that_contradict_each_other():
-    with pytest.raises(OptionError, match='must not fall'):
+    with pytest.raises(OptionError, match='must not be above'):
         EpochOptions(capacity=50, full_samples=100)
     with pytest.raises(OptionError, match='at least 1'):
         EpochOptions(block=0)

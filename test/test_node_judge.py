@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.node.judge import judge
+from gravity_comp_ros.node.judge import judge as judge_predictions, Prediction
 from gravity_comp_ros.samples import JointSamples
 import numpy as np
 
@@ -14,8 +14,13 @@ class Linear:
     gain: np.ndarray
     noise: np.ndarray
 
-    def predict(self, q):
-        return q * self.gain
+    def of(self, train, held):
+        return Prediction(train.q * self.gain, held.q * self.gain, self.noise)
+
+
+def judge(new, old, train, held, knows_more=False):
+    return judge_predictions(new.of(train, held), old and old.of(train, held), train, held,
+                             knows_more)
 
 
 def model(*gain, noise=0.1):

@@ -76,7 +76,7 @@ def status(node, name, now=0.0):
 
 def test_it_learns_the_torque_and_publishes_it(live):
     node = live(ramp_time=0.0, max_torque_rate=())
-    now = feed(node, 100)
+    now = feed(node, 140)
     until(node, now, lambda: node.models.model is not None)
     reading, tau = node.message(joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0]), now + 0.2, 0.0)
     np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)

@@ -87,7 +87,8 @@ class Learning:
 
 def learning_status(learning: Learning) -> Status:
     """Return the state of collecting and fitting."""
-    values = {'samples': str(learning.n_samples), 'held out': str(learning.n_held),
+    values = {'epoch': learning.epoch, 'samples': str(learning.n_samples),
+              'held out': str(learning.n_held),
               'lacking range': ', '.join(learning.lacking) or 'none',
               'fit process': learning.process, 'fit process id': str(learning.pid or ''),
               'fit process restarts': str(learning.restarts), 'last fit': learning.last_fit}

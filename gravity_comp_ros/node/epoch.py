@@ -21,14 +21,17 @@ class EpochOptions:
     """
     How an epoch collects and when it asks for a fit.
 
-    `block` samples in a row are held out together, because neighbours in time are not
-    independent: a tenth of a second later the arm has hardly moved.
+    `min_samples` to learn from are needed for a first fit if there is a model whose change it
+    may be, `first_samples` if there is none. `block` samples in a row are held out together,
+    because neighbours in time are not independent: a tenth of a second later the arm has
+    hardly moved.
 
     :raises OptionError: if the numbers contradict each other.
     """
 
     capacity: int = 1500
     min_samples: int = 30
+    first_samples: int = 100
     full_samples: int = 500
     min_span: float = 0.2
     block: int = 5
@@ -36,10 +39,11 @@ class EpochOptions:
     def __post_init__(self) -> None:
         if self.block < 1 or self.min_samples < 1:
             raise OptionError('epoch: block and min_samples must be at least 1')
-        if not self.min_samples <= self.full_samples <= self.capacity:
+        if not max(self.min_samples, self.first_samples) <= self.full_samples <= self.capacity:
             raise OptionError(
-                f'epoch: min_samples {self.min_samples}, full_samples {self.full_samples} and '
-                f'capacity {self.capacity} must not fall in this order')
+                f'epoch: min_samples {self.min_samples} and first_samples '
+                f'{self.first_samples} must not be above full_samples {self.full_samples}, nor '
+                f'that above capacity {self.capacity}')
 
 
 class Epoch:
@@ -54,12 +58,14 @@ class Epoch:
     :param number: counts epochs from 0.
     :param names: joint names.
     :param is_open: False for an epoch that begins with a model that is known to fit.
+    :param has_base: whether there is a model whose change may be fitted.
     """
 
     def __init__(self, number: int, names: Sequence[str], options: EpochOptions,
-                 is_open: bool = True) -> None:
+                 is_open: bool = True, has_base: bool = False) -> None:
         self.number = number
         self.is_open = is_open
+        self.has_base = has_base
         self.fits = 0
         self._options = options
         self._taken = 0
@@ -120,10 +126,11 @@ class Epoch:
         """Return None if there is enough for a fit, else what is missing."""
         if self.n_samples == 0:
             return 'no slow samples yet: move the arm slowly through its range'
-        if self.n_train < self._options.min_samples or self.n_held < self._options.block:
+        options = self._options
+        least = options.min_samples if self.has_base else options.first_samples
+        if self.n_train < least or self.n_held < options.block:
             return (f'{self.n_train} samples to learn from and {self.n_held} to judge by; '
-                    f'{self._options.min_samples} and {self._options.block} are needed: keep '
-                    'moving slowly')
+                    f'{least} and {options.block} are needed: keep moving slowly')
         if len(self.lacking()) == len(self._train.names):
             return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
                     'slowly through its range')

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import time
 
 from gravity_comp_ros.diagnosis import words
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.effects.predict import effect_torque, predict_torque
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.gravity.applied import target
-from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.node.judge import judge, Verdict
-from gravity_comp_ros.node.update import fit_change
+from gravity_comp_ros.gravity.update import update
+from gravity_comp_ros.node.judge import judge, Prediction, Verdict
 from gravity_comp_ros.samples import JointSamples
 
-# Below this the difference to the old model is told better than the whole; see docs/node.md.
-FROM_NOTHING = 150
+# Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
+# next. What changed of an old model takes a fraction of them; see docs/node.md.
+FROM_NOTHING = 100
 
 
 @dataclass(frozen=True)
@@ -24,7 +28,7 @@ class Job:
     What to fit: samples to learn from and to judge by.
 
     `base` is the model that was in use when the epoch began, to which a change may be fitted;
-    `old` the one in use now, which is to be beaten.
+    `old` the one in use now, which is to be beaten. `effects` are to be in a whole model.
     """
 
     number: int
@@ -34,6 +38,7 @@ class Job:
     base: GravityModel | None
     old: GravityModel | None
     options: FitOptions
+    effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,6 @@ class Outcome:
     verdict: Verdict
     how: str
     seconds: float
-    warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -86,26 +90,48 @@ def work(job: Job) -> Outcome:
     """
     Fit a job and judge the result on its held-out samples.
 
-    With few samples and a base only the difference to it is fitted; with many both that and
-    the whole, and the one that predicts the held-out samples better counts.
+    With few samples and a base only the change of that is fitted; with more a whole model as
+    well, and the one that predicts the held-out samples better counts.
 
     :raises FitError: if there is no result.
+    :raises DataError: if the samples do not show an effect that was asked for.
     """
     start = time.monotonic()
     base = job.base
-    if base is not None and (base.joints != job.train.names or (base.energy is None) != (
-            job.options.formulation == 'per_joint')):
+    if base is not None and (base.energy is None or base.joints != job.train.names):
         base = None
-    candidates: list[tuple[str, FitResult]] = []
+    found: list[tuple[str, GravityModel]] = []
     if base is not None:
-        candidates.append(('change of the old model', fit_change(job.train, base)))
+        found.append(('change of the old model', changed(base, job.train)))
     if base is None or len(job.train) >= FROM_NOTHING:
-        candidates.append(('fit from nothing', fit(job.train, job.options)))
-    how, best = candidates[0]
-    for name, other in candidates[1:]:
-        if judge(other.model, best.model, job.train, job.held).better:
-            how, best = name, other
+        found.append(('fit from nothing', whole(job)))
+    how, model = found[0]
+    here = predicted(model, job)
+    for name, other in found[1:]:
+        there = predicted(other, job)
+        if judge(there, here, job.train, job.held).better:
+            how, model, here = name, other, there
     more = job.old is not None and len(job.train) > job.old.coverage.n_samples
-    verdict = judge(best.model, job.old, job.train, job.held, more)
-    return Outcome(job.number, job.epoch, best.model, verdict, how, time.monotonic() - start,
-                   tuple(str(word) for word in best.report.get('warnings', ())))
+    verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
+                    job.held, more)
+    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
+
+
+def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
+    """Return the base with what changed of its gravity; its effects stay as they are."""
+    gravity = replace(samples, tau=samples.tau - effect_torque(base, samples))
+    return update(base, gravity).model
+
+
+def whole(job: Job) -> GravityModel:
+    """Return a model fitted to the samples alone, with the effects that are asked for."""
+    wanted = requests(job.effects, job.train.names)
+    if not wanted:
+        return fit(job.train, job.options).model
+    return fit_with_effects(job.train, job.train, wanted, job.options).joint.model
+
+
+def predicted(model: GravityModel, job: Job) -> Prediction:
+    """Return what a model says of the samples of a job, effects included."""
+    return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
+                      model.noise)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
@@ -15,13 +14,13 @@ CERTAIN_SAMPLES = 100
 CERTAIN_SPAN = 0.5
 
 
-class Predicts(Protocol):
-    """The part of a model that is judged."""
+@dataclass(frozen=True)
+class Prediction:
+    """A model's torque of the samples to learn from and to judge by, and its noise (N,), N·m."""
 
-    @property
-    def noise(self) -> FloatArray: ...
-
-    def predict(self, q: FloatArray) -> FloatArray: ...
+    train: FloatArray
+    held: FloatArray
+    noise: FloatArray
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Verdict:
     reason: str
 
 
-def judge(new: Predicts, old: Predicts | None, train: JointSamples, held: JointSamples,
+def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: JointSamples,
           knows_more: bool = False) -> Verdict:
     """
     Return whether `new`, learned from `train`, predicts `held` better than `old` does.
@@ -55,9 +54,9 @@ def judge(new: Predicts, old: Predicts | None, train: JointSamples, held: JointS
     :param old: the model in use; without one, a constant torque is the rival.
     :param knows_more: whether `new` was learned from more samples than `old`.
     """
-    error_new = held.tau - new.predict(held.q)
+    error_new = held.tau - new.held
     mean = train.tau.mean(axis=0)
-    error_old = held.tau - (mean if old is None else old.predict(held.q))
+    error_old = held.tau - (mean if old is None else old.held)
     rmse_new, rmse_old = _rms(error_new), _rms(error_old)
     noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
     if old is not None:
@@ -66,7 +65,7 @@ def judge(new: Predicts, old: Predicts | None, train: JointSamples, held: JointS
     # the same that it explains in training. Variance is that of all samples, because within a
     # held-out second the arm may hardly have moved.
     spread = np.maximum(np.concatenate((train.tau, held.tau)).std(axis=0), 1e-9)
-    residual = np.maximum(rmse_new, _rms(train.tau - new.predict(train.q)))
+    residual = np.maximum(rmse_new, _rms(train.tau - new.train))
     explained = 1.0 - (residual / spread) ** 2
     figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
     compensated = _is_compensated(train, explained)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, cast
 
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
 from gravity_comp_ros.gate import Gate, GateOptions, RATE
 from gravity_comp_ros.gravity.fit import FitOptions
@@ -67,9 +68,6 @@ class Live:
 
     def _settings_checked(self, n_joints: int | None) -> None:
         check_together(self.settings, n_joints)
-        if self.settings['effects'] and 'effects' not in {f.name for f in fields(FitOptions)}:
-            raise OptionError('parameter effects: this version fits gravity alone; leave it '
-                              'empty')
 
     def set(self, settings: Mapping[str, Value]) -> None:
         """Use changed settings from now on; they have been checked."""
@@ -80,7 +78,9 @@ class Live:
 
     def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
         self._settings_checked(len(joints))
-        self.arm = Arm(joints, self.settings, is_open=entry is None)
+        check_effects(self.settings, joints)
+        self.arm = Arm(joints, self.settings, is_open=entry is None,
+                       has_base=entry is not None and _can_change(entry.model))
         if entry is not None:
             self.arm.feed.use(source_of(entry.model))
             self._base = entry.model
@@ -169,7 +169,8 @@ class Live:
         self._jobs += 1
         options = FitOptions(formulation=str(self.settings['formulation']))
         job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
-                  self._base, self.models.model, options)
+                  self._base, self.models.model, options,
+                  cast(tuple[str, ...], self.settings['effects']))
         self.fits.submit(job, now)
         arm.epoch.fit_started()
         return self._jobs
@@ -236,7 +237,7 @@ class Live:
         if arm.epoch.is_open and arm.epoch.n_samples == 0:
             return True, f'{arm.epoch.describe()}; it was open already'
         old = arm.epoch.n_samples
-        arm.new_epoch(self.settings, now)
+        arm.new_epoch(self.settings, now, _can_change(self.models.model))
         self._outdated = self._jobs
         self._base = self.models.model
         self._kept_old = self._compensated = False
@@ -328,14 +329,14 @@ class Arm:
     """The state that exists once the joints are known."""
 
     def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
-                 is_open: bool) -> None:
+                 is_open: bool, has_base: bool) -> None:
         self.joints = joints
         self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']))
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.feed.enable(bool(settings['enabled']))
-        self.epoch = Epoch(0, joints, epoch_options(settings), is_open)
+        self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.residual = np.zeros(len(joints))
         self.n_residual = 0
         self.learn_from = 0.0
@@ -350,10 +351,11 @@ class Arm:
         self.feed.set_options(feedforward_options(settings))
         self.epoch.set_options(epoch_options(settings))
 
-    def new_epoch(self, settings: Mapping[str, Value], now: float) -> None:
+    def new_epoch(self, settings: Mapping[str, Value], now: float, has_base: bool) -> None:
         """Forget all samples and start to collect, once old messages have passed."""
         self.learn_from = now + cast(float, settings['settle_time'])
-        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings))
+        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
+                           has_base=has_base)
         self.residual[:] = 0.0
         self.n_residual = 0
 
@@ -398,6 +400,7 @@ def epoch_options(settings: Mapping[str, Value]) -> EpochOptions:
     """Return the epoch's options from the parameters."""
     rate = cast(float, settings['sample_rate'])
     return EpochOptions(cast(int, settings['capacity']), cast(int, settings['min_samples']),
+                        cast(int, settings['first_samples']),
                         cast(int, settings['full_samples']), cast(float, settings['min_span']),
                         block=max(5, round(rate)))
 
@@ -406,6 +409,19 @@ def feedforward_options(settings: Mapping[str, Value]) -> FeedForwardOptions:
     """Return the feed-forward's options from the parameters."""
     names = [field.name for field in fields(FeedForwardOptions)]
     return FeedForwardOptions(**cast(Any, {name: settings[name] for name in names}))
+
+
+def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:
+    """
+    Check that the parameter effects names effects that there are, on joints of the arm.
+
+    :raises OptionError: if it does not.
+    """
+    requests(cast(tuple[str, ...], settings['effects']), joints)
+
+
+def _can_change(model: GravityModel | None) -> bool:
+    return model is not None and model.energy is not None
 
 
 def source_of(model: GravityModel) -> Source:

@@ -10,7 +10,7 @@ from typing import Any, cast
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings
 from gravity_comp_ros.node.lane import InputGroup
-from gravity_comp_ros.node.live import Answer, Live, Reply
+from gravity_comp_ros.node.live import Answer, check_effects, Live, Reply
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import check_together, Value
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -55,7 +55,9 @@ class GravityCompNode(LifecycleNode):
 
     def _check_settings(self, values: Mapping[str, Value]) -> None:
         live = self._live
-        check_together(values, len(live.arm.joints) if live and live.arm else None)
+        if live is not None and live.arm is not None:
+            check_together(values, len(live.arm.joints))
+            check_effects(values, live.arm.joints)
 
     def _use_settings(self, values: Mapping[str, Value]) -> None:
         if self._live is not None:

@@ -141,15 +141,20 @@ TABLE: tuple[Parameter, ...] = (
         choices=('potential', 'chain', 'auto', 'per_joint')),
     Parameter(
         'effects', 'string[]', (),
-        'Effects that the next fit adds to gravity, `NAME` or `NAME:JOINT`.'),
+        'Effects that fits of a whole model tell apart from gravity, `NAME` or `NAME:JOINT`; '
+        'call `~/refit` after a change. The feed-forward stays gravity alone.'),
     Parameter(
         'settle_time', 'double', 0.5,
         'For this long after `~/payload_changed` nothing is learned: messages from before the '
         'call are still under way, and the payload still swings.', 's', 0.0, 60.0),
     Parameter(
         'min_samples', 'int', 30,
-        'The first fit of an epoch waits for so many samples to learn from.', 'samples',
-        10, 10000),
+        'With a model whose change can be fitted, the first fit of an epoch waits for so many '
+        'samples to learn from.', 'samples', 10, 10000),
+    Parameter(
+        'first_samples', 'int', 100,
+        'Without such a model it waits for so many: fewer fit well and predict badly.',
+        'samples', 10, 10000),
     Parameter(
         'full_samples', 'int', 500,
         'The epoch closes with a fit of this many samples, once every joint has its range.',
@@ -245,9 +250,10 @@ def check_together(values: Mapping[str, Value], n_joints: int | None = None) -> 
     if 0.0 in (values['effort_scale'] or ()):  # type: ignore[operator]
         raise OptionError('parameter effort_scale: 0 would erase the effort of a joint; leave '
                           'the joint out of `joints`')
-    if values['min_samples'] > values['full_samples']:  # type: ignore[operator]
-        raise OptionError(f'parameter min_samples: {values["min_samples"]} is more than '
-                          f'full_samples, {values["full_samples"]}')
+    for name in ('min_samples', 'first_samples'):
+        if values[name] > values['full_samples']:  # type: ignore[operator]
+            raise OptionError(f'parameter {name}: {values[name]} is more than full_samples, '
+                              f'{values["full_samples"]}')
     if values['full_samples'] > values['capacity']:  # type: ignore[operator]
         raise OptionError(f'parameter full_samples: {values["full_samples"]} is more than '
                           f'capacity, {values["capacity"]}')
