@@ -169,6 +169,9 @@ def test_the_polish_solves_a_hard_problem_early():
     a, b, lam = hard()
     result = solve(a, b, lam)
     assert result.converged and result.iterations <= 2000
+    # The residuals are the polished point's, not those of the iteration before the polish.
+    assert result.polished
+    assert result.primal_residual <= 1e-6 and result.dual_residual <= 1e-6
     assert breach(a, b, np.full(60, lam), result.state.z) <= 1.1e-7
 
 

@@ -66,7 +66,12 @@ class AdmmState:
 
 @dataclass(frozen=True)
 class AdmmResult:
-    """The last z, the split's primal residual |x - z| and dual residual rho |z - z_old|."""
+    """
+    Where ADMM stopped, and how well that solves the problem.
+
+    `primal_residual` |x - z| and `dual_residual` rho |z - z_old| are those of one more iteration
+    from the final state, the polish included, not of the iteration that led to it.
+    """
 
     state: AdmmState
     iterations: int
@@ -112,7 +117,6 @@ def solve(gram: FloatArray, correlation: FloatArray, penalties: FloatArray, star
         return AdmmResult(start, 0, 0.0, 0.0, 0.0, False, True)
     z, y, rho = start.z.copy(), start.y.copy(), start.rho
     inverse = _inverse(gram, rho)
-    primal = dual = np.inf
     for iteration in range(1, options.max_iterations + 1):
         x = inverse @ (correlation + rho * (z - y))                      # Eq. 12
         relaxed = options.over_relaxation * x + (1.0 - options.over_relaxation) * z
@@ -126,17 +130,27 @@ def solve(gram: FloatArray, correlation: FloatArray, penalties: FloatArray, star
         for candidate, is_polished in ((polished, True), (z, False)):
             broken = violation(candidate, gram @ candidate - correlation, penalties)
             if broken <= options.tolerance:
-                dual_vector = (correlation - gram @ candidate) / rho
-                return AdmmResult(AdmmState(candidate, dual_vector, rho), iteration, primal,
-                                  dual, broken, is_polished, True)
+                state = AdmmState(candidate, (correlation - gram @ candidate) / rho, rho)
+                return AdmmResult(state, iteration,
+                                  *_residuals(inverse, correlation, penalties, state),
+                                  broken, is_polished, True)
         factor = _rebalance(primal, dual)
         if factor != 1.0:
             rho *= factor
             y /= factor
             inverse = _inverse(gram, rho)
     broken = violation(z, gram @ z - correlation, penalties)
-    return AdmmResult(AdmmState(z, y, rho), options.max_iterations, primal, dual, broken,
-                      False, False)
+    state = AdmmState(z, y, rho)
+    return AdmmResult(state, options.max_iterations,
+                      *_residuals(inverse, correlation, penalties, state), broken, False, False)
+
+
+def _residuals(inverse: FloatArray, correlation: FloatArray, penalties: FloatArray,
+               state: AdmmState) -> tuple[float, float]:
+    """Return the primal and the dual residual of one plain iteration from a state."""
+    x = inverse @ (correlation + state.rho * (state.z - state.y))
+    z = soft_threshold(x + state.y, penalties / state.rho)
+    return (float(np.linalg.norm(x - z)), float(state.rho * np.linalg.norm(z - state.z)))
 
 
 def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
