@@ -10,12 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.gravity.folds import folds
 from gravity_comp_ros.gravity.noise import correlation_time
 from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
 import numpy as np
 
 _CORRELATION_TIMES = 10.0
+N_FOLDS = 5
 _FEWEST = 15
 _MOST = 120
 
@@ -64,9 +64,22 @@ def cut(samples: JointSamples, residual: FloatArray) -> Blocks:
         here = np.flatnonzero(samples.runs == run)
         parts = max(1, round(len(here) / length))
         starts += [int(part[0]) for part in np.array_split(here, parts)]
-    fold_of_sample = np.zeros(m, dtype=np.int64)
-    for number, mask in enumerate(folds(samples.runs)):
-        fold_of_sample[mask] = number
     first = np.array(starts, dtype=np.int64)
-    middle = (first + np.append(first[1:], m)) // 2
-    return Blocks(np.append(first, m), samples.runs[first], fold_of_sample[middle])
+    run = samples.runs[first]
+    return Blocks(np.append(first, m), run, _folds(run))
+
+
+def _folds(run: IntArray) -> IntArray:
+    """
+    Return each block's fold (B,): a stretch of each run, another one in the next run.
+
+    Whole runs would not do: what a fold holds out must be seen elsewhere, and the first run may
+    be the only fast one, or the last the only one with another payload.
+    """
+    fold = np.empty(len(run), dtype=np.int64)
+    for number, label in enumerate(np.unique(run)):
+        here = np.flatnonzero(run == label)
+        stretch = np.arange(len(here)) * N_FOLDS // len(here) if len(here) > N_FOLDS else (
+            np.arange(len(here)))
+        fold[here] = (stretch + number) % N_FOLDS
+    return np.unique(fold, return_inverse=True)[1].astype(np.int64)

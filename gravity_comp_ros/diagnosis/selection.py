@@ -49,7 +49,11 @@ class SelectionOptions:
 
 @dataclass(frozen=True)
 class Gain:
-    """What an effect takes off each block's error (B,), as a share, and how surely."""
+    """
+    What an effect does for each block: log of error before over after (B,).
+
+    `share` is what it takes off the error, of all or in the typical block, whichever is more.
+    """
 
     blocks: FloatArray
     share: float
@@ -61,18 +65,30 @@ class Gain:
 
 
 def gain(before: FloatArray, after: FloatArray, tests: float) -> Gain:
-    """Return the gain from errors (B,) before to after, with p corrected for `tests`."""
-    d = before - after
+    """Return the gain from errors (B, J) before to after, with p corrected for `tests`."""
+    d = log_ratio(before, after)
     spread = float(d.std(ddof=1)) / np.sqrt(len(d))
     p = float(stats.t.sf(d.mean() / max(spread, 1e-300), len(d) - 1))
-    share = float(d.sum() / max(before.sum(), 1e-300))
-    return Gain(d, share, min(1.0, p * tests))
+    share = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
+    typical = 1.0 - float(np.exp(-d.mean() / before.shape[1]))
+    return Gain(d, max(share, typical), min(1.0, p * tests))
 
 
 def not_worse(better: FloatArray, other: FloatArray) -> bool:
-    """Return whether errors `other` (B,) are within one standard error of `better`."""
-    extra = other - better
+    """Return whether errors `other` (B, J) are within one standard error of `better`."""
+    extra = log_ratio(other, better)
     return bool(extra.mean() <= extra.std(ddof=1) / np.sqrt(len(extra)))
+
+
+def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:
+    """
+    Return log(before / after) of errors (B, J), summed over joints: (B,).
+
+    A ratio keeps one stretch where a fit without it goes astray, or where the arm was jolted,
+    from outweighing all others.
+    """
+    floor = 1e-6 * before.mean(axis=0)
+    return np.asarray(np.log((before + floor) / (after + floor)).sum(axis=1))
 
 
 class Selection:
@@ -136,10 +152,10 @@ class Selection:
                      self.blocks)
 
     def errors(self, joint: int | None, chosen: list[Candidate]) -> FloatArray:
-        """Return each block's held-out error (B,), of one joint or of all together."""
+        """Return each block's held-out errors (B, J), of one joint or of all."""
         joints = range(len(self.grams)) if joint is None else [joint]
-        return np.sum([held_out_errors(self.grams[n], self.fit(n, chosen), self.blocks)
-                       for n in joints], axis=0)
+        return np.column_stack([held_out_errors(self.grams[n], self.fit(n, chosen), self.blocks)
+                                for n in joints])
 
     def coefficients(self, candidate: Candidate, chosen: list[Candidate]) -> FloatArray:
         """Return a chosen effect's coefficients in its own units, from all data."""

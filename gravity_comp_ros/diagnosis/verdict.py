@@ -65,7 +65,7 @@ class Judge:
         left = gain(some, every, len(self.unknown))
         if left.p >= _STRUCTURE_ALPHA or left.share < _STRUCTURE_SHARE:
             return []
-        mostly = left.mean > 0.5 * float((none - every).mean())
+        mostly = float((some - every).sum()) > 0.5 * float((none - every).sum())
         if not mostly and left.share < _REMAINDER_SHARE:
             return []
         angle = structure.largest_angle(
