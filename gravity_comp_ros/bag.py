@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gravity_comp_ros.bag_choice import choose_joints, choose_topic, RULE
 from gravity_comp_ros.bag_columns import Columns
-from gravity_comp_ros.bag_message import JointStateDecoder
+from gravity_comp_ros.bag_layout import LayoutDecoder
 from gravity_comp_ros.bag_storage import fingerprint, open_storage, Storage
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-UNDECODABLE = 'not decodable'
 OTHER_JOINTS = 'other joints only'
 MISSING = 'joint missing'
 NOT_FINITE = 'position or effort missing or not finite'
@@ -70,7 +69,7 @@ class ReadReport:
     `n_messages` were on `topic`, `n_samples` were kept, `dropped` counts the others by
     reason. `velocity` is 'measured' or 'differentiated'. `rate_hz` is one over the median
     interval; `start_ns` the time of the first sample since the epoch; `sha256` identifies
-    the data.
+    the data. `effort_scale` are the N·m per unit by joint that were used, where not 1.
     """
 
     path: Path
@@ -83,6 +82,7 @@ class ReadReport:
     duration_s: float
     start_ns: int
     sha256: str
+    effort_scale: Mapping[str, float]
     notes: tuple[str, ...]
 
 
@@ -165,15 +165,17 @@ class _Reading:
         clock = self._clock()
         self._differentiate(clock, unmeasured)
         time = (self.times - self.times[0]) / 1e9
-        scale = [options.effort_scale.get(joint, 1.0) for joint in self.joints]
-        samples = JointSamples.single_run(self.joints, time, self.q, self.qd, self.tau * scale,
-                                          path.name or path.resolve().name)
+        scale = {joint: float(options.effort_scale.get(joint, 1.0)) for joint in self.joints}
+        samples = JointSamples.single_run(
+            self.joints, time, self.q, self.qd, self.tau * list(scale.values()),
+            path.name or path.resolve().name)
         steps = np.diff(time)
         report = ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
             'differentiated' if unmeasured.any() else 'measured',
             float(1 / np.median(steps)) if steps.size else 0.0, float(time[-1]),
-            int(self.times[0]), fingerprint(path), tuple(self.notes))
+            int(self.times[0]), fingerprint(path),
+            {joint: value for joint, value in scale.items() if value != 1.0}, tuple(self.notes))
         return Recording(samples, report)
 
     def _keep(self, keep: ArrayLike, reason: str) -> None:
@@ -218,12 +220,22 @@ class _Reading:
             return np.ones(len(self.joints), dtype=bool)
         unmeasured = (~np.isfinite(self.qd)).mean(axis=0) >= RULE
         self._keep(np.isfinite(self.qd[:, ~unmeasured]).all(axis=1), VELOCITY)
-        moves = np.ptp(self.q, axis=0) > 1e-3
-        if moves.any() and not unmeasured.any() and not self.qd.any():
+        self._note_zero_velocity(unmeasured)
+        return unmeasured
+
+    def _note_zero_velocity(self, unmeasured: Mask) -> None:
+        """Say where a driver publishes 0 for a speed that it does not measure."""
+        zero = (np.ptp(self.q, axis=0) > 1e-3) & ~self.qd.any(axis=0) & ~unmeasured
+        if not zero.any():
+            return
+        if not unmeasured.any() and not self.qd.any():
             self.notes.append(
                 'velocity is 0 throughout although joints move: taken as a series of poses at '
-                'rest; if the driver does not measure velocity, have it differentiated')
-        return unmeasured
+                'rest; if the driver does not measure velocity, read it with --differentiate')
+            return
+        self.notes.append(
+            f'velocity of {", ".join(np.array(self.joints)[zero])} is 0 throughout although it '
+            f'moves: the driver does not measure it; read it with --differentiate')
 
     def _clock(self) -> NDArray[np.int64]:
         """Choose the clock, and drop what does not come later than all before it."""
@@ -251,15 +263,10 @@ class _Reading:
 
 
 def _gather(storage: Storage, topic: str) -> Columns:
-    """Decode all messages of a topic; the only place where messages are decoded."""
-    columns, decoder = Columns(), JointStateDecoder()
-    for log_ns, data in storage.messages(topic):
-        try:
-            message = decoder.decode(data)
-        except ValueError:
-            columns.dropped[UNDECODABLE] += 1
-            continue
-        columns.add(log_ns, message)
+    """Decode all messages of a topic."""
+    columns, decoder = Columns(), LayoutDecoder()
+    for batch in storage.batches(topic):
+        columns.add(batch, decoder.decode(batch))
     return columns
 
 

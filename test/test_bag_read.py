@@ -304,6 +304,26 @@ def test_velocity_on_request_and_zero_velocity_noted(tmp_path):
     np.testing.assert_allclose(forced.samples.qd, motion(200)[2], atol=2e-3)
 
 
+def test_zero_velocity_of_one_joint_is_noted(tmp_path):
+    rows = messages(200)
+    for row in rows:
+        row[1]['velocity'][1] = 0.0
+    path = recorded(tmp_path, rows)
+    (note,) = read_bag(path).report.notes
+    assert note.startswith('velocity of elbow is 0 throughout') and '--differentiate' in note
+    # A joint that stands still has every right to a speed of 0.
+    for row in rows:
+        row[1]['position'][1] = 0.4
+    assert read_bag(recorded(tmp_path / 'still', rows)).report.notes == ()
+
+
+def test_the_report_keeps_the_effort_scales_that_were_used(tmp_path):
+    path = recorded(tmp_path, messages())
+    options = ReadOptions(joints=('wrist', 'elbow'), effort_scale={'elbow': -2, 'shoulder': 3,
+                                                                   'wrist': 1.0})
+    assert read_bag(path, options).report.effort_scale == {'elbow': -2.0}
+
+
 def test_sample_alone_in_a_gap_has_no_velocity(tmp_path):
     rows = messages(100)
     for number, row in enumerate(rows):

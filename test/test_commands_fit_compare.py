@@ -148,6 +148,30 @@ def test_effort_scale_and_joints_reach_the_model(bags, tmp_path):
     assert sorted(shoulder.weights) == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
 
 
+def test_another_effort_scale_than_the_fit_had_is_warned_of(bags, model, capsys, tmp_path):
+    path, scale = str(tmp_path / 'm.json'), ['--effort-scale', 'elbow=-2']
+    assert main(['fit', bags['train'], *scale, '-o', path]) == 0
+    (provenance,) = load_model(path).provenance['bags']
+    assert provenance['effort_scale'] == {'elbow': -2.0}
+
+    def warnings(*argv):
+        capsys.readouterr()
+        assert main([*argv]) == 0
+        return [line for line in capsys.readouterr().err.splitlines() if 'scale' in line]
+
+    later, out = bags['later'], str(tmp_path / 'out.mcap')
+    for verb in (['compare', later], ['compare', later, '--json'], ['replay', later, '-o', out],
+                 ['diagnose', later, '--effects', 'torque_offset'],
+                 ['add', 'torque_offset', later, '--dry-run']):
+        (line,) = warnings(*verb, '--model', path)
+        assert line == ('warning: the model was fitted with another scale of the effort of elbow: '
+                        'unless the driver has changed, read with --effort-scale elbow=-2')
+    assert not warnings('compare', later, '--model', path, *scale)
+    assert not warnings('compare', later, '--model', model)
+    (line,) = warnings('compare', later, '--model', model, *scale)
+    assert '--effort-scale elbow=1' in line
+
+
 def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
     found = run_json(capsys, 'compare', bags['later'], '--model', model, '--joints', 'elbow')
     assert list(found['joints']) == ['elbow']

@@ -118,7 +118,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         save_model(args.model, changed)
     if args.json != '-':
         _show(args, result, reports)
-    for line in refitting.warnings(result):
+    for line in [*reading.scale_warnings(model, reports), *refitting.warnings(result)]:
         terminal.warn(line)
     if args.json:
         terminal.emit_json(

@@ -26,26 +26,34 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
-    """Add --topic, --effort-scale and, unless a model says it, --joints; see `read_options`."""
+    """
+    Add --topic, --effort-scale, --differentiate and, unless a model says it, --joints.
+
+    `read_options` says what they mean.
+    """
     parser.set_defaults(joints=None)
     group = parser.add_argument_group('reading')
     group.add_argument('--topic', metavar='TOPIC',
-                       help='topic of the joint states (default: the only one in the bag)')
+                       help='topic of the joint states (default: the only one in the bag, or '
+                       '/joint_states)')
     if joints:
         group.add_argument('--joints', metavar='A,B,...', type=joint_list, default=None,
                            help='use these joints, in this order (default: all, as recorded)')
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
+    group.add_argument('--differentiate', action='store_true',
+                       help='take speeds from the positions, for a driver whose velocities are '
+                       '0 or wrong; where there are none that is done anyway')
 
 
 def read_options(args: argparse.Namespace) -> ReadOptions:
-    """Return the `ReadOptions` that --topic, --joints and --effort-scale ask for."""
+    """Return the `ReadOptions` that the arguments of `add_reading` ask for."""
     from gravity_comp_ros.bag import ReadOptions
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
-    return ReadOptions(topic=args.topic, joints=args.joints, effort_scale=merged)
+    return ReadOptions(args.topic, args.joints, merged, args.differentiate)
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:

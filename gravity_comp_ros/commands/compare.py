@@ -62,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
         terminal.show('', _table(model, joints, samples))
         for line in _failures(joints, comparison.share_outside):
             terminal.show(terminal.safe(line))
+    for line in reading.scale_warnings(model, loaded.reports):
+        terminal.warn(line)
     for name in fitted:
         terminal.warn(f'the model was fitted to {name}: its errors there flatter it (fit and '
                       'compare with --holdout, or compare with another run)')

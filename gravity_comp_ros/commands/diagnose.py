@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         reports, samples = reading.read_all(args, report)
         diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
+    for line in reading.scale_warnings(model, reports) if model else []:
+        terminal.warn(line)
     findings = tuple(replace(f, next_step=_spelled_out(f.next_step, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)

@@ -84,10 +84,26 @@ def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
             for block in blocks if block['sha256'] == report.sha256]
 
 
+def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[str]:
+    """Return a line if efforts are read with other scales than the model was fitted with."""
+    fitted: dict[str, float] = {}
+    for bag in model.provenance.get('bags', ()):
+        if 'effort_scale' in bag:  # which files of earlier releases do not say
+            fitted.update({joint: bag['effort_scale'].get(joint, 1.0) for joint in model.joints})
+    differ = sorted({joint for report in reports for joint, scale in fitted.items()
+                     if report.effort_scale.get(joint, 1.0) != scale}, key=model.joints.index)
+    if not differ:
+        return []
+    wanted = ','.join(f'{joint}={fitted[joint]:g}' for joint in differ)
+    return [f'the model was fitted with another scale of the effort of {", ".join(differ)}: '
+            f'unless the driver has changed, read with --effort-scale {wanted}']
+
+
 def bag_json(report: ReadReport) -> dict[str, Any]:
     """Return what identifies and describes a bag, ready for JSON."""
     return {'name': report.path.name, 'sha256': report.sha256, 'topic': report.topic,
             'n_messages': report.n_messages, 'n_samples': report.n_samples,
             'dropped': dict(report.dropped), 'velocity': report.velocity,
             'rate_hz': report.rate_hz, 'duration_s': report.duration_s,
+            'effort_scale': dict(report.effort_scale),
             'notes': list(report.notes)}

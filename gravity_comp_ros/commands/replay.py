@@ -9,6 +9,7 @@ from pathlib import Path
 from gravity_comp_ros.bag import read_bag, Recording
 from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, WriteOptions
 from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
+from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
@@ -59,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
     start = recording.report.start_ns
     count = write_bag(args.output, topics, WriteOptions(start_ns=start))
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
+    for line in scale_warnings(model, [recording.report]):
+        warn(line)
     if args.json:
         emit_json(_facts(args, recording, model, residual, outside), args.json)
         return 0
