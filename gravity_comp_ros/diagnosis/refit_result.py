@@ -82,5 +82,6 @@ def held_out(work: Workplace, before: FloatArray, after: FloatArray) -> dict[str
 
 def chance(work: Workplace, blocks: Blocks, before: FloatArray, after: FloatArray) -> float:
     """Return the p-value of the fall of the whole arm's error, block by block."""
-    squares = [blocks.sums((rest / work.sigma) ** 2).sum(axis=1) for rest in (before, after)]
+    squares = [blocks.sums((rest / work.sigma) ** 2).sum(axis=1, keepdims=True)
+               for rest in (before, after)]
     return gain(squares[0], squares[1], 1).p
