@@ -4,29 +4,36 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
-from gravity_comp_ros.bag_message import JointStateMessage
+from gravity_comp_ros.bag_batch import Batch
+from gravity_comp_ros.bag_layout import Block
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+UNDECODABLE = 'not decodable'
 DUPLICATE = 'duplicate joint name'
 SIZES = 'arrays of different lengths'
 
 _MAX_NS = 2**63 - 1
 
 
-@dataclass
 class _Layout:
     """All messages with one sequence of names, as flat rows of numbers."""
 
-    rows: array
-    position: array
-    velocity: array
-    effort: array
+    def __init__(self) -> None:
+        self.rows = array('q')
+        self.position, self.velocity, self.effort = array('d'), array('d'), array('d')
+
+    def take(self, rows: NDArray[np.int64], block: Block) -> None:
+        self.rows.frombytes(rows.astype(np.int64, copy=False).tobytes())
+        for store, values in ((self.position, block.position), (self.velocity, block.velocity),
+                              (self.effort, block.effort)):
+            if not values.shape[1]:
+                values = np.full((len(rows), len(block.names)), np.nan)
+            store.frombytes(values.tobytes())
 
 
 class Columns:
@@ -45,32 +52,37 @@ class Columns:
     def __len__(self) -> int:
         return len(self._log_ns)
 
-    def add(self, log_ns: int, message: JointStateMessage) -> None:
-        """Take a message, or count why not."""
-        names = message.names
-        size = len(names)
-        layout = self._layouts.get(names)
-        if layout is None:
-            if len(set(names)) < size:
-                self.dropped[DUPLICATE] += 1
-                return
-            if size:
-                layout = _Layout(array('q'), array('d'), array('d'), array('d'))
-        if (layout is None or len(message.position) != size
-                or len(message.velocity) not in (0, size)
-                or len(message.effort) not in (0, size)):
-            self.dropped[SIZES] += 1
-            return
-        self._layouts[names] = layout
-        layout.rows.append(len(self))
-        self._log_ns.append(min(log_ns, _MAX_NS))
-        self._stamp_ns.append(message.stamp_ns)
-        for store, values in ((layout.position, message.position),
-                              (layout.velocity, message.velocity),
-                              (layout.effort, message.effort)):
-            if not len(values):
-                values = np.full(size, np.nan)
-            store.frombytes(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+    def add(self, batch: Batch, blocks: Iterable[Block]) -> None:
+        """Take the messages of a batch, or count why not; those in no block are undecodable."""
+        good = np.zeros(len(batch), dtype=bool)
+        stamps = np.zeros(len(batch), dtype=np.int64)
+        taken, seen = [], 0
+        for block in blocks:
+            seen += len(block.which)
+            reason = self._defect(block)
+            if reason:
+                self.dropped[reason] += len(block.which)
+                continue
+            good[block.which] = True
+            stamps[block.which] = block.stamp_ns
+            taken.append(block)
+        if seen < len(batch):
+            self.dropped[UNDECODABLE] += len(batch) - seen
+        rows = len(self) + np.cumsum(good) - 1
+        for block in taken:
+            self._layouts.setdefault(block.names, _Layout()).take(rows[block.which], block)
+        self._log_ns.frombytes(np.minimum(batch.log_ns[good], _MAX_NS).astype('i8').tobytes())
+        self._stamp_ns.frombytes(stamps[good].tobytes())
+
+    def _defect(self, block: Block) -> str | None:
+        size = len(block.names)
+        if block.names not in self._layouts and len(set(block.names)) < size:
+            return DUPLICATE
+        if (not size or block.position.shape[1] != size
+                or block.velocity.shape[1] not in (0, size)
+                or block.effort.shape[1] not in (0, size)):
+            return SIZES
+        return None
 
     @property
     def names(self) -> tuple[str, ...]:

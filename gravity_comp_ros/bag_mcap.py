@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+import struct
 import zlib
 
+from gravity_comp_ros.bag_batch import Batch, batched
+from gravity_comp_ros.bag_chunks import ChunkError, topic_batches
 from gravity_comp_ros.bag_storage import StoredTopic
 from gravity_comp_ros.errors import BagError
 from mcap.reader import SeekingReader
@@ -33,8 +36,8 @@ class McapStorage:
             self._check_end()
             self._reader = SeekingReader(self._stream, validate_crcs=True,
                                          record_size_limit=_MAX_RECORD)
-            summary = self._reader.get_summary()
-            self.topics = _topics(summary) if summary else self._scan()
+            self._summary = self._reader.get_summary()
+            self.topics = _topics(self._summary) if self._summary else self._scan()
         except BagError:
             self._stream.close()
             raise
@@ -48,6 +51,19 @@ class McapStorage:
             for _, _, message in self._reader.iter_messages(topic):
                 yield message.log_time, message.data
         except Exception as error:
+            raise self._damaged(error) from None
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """Yield the same messages many at a time: whole chunks, where the file has chunks."""
+        if self._summary is None or not self._summary.chunk_indexes:
+            yield from batched(self.messages(topic))
+            return
+        channels = self._summary.channels
+        wanted = {number for number, channel in channels.items() if channel.topic == topic}
+        try:
+            yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
+                                     wanted)
+        except (ChunkError, OSError, struct.error) as error:
             raise self._damaged(error) from None
 
     def close(self) -> None:

@@ -46,6 +46,19 @@ class JointStateMessage:
     effort: FloatArray
 
 
+@dataclass(frozen=True)
+class Spans:
+    """
+    Where a message keeps its parts, in bytes from its beginning.
+
+    `names` are the begin and end of the sequence of names; `arrays` tell of position, velocity
+    and effort where the count is, where the values begin, and how many there are.
+    """
+
+    names: tuple[int, int]
+    arrays: tuple[tuple[int, int, int], ...]
+
+
 class JointStateDecoder:
     """
     Decode JointState messages of one topic.
@@ -65,19 +78,32 @@ class JointStateDecoder:
 
         :raises ValueError: if the bytes are not a JointState in plain CDR.
         """
+        return self.decode_with_spans(data)[0]
+
+    def decode_with_spans(self, data: bytes) -> tuple[JointStateMessage, Spans]:
+        """
+        Return the message in `data`, and where its parts are.
+
+        :raises ValueError: if the bytes are not a JointState in plain CDR.
+        """
         if len(data) < _HEADER or data[0] != 0 or data[1] not in (0, 1):
             raise ValueError('not plain CDR')
         order = '<' if data[1] == 1 else '>'
+        arrays, spans = [], []
         try:
             seconds, nanoseconds, frame = struct.unpack_from(order + 'iII', data, _HEADER)
             start = _aligned(_HEADER + 12 + frame, 4)
             names, end = self._read_names(data, order, start)
-            position, end = _read_doubles(data, order, end)
-            velocity, end = _read_doubles(data, order, end)
-            effort, end = _read_doubles(data, order, end)
+            after_names = end
+            for _ in range(3):
+                count = _aligned(end, 4)
+                values, end = _read_doubles(data, order, end)
+                arrays.append(values)
+                spans.append((count, end - 8 * len(values), len(values)))
         except struct.error:
             raise ValueError('the message ends early') from None
-        return JointStateMessage(seconds * 10**9 + nanoseconds, names, position, velocity, effort)
+        message = JointStateMessage(seconds * 10**9 + nanoseconds, names, *arrays)
+        return message, Spans((start, after_names), tuple(spans))
 
     def _read_names(self, data: bytes, order: str, start: int) -> tuple[tuple[str, ...], int]:
         if self._block and order == self._order and data.startswith(self._block, start):

@@ -7,6 +7,7 @@ from pathlib import Path
 import sqlite3
 from urllib.parse import quote
 
+from gravity_comp_ros.bag_batch import Batch, batched
 from gravity_comp_ros.bag_storage import StoredTopic
 from gravity_comp_ros.errors import BagError
 
@@ -51,6 +52,10 @@ class SqliteStorage:
                        data if isinstance(data, bytes) else b'')
         except sqlite3.Error as error:
             raise self._unreadable(error) from None
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """Yield the same messages many at a time."""
+        return batched(self.messages(topic))
 
     def close(self) -> None:
         self._base.close()

@@ -11,6 +11,7 @@ import re
 import tempfile
 from typing import Any, Protocol
 
+from gravity_comp_ros.bag_batch import Batch, batched
 from gravity_comp_ros.errors import BagError
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
@@ -44,6 +45,13 @@ class Storage(Protocol):
         :raises BagError: if the file turns out to be damaged.
         """
 
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """
+        Yield the same messages many at a time.
+
+        :raises BagError: if the file turns out to be damaged.
+        """
+
     def close(self) -> None:
         """Close the files."""
 
@@ -67,6 +75,10 @@ class _Joined:
         for part in self._parts:
             yield from part.messages(topic)
 
+    def batches(self, topic: str) -> Iterator[Batch]:
+        for part in self._parts:
+            yield from part.batches(topic)
+
     def close(self) -> None:
         for part in self._parts:
             part.close()
@@ -88,6 +100,9 @@ class _Unpacking:
             except zstandard.ZstdError as error:
                 raise BagError(f'{self._path}: a message on {topic} cannot be '
                                f'decompressed: {error}') from None
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        return batched(self.messages(topic))
 
     def close(self) -> None:
         self._inner.close()

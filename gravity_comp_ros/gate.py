@@ -88,9 +88,9 @@ class Gate:
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
         options.check_joints(n_joints)
         self._options = options
-        self._max_speed = _per_joint(options.max_speed, n_joints)
+        self._max_speed = per_joint(options.max_speed, n_joints)
         self._max_acceleration = (None if options.max_acceleration is None
-                                  else _per_joint(options.max_acceleration, n_joints))
+                                  else per_joint(options.max_acceleration, n_joints))
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self._first = math.nan
         self._last = -math.inf
@@ -151,7 +151,7 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
     :raises OptionError: if the options hold another number of thresholds than joints.
     """
     options.check_joints(samples.n_joints)
-    max_speed = _per_joint(options.max_speed, samples.n_joints)
+    max_speed = per_joint(options.max_speed, samples.n_joints)
     fast = np.any(np.abs(samples.qd) > max_speed, axis=1)
     jerky = np.zeros_like(fast)
     kept = np.zeros_like(fast)
@@ -160,9 +160,9 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
         if here.size == 0:
             continue
         if options.max_acceleration is not None:
-            limit = _per_joint(options.max_acceleration, samples.n_joints)
-            jerky[here] = _accelerating(samples.t[here], samples.qd[here], limit,
-                                        options.acceleration_window)
+            limit = per_joint(options.max_acceleration, samples.n_joints)
+            jerky[here] = accelerating(samples.t[here], samples.qd[here], limit,
+                                       options.acceleration_window)
         slow = here[~(fast[here] | jerky[here])]
         kept[_one_per_slot(slow, samples.t[slow], samples.t[here[0]], options.rate_hz)] = True
     jerky &= ~fast
@@ -176,12 +176,16 @@ def _one_per_slot(index: NDArray[np.intp], t: FloatArray, first: float,
                   rate_hz: float | None) -> NDArray[np.intp]:
     if rate_hz is None:
         return index
-    slots = np.floor((t - first) * rate_hz + 0.5)
-    return index[np.unique(slots, return_index=True)[1]]
+    return index[np.unique(slots_of(t, first, rate_hz), return_index=True)[1]]
 
 
-def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
-                  window: float) -> NDArray[np.bool_]:
+def slots_of(t: FloatArray, first: float, rate_hz: float) -> FloatArray:
+    """Return the interval that each sample of a run falls in; one is kept in each."""
+    return np.floor((t - first) * rate_hz + 0.5)
+
+
+def accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
+                 window: float) -> NDArray[np.bool_]:
     """Return which samples of a run exceed the mean acceleration `limit`."""
     then = np.searchsorted(t, t - window, side='right') - 1
     known = then >= 0
@@ -191,5 +195,6 @@ def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
     return known & np.any(mean > limit, axis=1)
 
 
-def _per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
+def per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
+    """Return a threshold for all joints, or one per joint, as an array (N,)."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (n_joints,))

@@ -15,10 +15,10 @@ MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 # Lowest first. A module may import from its own layer and from those below it.
 LAYERS = (
     ('__init__', 'errors', 'printable', 'atomic'),
-    ('samples', 'gate', 'buffer', 'holdout', 'velocity'),
+    ('samples', 'gate', 'gate_blocks', 'buffer', 'holdout', 'velocity'),
     ('gravity', 'effects'),
     ('diagnosis',),
-    ('bag', 'table', 'modelfile', 'simulation', 'report'),
+    ('bag', 'table', 'modelfile', 'urdf', 'simulation', 'report'),
     ('node', 'commands', 'cli', 'workbench'),
 )
 LAYER_OF = {name: level for level, names in enumerate(LAYERS) for name in names}

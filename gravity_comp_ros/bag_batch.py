@@ -1,0 +1,61 @@
+"""Many messages of one topic at once: where each lies in a common buffer of bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+
+Bytes = NDArray[np.uint8]
+Places = NDArray[np.int64]
+Times = NDArray[np.uint64]
+
+_MESSAGES = 4096
+
+
+@dataclass(frozen=True)
+class Batch:
+    """
+    M messages in order of log time: message m is `data[start[m]:start[m] + length[m]]`.
+
+    `log_ns` (M,) is the log time in ns. Messages lie inside `data` (bytes of a chunk); what is
+    between them does not belong to the topic.
+    """
+
+    data: Bytes
+    start: Places
+    length: Places
+    log_ns: Times
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def message(self, m: int) -> bytes:
+        """Return the bytes of one message."""
+        return self.data[self.start[m]:self.start[m] + self.length[m]].tobytes()
+
+    def rows(self, which: Places, length: int) -> Bytes:
+        """
+        Return some messages of one length as a matrix, shape (len(which), length).
+
+        Messages at equal distances, as in a chunk of one topic, are a view without a copy.
+        """
+        start = self.start[which]
+        step = int(start[1] - start[0]) if len(start) > 1 else length
+        if step > 0 and (np.diff(start) == step).all():
+            return np.lib.stride_tricks.as_strided(
+                self.data[start[0]:], (len(start), length), (step, 1), writeable=False)
+        return self.data[start[:, None] + np.arange(length)]
+
+
+def batched(messages: Iterator[tuple[int, bytes]]) -> Iterator[Batch]:
+    """Gather single messages, each with its log time in ns, into batches."""
+    while some := list(islice(messages, _MESSAGES)):
+        length = np.array([len(data) for _, data in some], dtype=np.int64)
+        # A damaged row may hold any number.
+        log_ns = np.array([min(max(ns, 0), 2**64 - 1) for ns, _ in some], dtype=np.uint64)
+        yield Batch(np.frombuffer(b''.join(data for _, data in some), dtype=np.uint8),
+                    np.cumsum(length) - length, length, log_ns)
