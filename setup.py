@@ -21,6 +21,7 @@ def files(folder):
 
 SIM = ['pin>=2.7']
 BAGS = ['mcap>=1.1', 'zstandard>=0.21']
+REPORT = ['bokeh>=3.4']
 ROS = [
     'ros-jazzy-rclpy>=7.1',
     'ros-jazzy-rmw-fastrtps-cpp>=8.4',
@@ -50,8 +51,8 @@ setup(
         *files('bags'),
     ],
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
-                      'rich>=13.3'],
-    extras_require={'bags': BAGS, 'ros': ROS, 'sim': SIM, 'test': TEST + BAGS + SIM},
+                      'rich>=13.3', 'defusedxml>=0.7'],
+    extras_require={'bags': BAGS, 'report': REPORT, 'ros': ROS, 'sim': SIM, 'test': TEST + BAGS + REPORT + SIM},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import importlib
 import io
 import os
+import shlex
 import sys
 import traceback
 from types import ModuleType
@@ -17,7 +18,8 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
-VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'replay')
+VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'update',
+         'replay', 'workbench')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -30,8 +32,10 @@ the loop:
   gravity_comp diagnose run2.mcap --model arm.json  which physical effect the model is missing
   gravity_comp add coulomb_friction:elbow --model arm.json run2.mcap
                                                     put it in, and see the error fall
+  gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
+  gravity_comp workbench run1.mcap run2.mcap        the same loop in a browser
 
 without a robot:
   gravity_comp synth --help                         a simulated arm, recorded like a real one
@@ -43,6 +47,8 @@ With GRAVITY_COMP_DEBUG=1 a failure also shows its traceback.
 
 # Module -> what to install. Only the verb that needs a missing module fails.
 PACKAGES = {
+    'bokeh': "pip install 'gravity_comp_ros[report]'",
+    'defusedxml': 'pip install defusedxml (in a ROS workspace: python3-defusedxml)',
     'mcap': "pip install 'gravity_comp_ros[bags]'",
     'mcap_ros2': "pip install 'gravity_comp_ros[bags]'",
     'pinocchio': "pip install 'gravity_comp_ros[sim]' (in a ROS workspace: ros-jazzy-pinocchio)",
@@ -134,6 +140,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
     module = _module(verb)
     parser = Parser(prog=f'{PROGRAM} {verb}', description=module.HELP, epilog=module.EPILOG)
     module.add_arguments(parser)
+    parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]))
     # Options may stand between a verb's arguments.
     return int(module.run(parser.parse_intermixed_args(argv)) or 0)
 

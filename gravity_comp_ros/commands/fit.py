@@ -19,6 +19,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import ModelFileError, OptionError
 from gravity_comp_ros.gravity.applied import with_step
 from gravity_comp_ros.gravity.fit import CHOICES, fit, FitOptions, FitResult
+from gravity_comp_ros.gravity.geometry import Geometry
 from gravity_comp_ros.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.modelfile import save_model
 from gravity_comp_ros.samples import JointSamples
@@ -33,6 +34,7 @@ examples:
   gravity_comp fit run1.db3 --joints a1,a2,a3 --effort-scale a1=-1,a2=-1,a3=-1 -o arm.json
   gravity_comp fit run1.mcap --effects coulomb_friction,torque_offset:wrist -o arm.json
   gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
+  gravity_comp fit run1.mcap --urdf robot.urdf -o arm.json   a chain whose axes are known
 
 Only slow samples are used: in fast motion the torque is more than gravity. With --holdout the
 saved model is the one that was judged; `compare --holdout` finds the same held-out data again.
@@ -44,11 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_bags(parser)
     parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
                         help='write the model here (without it, only show what a fit gives)')
-    parser.add_argument('--formulation', choices=CHOICES, default='potential',
+    parser.add_argument('--formulation', choices=CHOICES, default=None,
                         help='one potential energy for all joints; the same with the structure '
                         'of a serial arm (chain); whichever of the two predicts held-out data '
                         'better (auto); or each joint by itself as in Yu 2022 (default: '
-                        '%(default)s)')
+                        f'{FitOptions().formulation}, with --urdf chain)')
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
+                        help='take the axes of the chain from here; masses in it are not used')
     parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
                         const=0.2, default=None, help='hold this share of the data out of the '
                         'fit and judge the model on it: whole runs, or blocks of a single run '
@@ -66,12 +70,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
     _check_output(args)
+    if args.urdf is not None and args.formulation not in (None, 'chain', 'auto'):
+        raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
+                          f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         loaded = reading.load(args, report)
+        geometry = _geometry(args, loaded)
+        if geometry is not None:
+            loaded = loaded.ordered(geometry.joints)
         parts = _split(args, loaded)
         fitted = parts.fitted if parts else loaded.gated.samples
         started = time.perf_counter()
-        result, joint = _fit(args, loaded, fitted, parts, report)
+        result, joint = _fit(args, loaded, fitted, parts, geometry, report)
         seconds = time.perf_counter() - started
     judged = compare(result.model, parts.held_out, loaded.samples) if parts else None
     provenance = {**result.model.provenance, **loaded.to_json(),
@@ -97,10 +107,11 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
-         parts: Split | None, report: terminal.ProgressCallback
+         parts: Split | None, geometry: Geometry | None, report: terminal.ProgressCallback
          ) -> tuple[FitResult, Refit | None]:
     """Return the fit; with --effects its model has them, and the refit that judged them."""
-    options = FitOptions(formulation=args.formulation)
+    usual = FitOptions().formulation if geometry is None else 'chain'
+    options = FitOptions(formulation=args.formulation or usual, geometry=geometry)
     if args.effects is None:
         return fit(fitted, options, report), None
     samples = loaded.samples
@@ -111,6 +122,13 @@ def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
                       *both.joint.by_joint())
     found = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
     return FitResult(model, found, both.fit.converged), both.joint
+
+
+def _geometry(args: argparse.Namespace, loaded: reading.Loaded) -> Geometry | None:
+    if args.urdf is None:
+        return None
+    from gravity_comp_ros.urdf import read_urdf
+    return read_urdf(args.urdf, loaded.samples.names)
 
 
 def _check_output(args: argparse.Namespace) -> None:
@@ -211,8 +229,11 @@ def _solver_sentence(result: FitResult) -> str:
     problems = result.report['solver']
     if not problems:
         chain = result.report['chain']
+        left = f'what is left {"is noise" if chain["clean"] else "is more than noise"}'
+        if chain['known_axes']:
+            return f'chain: axes as in the URDF; {left}'
         return (f'chain: {chain["starts"]} starts, {sum(chain["right_angles"])} right angles; '
-                f'what is left {"is noise" if chain["clean"] else "is more than noise"}')
+                f'{left}')
     worst = max(problems, key=lambda problem: problem['gap'])
     count = f'{len(problems)} L1 problem{"s" if len(problems) > 1 else ""}'
     return (f'ADMM: {count}, {sum(problem["iterations"] for problem in problems)} iterations, '

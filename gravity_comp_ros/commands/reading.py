@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.bag import read_bag, ReadReport
@@ -22,6 +22,11 @@ class Loaded:
     reports: tuple[ReadReport, ...]
     gated: Gated
     samples: JointSamples
+
+    def ordered(self, joints: Sequence[str]) -> Loaded:
+        """Return the same with the joints in another order."""
+        gated = replace(self.gated, samples=self.gated.samples.joints(joints))
+        return replace(self, gated=gated, samples=self.samples.joints(joints))
 
     def to_json(self) -> dict[str, Any]:
         return {'bags': [bag_json(report) for report in self.reports],

@@ -1,5 +1,5 @@
 """
-Effects that a model has been given besides gravity, and how they came and went.
+Effects that a model has been given besides gravity, and how they and payloads came and went.
 
 Pure data: what the torque of an effect is stands in the library of effects, which a model file
 must not need in order to be read.
@@ -18,7 +18,7 @@ import numpy as np
 if TYPE_CHECKING:
     from gravity_comp_ros.gravity.model import GravityModel
 
-ADDED, REMOVED = 'added', 'removed'
+ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,10 @@ def target(name: str, joint: str | None) -> str:
 @dataclass(frozen=True)
 class Step:
     """
-    One change of a model's effects.
+    One change of a model.
 
-    `action` is 'added' or 'removed', `effects` their targets, `when` a time as text (from
+    `action` is 'added' or 'removed' for effects, 'updated' for a payload; `effects` are their
+    targets (`payload` of an update), `when` a time as text (from
     whoever asked for the change). `before` and `after` are held-out RMSE by joint in N·m,
     empty where nothing was measured. `previous` is the model to go back to, None once that
     has happened.
@@ -89,7 +90,7 @@ class Step:
     previous: GravityModel | None = None
 
     def __post_init__(self) -> None:
-        if self.action not in (ADDED, REMOVED):
+        if self.action not in (ADDED, REMOVED, UPDATED):
             raise DataError(f'history: unknown step {self.action!r}')
 
 
@@ -128,20 +129,22 @@ class Applied:
 
 
 def with_step(model: GravityModel, previous: GravityModel, effects: tuple[str, ...], when: str,
-              before: Mapping[str, float], after: Mapping[str, float]) -> GravityModel:
+              before: Mapping[str, float], after: Mapping[str, float],
+              action: str = ADDED) -> GravityModel:
     """Return a model with the step that led to it from the `previous` one in its history."""
     # Each step holds one model, not the histories of those before it over again.
     bare = replace(previous, applied=replace(previous.applied, history=()))
-    step = Step(ADDED, effects, when, before, after, bare)
+    step = Step(action, effects, when, before, after, bare)
     history = (*previous.applied.history, step)
     return replace(model, applied=replace(model.applied, history=history))
 
 
 def undone(model: GravityModel, when: str) -> GravityModel:
     """
-    Return the model as it was before the last addition; the history tells of both steps.
+    Return the model as it was before the last addition or update; the history tells of both.
 
-    :raises DataError: if nothing was added, or all of it is undone.
+    :raises DataError: if nothing was added, all of it is undone, or the model before it does not
+        know of a payload that came since.
     """
     history = model.applied.history
     place = next((k for k in reversed(range(len(history))) if history[k].previous), None)
@@ -150,6 +153,13 @@ def undone(model: GravityModel, when: str) -> GravityModel:
             '; it was taken back already' if history else ''))
     step, previous = history[place], history[place].previous
     assert previous is not None
+    if step.action == ADDED and _updates(previous) != _updates(model):
+        raise DataError(f'the payload changed after {", ".join(step.effects)} had been added, and '
+                        f'the model before that does not know it; fit again without the effect')
     kept = (*history[:place], replace(step, previous=None), *history[place + 1:])
     back = Step(REMOVED, step.effects, when, step.after, step.before)
     return replace(previous, applied=replace(previous.applied, history=(*kept, back)))
+
+
+def _updates(model: GravityModel) -> int:
+    return len(model.provenance.get('updates', ()))

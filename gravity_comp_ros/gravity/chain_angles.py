@@ -61,8 +61,7 @@ def tidy(problem: ChainProblem, solution: Solution) -> Tidy:
     work = _Tidier(problem, solution)
     work.drop_last_links()
     square = [work.axis(j) for j in range(problem.n_joints)]
-    work.drop_moments()
-    return Tidy(work.best, tuple(square))
+    return Tidy(drop_moments(problem, work.best), tuple(square))
 
 
 def upright(chain: Chain) -> Chain:
@@ -128,30 +127,6 @@ class _Tidier:
             tried.free[2 * j:2 * j + 2] = True
             self.best = tried
 
-    def drop_moments(self) -> None:
-        """Leave out, one after another, the moment that is least told from 0."""
-        n = self.problem.n_joints
-        free = self.best.free.copy()
-        covariance = np.linalg.inv(self.best.precision)[2 * n:, 2 * n:]
-        moments = self.best.chain.moments.ravel().copy()
-        count = 0
-        while True:
-            open_ = np.flatnonzero(free[2 * n:])
-            if not open_.size:
-                break
-            lost = moments[open_] ** 2 / np.maximum(covariance[open_, open_], 1e-300)
-            k = open_[int(np.argmin(lost))]
-            if lost.min() > _AKAIKE:
-                break
-            gain = covariance[:, k] / covariance[k, k]
-            moments -= gain * moments[k]
-            covariance = covariance - np.outer(gain, covariance[k])
-            free[2 * n + k] = False
-            count += 1
-        tried = self._again(self.best.chain, free)
-        if tried.cost - self.best.cost < _AKAIKE * count:
-            self.best = tried
-
     def _turned(self, j: int, direction: FloatArray, angles: list[int]) -> Solution:
         """Put axis j along `direction` of the frame before it, hold `angles`, solve."""
         axes, free = self.best.chain.axes.copy(), self.best.free.copy()
@@ -161,6 +136,30 @@ class _Tidier:
 
     def _again(self, chain: Chain, free: BoolArray) -> Solution:
         return solve(self.problem, chain.axes, free.copy())
+
+
+def drop_moments(problem: ChainProblem, solution: Solution) -> Solution:
+    """Return the solution without moments that are 0, the one least told from 0 first."""
+    n = problem.n_joints
+    free = solution.free.copy()
+    covariance = np.linalg.inv(solution.precision)[2 * n:, 2 * n:]
+    moments = solution.chain.moments.ravel().copy()
+    count = 0
+    while True:
+        open_ = np.flatnonzero(free[2 * n:])
+        if not open_.size:
+            break
+        lost = moments[open_] ** 2 / np.maximum(covariance[open_, open_], 1e-300)
+        k = open_[int(np.argmin(lost))]
+        if lost.min() > _AKAIKE:
+            break
+        gain = covariance[:, k] / covariance[k, k]
+        moments -= gain * moments[k]
+        covariance = covariance - np.outer(gain, covariance[k])
+        free[2 * n + k] = False
+        count += 1
+    tried = solve(problem, solution.chain.axes, free)
+    return tried if tried.cost - solution.cost < _AKAIKE * count else solution
 
 
 def in_common_frame(chain: Chain, j: int, vertical: bool) -> Chain:

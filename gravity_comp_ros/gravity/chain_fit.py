@@ -14,6 +14,7 @@ from gravity_comp_ros.errors import FitError
 from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.chain_angles import tidy
+from gravity_comp_ros.gravity.chain_known import solve_known
 from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve
 from gravity_comp_ros.gravity.chain_start import LIMIT, search, SearchOptions, structure
 from gravity_comp_ros.samples import FloatArray, JointSamples
@@ -33,7 +34,8 @@ class ChainFit:
 
     `inflation` (N,) says how many samples of each joint count as one. `structure` is what features
     explain of the residual beyond what they do of noise, in standard deviations; `clean` says
-    that it is nothing. `square` (N,) counts the angles taken as right.
+    that it is nothing. `square` (N,) counts the angles taken as right, or as known; `tilt` in rad
+    is how far the base stands from where known axes put it.
     """
 
     chain: Chain
@@ -45,14 +47,16 @@ class ChainFit:
     structure: float
     clean: bool
     square: tuple[int, ...]
+    tilt: float = 0.0
 
 
 def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
-              start: Chain | None = None) -> ChainFit:
+              start: Chain | None = None, known: FloatArray | None = None) -> ChainFit:
     """
     Fit a chain to the torques of all joints.
 
     :param start: a chain to begin with, such as the arm's last one.
+    :param known: axes (N, 3, 3) that need no search (`Geometry.rotations`).
     :raises FitError: if there are no samples.
     """
     q, tau = samples.q, samples.tau
@@ -60,12 +64,24 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
         raise FitError('no samples to fit')
     first = max(_FIRST * float(np.sqrt((tau ** 2).mean(axis=0)).max()), 1e-9)
     problem = ChainProblem(q, tau, np.full(tau.shape, 1.0 / first))
+    if known is not None:
+        return _fit_known(problem, samples, known)
     found = search(problem, options, None if start is None else start.axes)
     problem, solution, model, inflation = _settle_noise(problem, found.solution, samples)
     tidied = tidy(problem, solution)
     left = structure(problem, tidied.solution)
     return ChainFit(tidied.solution.chain, tidied.covariance(), model, inflation, found.starts,
                     solution.steps, left, found.clean or left <= LIMIT, tidied.square)
+
+
+def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray) -> ChainFit:
+    first = solve_known(problem, known).tidied.solution
+    problem, solution, model, inflation = _settle_noise(problem, first, samples)
+    found = solve_known(problem, known)
+    solution = found.tidied.solution
+    left = structure(problem, solution)
+    return ChainFit(solution.chain, found.tidied.covariance(), model, inflation, 0,
+                    solution.steps, left, left <= LIMIT, found.tidied.square, found.tilt)
 
 
 def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSamples
@@ -83,7 +99,7 @@ def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSampl
             break
         weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
         problem = ChainProblem(samples.q, samples.tau, weights)
-        solution, last = solve(problem, solution.chain.axes), model
+        solution, last = solve(problem, solution.chain.axes, solution.free), model
     return problem, solution, model, inflation
 
 

@@ -45,20 +45,22 @@ class Choice:
     errors: tuple[float, ...]
 
 
-def choose(samples: JointSamples, options: SparseOptions) -> Choice:
+def choose(samples: JointSamples, options: SparseOptions,
+           known: FloatArray | None = None) -> Choice:
     """
     Fit the chain, and the potential where the chain leaves something to explain.
 
+    :param known: axes (N, 3, 3) of the chain that need no search.
     :raises FitError: if there are no samples.
     """
-    chain = fit_chain(samples)
+    chain = fit_chain(samples, known=known)
     if chain.clean and samples.n_samples >= _ENOUGH and (chain.inflation == 1.0).all():
         return Choice('chain', 'features of the dictionary explain no more of what the chain '
                       'left over than of noise', chain, None, [], ())
     energy, fits = fit_potential(samples, options)
     scale = np.sqrt(((samples.tau - chain.chain.torque(samples.q)) ** 2).mean(axis=0))
     scale = np.maximum(scale, floor(samples.tau))
-    errors = np.array([_held_out(samples, test, chain, fits[0], options, scale)
+    errors = np.array([_held_out(samples, test, chain, known, fits[0], options, scale)
                        for test in folds(samples.runs)])
     means = np.sqrt(errors.mean(axis=0))
     formulation = 'chain' if means[0] < means[1] else 'potential'
@@ -69,11 +71,12 @@ def choose(samples: JointSamples, options: SparseOptions) -> Choice:
     return Choice(formulation, why, chain, energy, fits, (float(means[0]), float(means[1])))
 
 
-def _held_out(samples: JointSamples, test: BoolArray, chain: ChainFit, potential: SparseFit,
-              options: SparseOptions, scale: FloatArray) -> tuple[float, float]:
+def _held_out(samples: JointSamples, test: BoolArray, chain: ChainFit,
+              known: FloatArray | None, potential: SparseFit, options: SparseOptions,
+              scale: FloatArray) -> tuple[float, float]:
     """Return the mean square errors of chain and potential on `test`, fitted without it."""
     train, unseen = samples.select(~test), samples.select(test)
-    refitted = fit_chain(train, _WARM, chain.chain).chain.torque(unseen.q)
+    refitted = fit_chain(train, _WARM, chain.chain, known).chain.torque(unseen.q)
     energy, _ = fit_potential(train, replace(options, inflation=potential.inflation))
     predicted = _torque(energy, unseen.q)
     return (float((((unseen.tau - refitted) / scale) ** 2).mean()),

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.gravity.chain_expand import expand
 from gravity_comp_ros.gravity.chain_fit import ChainFit, fit_chain
 from gravity_comp_ros.gravity.choose import Choice, choose
 from gravity_comp_ros.gravity.factors import at_rest
+from gravity_comp_ros.gravity.geometry import Geometry
 from gravity_comp_ros.gravity.model import Coverage, Expansion, FORMULATIONS, GravityModel
 from gravity_comp_ros.gravity.noise import NoiseModel
 from gravity_comp_ros.gravity.per_joint import fit_per_joint
 from gravity_comp_ros.gravity.potential import fit_potential
 from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions
 from gravity_comp_ros.gravity.uncertainty import ChainUncertainty, EnergyUncertainty
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
 
 MIN_SAMPLES = 10
@@ -33,18 +34,41 @@ class FitOptions:
     What to fit: the `formulation`, and how its sparse problems are solved.
 
     `auto` fits the chain and falls back to the potential where that predicts held-out samples
-    better; the report says which and why.
+    better; the report says which and why. With a `geometry` the axes of the chain are taken from
+    it and only its moments are fitted; the samples' joints must be in its order.
 
-    :raises OptionError: if the formulation is unknown.
+    :raises OptionError: if the formulation is unknown, or has no use for a geometry.
     """
 
     formulation: str = 'potential'
     sparse: SparseOptions = SparseOptions()
+    geometry: Geometry | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         if self.formulation not in CHOICES:
             raise OptionError(f'unknown formulation {self.formulation!r}; choose from '
                               f'{", ".join(CHOICES)}')
+        if self.geometry is not None and self.formulation not in ('chain', 'auto'):
+            raise OptionError(f'known axes are of no use to {self.formulation}; choose chain or '
+                              f'auto')
+
+    def known(self, samples: JointSamples) -> FloatArray | None:
+        """
+        Return the axes (N, 3, 3) that are known, if they are.
+
+        :raises ModelMismatchError: if they are of other joints, or of others first.
+        """
+        if self.geometry is None:
+            return None
+        if self.geometry.joints != samples.names:
+            raise ModelMismatchError(f'axes are known of {", ".join(self.geometry.joints)}, but '
+                                     f'the samples are of {", ".join(samples.names)}')
+        return self.geometry.rotations
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the options as a model's provenance tells them."""
+        return {'formulation': self.formulation, 'sparse': asdict(self.sparse),
+                'known_axes': self.geometry is not None}
 
 
 @dataclass(frozen=True)
@@ -64,18 +88,19 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     :param samples: gated already: tau is gravity plus noise and whatever is not modelled.
     :param progress: called with a word and a share from 0 to 1.
     :raises FitError: if there are too few samples, or no joint moves.
+    :raises ModelMismatchError: if the options know the axes of other joints.
     """
     _check(samples)
     if progress:
         progress('fit', 0.0)
     report: dict[str, Any] = {}
     if options.formulation == 'auto':
-        choice = choose(samples, options.sparse)
+        choice = choose(samples, options.sparse, options.known(samples))
         report['choice'] = {'formulation': choice.formulation, 'why': choice.why,
                             'held_out': dict(zip(('chain', 'potential'), choice.errors))}
         model, fits, chain = _chosen(samples, choice)
     elif options.formulation == 'chain':
-        chain, fits = fit_chain(samples), []
+        chain, fits = fit_chain(samples, known=options.known(samples)), []
         model = _chain_model(samples, chain)
     elif options.formulation == 'potential':
         energy, fits = fit_potential(samples, options.sparse)
@@ -85,7 +110,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
         chain = None
         model = GravityModel(samples.names, 'per_joint', torques, None,
                              np.zeros(samples.n_joints), _coverage(samples))
-    result = _finish(model, samples, fits, chain, {'options': asdict(options)}, report)
+    result = _finish(model, samples, fits, chain, options, report)
     if progress:
         progress('fit', 1.0)
     return result
@@ -117,7 +142,7 @@ def _coverage(samples: JointSamples) -> Coverage:
 
 
 def _finish(model: GravityModel, samples: JointSamples, fits: list[SparseFit],
-            chain: ChainFit | None, provenance: dict[str, Any],
+            chain: ChainFit | None, options: FitOptions,
             report: dict[str, Any]) -> FitResult:
     residual = samples.tau - model.predict(samples.q)
     noise = np.sqrt((residual ** 2).mean(axis=0))
@@ -137,8 +162,9 @@ def _finish(model: GravityModel, samples: JointSamples, fits: list[SparseFit],
         **report,
     }
     if chain:
-        report['chain'] = _chain_report(chain)
-    model = replace(model, noise=noise, provenance={**provenance, 'report': report})
+        report['chain'] = {'known_axes': options.geometry is not None, **_chain_report(chain)}
+    model = replace(model, noise=noise,
+                    provenance={'options': options.to_json(), 'report': report})
     converged = chain is not None or all(found.lasso.converged for found in fits)
     return FitResult(model, report, converged)
 
@@ -171,8 +197,8 @@ def _solver(found: SparseFit) -> dict[str, Any]:
 
 def _chain_report(chain: ChainFit) -> dict[str, Any]:
     return {'starts': chain.starts, 'steps': chain.steps, 'structure': chain.structure,
-            'clean': chain.clean,
-            'right_angles': list(chain.square), 'inflation': chain.inflation.tolist()}
+            'clean': chain.clean, 'right_angles': list(chain.square), 'base_tilt': chain.tilt,
+            'inflation': chain.inflation.tolist()}
 
 
 def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],

@@ -3,6 +3,8 @@ Few-sample update: a model after a tool change, from the model before it and sec
 
 A tool changes few of the numbers that a model consists of: some moments of a chain, some weights
 of an energy. What the old model knew about all others stays, with its uncertainty (`change`).
+Where the arm's lengths are known a tool is only four numbers (`payload`), and the model changes
+by them, unless the samples say that it was something else that changed.
 """
 
 from __future__ import annotations
@@ -17,7 +19,9 @@ from gravity_comp_ros.gravity.chain_update import NewSamples, update_chain
 from gravity_comp_ros.gravity.change import average_change, Change, ChangeProblem
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.dictionary import feature_name
+from gravity_comp_ros.gravity.geometry import Geometry
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.gravity.payload import on_known_axes, weigh, Weighed
 from gravity_comp_ros.gravity.uncertainty import ChainUncertainty, EnergyUncertainty
 from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
@@ -26,6 +30,8 @@ import numpy as np
 _WHITE = 2.0
 # Noise that the new samples show to differ by no more changes no weights that matter.
 _SAME_NOISE = 0.15
+# By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
+_NO_TOOL = 40.0
 
 
 @dataclass(frozen=True)
@@ -58,29 +64,40 @@ class UpdateResult:
 
 
 def update(model: GravityModel, samples: JointSamples,
-           options: UpdateOptions = UpdateOptions()) -> UpdateResult:
+           options: UpdateOptions = UpdateOptions(),
+           geometry: Geometry | None = None) -> UpdateResult:
     """
     Return the model that explains `samples`, taken after a tool change, by a sparse change.
 
     :param model: of the chain or the potential formulation.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
         Their torque is gravity: what the effects of the model do must have been taken off.
-    :raises ModelMismatchError: if the samples lack a joint, or the model is per_joint.
+    :param geometry: of this arm, to weigh the tool; the new model is a chain on its axes, with
+        the joints in its order.
+    :raises ModelMismatchError: if the samples lack a joint, the model is per_joint and there is
+        no geometry, or the geometry is of another arm.
     :raises FitError: if there are too few samples.
     """
     samples = samples.joints(model.joints)
     if samples.n_samples < options.min_samples:
         raise FitError(f'{samples.n_samples} slow samples since the tool changed; an update needs '
                        f'{options.min_samples}. Move on slowly')
+    if geometry is not None:
+        return _update(_on_axes(model, geometry), samples.joints(geometry.joints), options,
+                       geometry)
     if model.energy is None:
         raise ModelMismatchError('a per_joint model has no energy whose change a tool would be; '
                                  'fit it again, or keep a chain or potential model')
-    step = _chain_step if model.chain is not None else _energy_step
+    return _update(model, samples, options, None)
+
+
+def _update(model: GravityModel, samples: JointSamples, options: UpdateOptions,
+            geometry: Geometry | None) -> UpdateResult:
     sigma = np.maximum(model.noise, noise.floor(samples.tau))
-    found = step(model, samples, sigma)
+    found = _step(model, samples, sigma, geometry)
     old_sigma, sigma = sigma, _noise(found.model, samples, sigma, options)
     if not np.allclose(sigma, old_sigma, rtol=_SAME_NOISE):
-        found = step(model, samples, sigma)
+        found = _step(model, samples, sigma, geometry)
     residual = samples.tau - found.model.predict(samples.q)
     rmse = np.sqrt((residual ** 2).mean(axis=0))
     report = _report(model, found, samples, rmse, sigma)
@@ -91,13 +108,61 @@ def update(model: GravityModel, samples: JointSamples,
     return UpdateResult(updated, report)
 
 
+def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
+    """Return the same gravity as a chain on known axes."""
+    chain, covariance = on_known_axes(model, geometry)
+    order = [model.joints.index(name) for name in geometry.joints]
+    coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
+                       q_max=model.coverage.q_max[order])
+    made = GravityModel.from_energy(
+        geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
+        chain, ChainUncertainty(chain, covariance))
+    direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
+    return replace(made, applied=replace(model.applied, direction=direction))
+
+
 @dataclass(frozen=True)
 class _Step:
-    """A changed model, what changed by name and in N·m, and how it was found."""
+    """
+    A changed model, what changed by name and in N·m, and how it was found.
+
+    `tool` is what was weighed, None without lengths; `is_tool` says that the model changed by it.
+    """
 
     model: GravityModel
     changed: dict[str, float]
     change: Change
+    tool: Weighed | None = None
+    is_tool: bool = False
+
+
+def _step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
+          geometry: Geometry | None) -> _Step:
+    if model.chain is None:
+        return _energy_step(model, samples, sigma)
+    free = _chain_step(model, samples, sigma)
+    return free if geometry is None else _tool_step(model, samples, sigma, geometry, free)
+
+
+def _tool_step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
+               geometry: Geometry, free: _Step) -> _Step:
+    """Return the change by a tool, or the free one if that explains much more."""
+    assert model.chain is not None and model.uncertainty is not None
+    assert free.model.chain is not None
+    new = NewSamples(samples.q, samples.tau, sigma)
+    tool = weigh(model.chain, model.uncertainty.covariance, new, geometry)
+    left = new.residual(free.model.chain)
+    if tool.chi2 - float(left @ left) > _NO_TOOL:
+        return replace(free, tool=tool.weighed)
+    spread = ChainUncertainty(tool.chain, tool.covariance)
+    changed = (tool.chain.moments - model.chain.moments).ravel()
+    return _Step(_with_energy(model, expand(tool.chain), tool.chain, spread),
+                 {name: float(x) for name, x in zip(_moment_names(model), changed)},
+                 free.change, tool.weighed, True)
+
+
+def _moment_names(model: GravityModel) -> list[str]:
+    return [f'{name} {axis}' for name in model.joints for axis in 'xy']
 
 
 def _chain_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -> _Step:
@@ -106,9 +171,8 @@ def _chain_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
         else model.uncertainty.covariance
     found = update_chain(model.chain, covariance, NewSamples(samples.q, samples.tau, sigma))
-    changed = {f'{model.joints[k // 2]} {"xy"[k % 2]}':
-               float((found.chain.moments - model.chain.moments).ravel()[k])
-               for k in found.change.support - 2 * n}
+    names, moments = _moment_names(model), found.chain.moments - model.chain.moments
+    changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
     energy = expand(found.chain)
     return _Step(_with_energy(model, energy, found.chain,
                               ChainUncertainty(found.chain, found.covariance)),
@@ -171,14 +235,30 @@ def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatA
         return dict(zip(names, np.asarray(values, dtype=float).tolist()))
 
     lasso = asdict(found.change.lasso)
-    return {
-        'formulation': old.formulation, 'n_samples': samples.n_samples,
+    report: dict[str, Any] = {
+        'formulation': found.model.formulation, 'n_samples': samples.n_samples,
         'rmse_before': by_joint(before), 'rmse': by_joint(rmse), 'noise': by_joint(sigma),
         'std': by_joint(spread),
         'effect_mean': by_joint(difference.mean(axis=0)),
         'effect_max': by_joint(np.abs(difference).max(axis=0)),
-        'changed': found.changed,
+        'changed': found.changed, 'payload': None,
         'log_evidence': found.change.log_evidence,
         'solver': {key: lasso[key] for key in
                    ('iterations', 'primal_residual', 'dual_residual', 'converged')},
+        'warnings': [],
     }
+    if found.tool is not None:
+        report['payload'] = _payload_json(found.tool)
+        if not found.is_tool:
+            report['warnings'] += ['a rigid body on the last link does not explain what changed; '
+                                   'the mass and centre told here are only the nearest to it']
+    return report
+
+
+def _payload_json(tool: Weighed) -> dict[str, Any]:
+    found: dict[str, Any] = {'link': tool.link, 'mass': {
+        'value': tool.mass, 'unit': 'kg', 'ci95': list(tool.mass_ci95)}, 'centre': None}
+    if tool.centre is not None and tool.centre_ci95 is not None:
+        found['centre'] = {axis: {'value': float(value), 'unit': 'm', 'ci95': interval.tolist()}
+                           for axis, value, interval in zip('xyz', tool.centre, tool.centre_ci95)}
+    return found

@@ -1,0 +1,191 @@
+"""`gravity_comp update`: what a new payload changed, from seconds of motion."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import os
+from pathlib import Path
+from typing import Any
+
+from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.effects.predict import effect_torque, rows_of
+from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.gravity.applied import undone, UPDATED, with_step
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.gravity.update import update, UpdateResult
+from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.samples import JointSamples
+from rich.table import Table
+
+VERB = 'update'
+HELP = 'relearn after a payload change, from ten seconds of slow motion'
+EPILOG = """\
+examples:
+  gravity_comp update tool.mcap --model arm.json -o with_tool.json
+  gravity_comp update tool.mcap --model arm.json --urdf robot.urdf -o with_tool.json
+                                       weighs the tool: mass and centre of mass
+  gravity_comp update tool.mcap --model arm.json        changes arm.json itself
+  gravity_comp update --undo --model arm.json           takes that back
+
+The recordings hold the arm with its new payload and nothing else. The model must be a chain or a
+potential; a chain (`fit --formulation chain`) needs far fewer samples. With --urdf the new
+model is a chain whatever the old one was. Effects of the model stay as they are.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `update`."""
+    arguments.add_bags(parser, nargs='*')
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
+                        help='the model of the arm before the change')
+    parser.add_argument('-o', '--output', metavar='NEW.json', type=Path,
+                        help='write the new model here (default: over the old one, which --undo '
+                        'brings back)')
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path,
+                        help='where the axes of the arm are: tells mass and centre of mass')
+    parser.add_argument('--undo', action='store_true',
+                        help='take the last change of the model back; needs no bag')
+    parser.add_argument('--dry-run', action='store_true', help='show, but write nothing')
+    arguments.add_gate(parser)
+    arguments.add_reading(parser, joints=False)
+    arguments.add_json(parser)
+    parser.set_defaults(parser=parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Update the model, show what changed, and write it."""
+    if args.undo == bool(args.bags):
+        args.parser.error('name at least one bag with the new payload, or give --undo alone')
+    model = load_model(args.model)
+    target = args.output or args.model
+    if not args.dry_run:
+        _check_writable(args, target)
+    return _undo(args, model, target) if args.undo else _update(args, model, target)
+
+
+def _check_writable(args: argparse.Namespace, target: Path) -> None:
+    """Refuse before a fit what could not be written after it."""
+    for other in [*args.bags, *([args.urdf] if args.urdf else []),
+                  *([Path(args.json)] if args.json else [])]:
+        if target.resolve() == other.resolve():
+            raise OptionError(f'{target} is named twice, as the model and as {other}')
+    folder = target.resolve().parent
+    if not folder.is_dir():
+        raise ModelFileError(f'cannot write {target}: there is no folder {folder}')
+    if target.is_dir() or not os.access(folder, os.W_OK):
+        raise ModelFileError(f'cannot write {target}: permission denied or a folder')
+    # Replacing a file needs no right to write it, so a read-only model must be asked for.
+    if target.exists() and not target.stat().st_mode & 0o222:
+        raise ModelFileError(f'cannot write {target}: it is read-only')
+
+
+def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
+    last = next((s for s in reversed(model.applied.history) if s.previous is not None), None)
+    if last is not None and last.action != UPDATED:
+        raise OptionError(f'the last change of {args.model} is no update: '
+                          f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
+    try:
+        back = undone(model, refitting.now())
+    except DataError as problem:
+        raise OptionError(f'{args.model}: {problem}') from problem
+    if not args.dry_run:
+        save_model(target, back)
+    if args.json != '-':
+        done = 'would be as it was' if args.dry_run else 'is as it was'
+        terminal.show(terminal.safe(f'{target} {done} before the last update'))
+    if args.json:
+        terminal.emit_json({'model': str(target), 'undone': UPDATED,
+                            'written': not args.dry_run}, args.json)
+    return 0
+
+
+def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
+    args.joints = model.joints
+    with terminal.progress() as report:
+        loaded = reading.load(args, report)
+        report('update', 0.5)
+        geometry = None
+        if args.urdf is not None:
+            from gravity_comp_ros.urdf import read_urdf
+            geometry = read_urdf(args.urdf, model.joints)
+        result = update(model, _gravity(model, loaded), geometry=geometry)
+        report('update', 1.0)
+    changed = _with_history(model, result, loaded)
+    if not args.dry_run:
+        save_model(target, changed)
+    if args.json != '-':
+        _show(args, loaded, result, target)
+    for line in _warnings(model, result, loaded):
+        terminal.warn(line)
+    if args.json:
+        terminal.emit_json(
+            {'model': str(target), 'written': not args.dry_run, **result.report,
+             'effects': [effect.target for effect in changed.applied.effects],
+             'warnings': _warnings(model, result, loaded), **loaded.to_json()}, args.json)
+    return 0
+
+
+def _gravity(model: GravityModel, loaded: reading.Loaded) -> JointSamples:
+    """Return the gated samples without what the model's effects add to gravity."""
+    samples = loaded.gated.samples
+    if not model.applied.effects:
+        return samples
+    taken = effect_torque(model, loaded.samples)[rows_of(loaded.samples, samples)]
+    return replace(samples, tau=samples.tau - taken)
+
+
+def _with_history(model: GravityModel, result: UpdateResult,
+                  loaded: reading.Loaded) -> GravityModel:
+    """Return the new model with where it came from, and the old one to go back to."""
+    report, new = result.report, result.model
+    bags = [reading.bag_json(bag) for bag in loaded.reports]
+    *before, last = new.provenance['updates']
+    known = model.provenance.get('bags', ())
+    seen = {bag['sha256'] for bag in known}
+    provenance = {**new.provenance,
+                  'updates': [*before, {'when': refitting.now(), 'bags': bags, **last}],
+                  'bags': [*known, *(bag for bag in bags if bag['sha256'] not in seen)]}
+    return with_step(replace(new, provenance=provenance), model, ('payload',), refitting.now(),
+                     report['rmse_before'], report['rmse'], UPDATED)
+
+
+def _warnings(model: GravityModel, result: UpdateResult, loaded: reading.Loaded) -> list[str]:
+    lines = [*result.report['warnings'], *reading.scale_warnings(model, loaded.reports)]
+    known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
+    lines += [f'the model was fitted to {bag.path.name} already: is it of the new payload?'
+              for bag in loaded.reports if bag.sha256 in known]
+    return lines
+
+
+def _show(args: argparse.Namespace, loaded: reading.Loaded, result: UpdateResult,
+          target: Path) -> None:
+    for line in loaded.lines():
+        terminal.show(terminal.safe(line))
+    terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
+    done = 'nothing written (--dry-run)' if args.dry_run else f'written to {target}'
+    terminal.show('', terminal.safe(done))
+
+
+def _joint_table(result: UpdateResult) -> Table:
+    report = result.report
+    rows = [(name, f'{report["effect_mean"][name]:+.3f}', f'{report["effect_max"][name]:.3f}',
+             f'± {1.96 * report["std"][name]:.3f}', f'{report["rmse_before"][name]:.4f}',
+             f'{report["rmse"][name]:.4f}') for name in result.model.joints]
+    return terminal.table(
+        f'what the payload does, N·m ({report["formulation"]}, {report["n_samples"]} samples)',
+        ['joint', 'mean', 'largest', 'unsure by (95 %)', 'RMSE before', 'RMSE after'], rows)
+
+
+def _tool_lines(report: dict[str, Any]) -> list[str]:
+    payload = report['payload']
+    if payload is None:
+        return ['(--urdf FILE tells the mass and its centre as well)']
+    mass, centre = payload['mass'], payload['centre']
+    lines = [f'mass {mass["value"]:+.3f} kg (95 %: {mass["ci95"][0]:.3f} to '
+             f'{mass["ci95"][1]:.3f})']
+    if centre is None:
+        return [*lines, 'the mass is not told from 0, so it has no centre']
+    where = ', '.join(f'{axis} {1e3 * x["value"]:.1f} mm ({1e3 * x["ci95"][0]:.1f} to '
+                      f'{1e3 * x["ci95"][1]:.1f})' for axis, x in centre.items())
+    return [*lines, f'its centre in the frame of {payload["link"]}: {where}']

@@ -1,0 +1,176 @@
+"""`update`: a new payload from ten seconds of a moving arm, by the command line."""
+
+import json
+from pathlib import Path
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.simulation import arms, motions
+import numpy as np
+import pytest
+
+URDF = str(Path(__file__).resolve().parent.parent / 'bags' / 'iiwa7.urdf')
+COM = (0.02, 0.03, 0.1)
+LATER = motions.eq17(start=100.0).q
+FRICTION = ('--hidden', 'coulomb_friction:4=0.6')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """Return a folder with recordings of the bare and the loaded arm, smooth and rough."""
+    made = tmp_path_factory.mktemp('update')
+    load = ['--payload', '2', '--payload-com', *map(str, COM), '--start', '100']
+    for name, *more in (
+            ('bare', '--seed', '1'), ('bare_rough', '--seed', '1', *FRICTION),
+            ('tool', '--seed', '2', '--samples', '50', *load),
+            ('tool_rough', '--seed', '2', '--samples', '100', *load, *FRICTION),
+            ('few', '--seed', '2', '--samples', '8', *load)):
+        assert main(['synth', '--noise', '0.1', *more, '-o', str(made / f'{name}.mcap')]) == 0
+    assert main(['fit', str(made / 'bare.mcap'), '--formulation', 'chain',
+                 '-o', str(made / 'arm.json')]) == 0
+    return made
+
+
+@pytest.fixture
+def model(folder, tmp_path):
+    path = tmp_path / 'arm.json'
+    path.write_bytes((folder / 'arm.json').read_bytes())
+    return path
+
+
+def run_json(capsys, *argv):
+    capsys.readouterr()
+    status = main([*map(str, argv), '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out)
+
+
+def refused(capsys, *argv, status=1):
+    capsys.readouterr()
+    assert main(list(map(str, argv))) == status
+    out = capsys.readouterr()
+    lines = [line for line in out.err.splitlines() if not line.startswith('... ')]
+    assert out.out == '' and len(lines) == 1, out.err
+    return lines[0]
+
+
+def worst(model) -> float:
+    """Return the RMSE in N·m of the worst joint with the tool, against noise-free gravity."""
+    arm = arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM))
+    error = model.predict(LATER) - arms.gravity_torque(arm, LATER)
+    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+
+
+def test_a_tool_is_learned_and_its_effect_told(folder, model, tmp_path, capsys):
+    new = tmp_path / 'new.json'
+    before = model.read_bytes()
+    found = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '-o', new)
+    assert found['n_samples'] == 50 and found['written'] and found['payload'] is None
+    q = motions.eq17(start=100.0, duration=10.0).q
+    effect = (arms.gravity_torque(arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM)), q)
+              - arms.gravity_torque(arms.iiwa7(), q))
+    assert list(found['effect_mean'].values()) == pytest.approx(effect.mean(axis=0), abs=0.1)
+    assert list(found['effect_max'].values()) == pytest.approx(np.abs(effect).max(axis=0), abs=0.2)
+    assert all(0.0 < std < 0.1 for std in found['std'].values())
+    assert model.read_bytes() == before
+    assert worst(load_model(model)) > 5.0 and worst(load_model(new)) <= 0.15
+
+
+def test_mass_and_centre_with_the_urdf(folder, model, capsys):
+    found = run_json(capsys, 'update', folder / 'tool.mcap', '--model', model, '--urdf', URDF)
+    payload = found['payload']
+    assert payload['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    assert [payload['centre'][axis]['value'] for axis in 'xyz'] == pytest.approx(COM, abs=0.005)
+    assert payload['mass']['ci95'][0] < payload['mass']['value'] < payload['mass']['ci95'][1]
+    changed = load_model(model)
+    assert worst(changed) <= 0.1
+    update = changed.provenance['updates'][-1]
+    assert update['bags'][0]['name'] == 'tool.mcap' and update['when'].startswith('20')
+    assert [bag['name'] for bag in changed.provenance['bags']] == ['bare.mcap', 'tool.mcap']
+    capsys.readouterr()
+    assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--dry-run']) == 0
+    out = capsys.readouterr()
+    assert 'already: is it of the new payload?' in out.err and '--dry-run' in out.out
+
+
+def test_words_and_undo(folder, model, capsys):
+    before = load_model(model)
+    assert main(['update', str(folder / 'tool.mcap'), '--model', str(model), '--urdf', URDF]) == 0
+    text = capsys.readouterr().out
+    assert 'mass +' in text and 'in the frame of iiwa_link_7' in text
+    assert 'what the payload does, N·m (chain, 50 samples)' in text
+    assert main(['update', '--undo', '--model', str(model)]) == 0
+    back = load_model(model)
+    np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))
+    assert [step.action for step in back.applied.history] == ['updated', 'removed']
+    assert 'updates' not in back.provenance
+    assert 'taken back already' in refused(capsys, 'update', '--undo', '--model', model)
+
+
+def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):
+    model, new = tmp_path / 'rough.json', tmp_path / 'new.json'
+    assert main(['fit', str(folder / 'bare_rough.mcap'), '--formulation', 'chain', '--effects',
+                 'coulomb_friction:iiwa_joint_4', '-o', str(model)]) == 0
+    found = run_json(capsys, 'update', folder / 'tool_rough.mcap', '--model', model, '-o', new,
+                     '--urdf', URDF)
+    assert found['effects'] == ['coulomb_friction:iiwa_joint_4']
+    old, changed = load_model(model), load_model(new)
+    assert changed.applied.effects == old.applied.effects
+    assert worst(changed) <= 0.15
+    assert found['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    # Both were added and may be taken back, the last one first.
+    assert [step.action for step in changed.applied.history] == ['added', 'updated']
+    assert main(['update', '--undo', '--model', str(new)]) == 0
+    assert 'coulomb_friction:iiwa_joint_4 was added' in refused(
+        capsys, 'update', '--undo', '--model', new)
+    assert main(['add', '--undo', '--model', str(new)]) == 0
+
+
+def test_an_addition_is_not_taken_back_behind_a_payload(folder, tmp_path, capsys):
+    # As a node leaves it: updated, with no step of that in its history.
+    from dataclasses import replace
+    from gravity_comp_ros.gravity.applied import with_step
+    from gravity_comp_ros.modelfile import save_model
+    old = load_model(folder / 'arm.json')
+    added = with_step(old, old, ('coulomb_friction:iiwa_joint_4',), 'now', {}, {})
+    save_model(tmp_path / 'm.json', replace(added, provenance={
+        **added.provenance, 'updates': [{'n_samples': 50}]}))
+    words = refused(capsys, 'add', '--undo', '--model', tmp_path / 'm.json')
+    assert 'the payload changed after coulomb_friction:iiwa_joint_4 had been added' in words
+
+
+def test_what_cannot_be_updated_says_so(folder, model, tmp_path, capsys):
+    before = model.read_bytes()
+    tool = folder / 'tool.mcap'
+    assert '8 slow samples' in refused(capsys, 'update', folder / 'few.mcap', '--model', model)
+    assert 'no such file' in refused(capsys, 'update', tool, '--model', model, '--urdf',
+                                     tmp_path / 'none.urdf')
+    other = tmp_path / 'other.urdf'
+    other.write_text('<robot name="r"><link name="l"/></robot>')
+    assert 'has no joint' in refused(capsys, 'update', tool, '--model', model, '--urdf', other)
+    assert 'named twice' in refused(capsys, 'update', tool, '--model', model, '-o', tool)
+    assert 'there is no folder' in refused(capsys, 'update', tool, '--model', model, '-o',
+                                           tmp_path / 'no' / 'm.json')
+    assert 'at least one bag' in refused(capsys, 'update', '--model', model, status=2)
+    assert 'at least one bag' in refused(capsys, 'update', tool, '--undo', '--model', model,
+                                         status=2)
+    assert model.read_bytes() == before
+    model.chmod(0o444)
+    assert 'read-only' in refused(capsys, 'update', tool, '--model', model)
+
+
+def test_fit_with_the_axes_of_a_urdf(folder, tmp_path, capsys):
+    path = tmp_path / 'known.json'
+    found = run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path)
+    assert found['report']['formulation'] == 'chain' and found['report']['chain']['known_axes']
+    assert load_model(path).provenance['options']['known_axes']
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF]) == 0
+    assert 'axes as in the URDF' in capsys.readouterr().out
+    assert 'of no use to potential' in refused(
+        capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '--formulation', 'potential')
+    # A recording may list the joints in any order; the model has them in the arm's.
+    names = [f'iiwa_joint_{k}' for k in (4, 2, 1, 3, 7, 6, 5)]
+    run_json(capsys, 'fit', folder / 'bare.mcap', '--urdf', URDF, '-o', path, '--joints',
+             ','.join(names))
+    assert load_model(path).joints == tuple(sorted(names))
