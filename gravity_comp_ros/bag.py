@@ -28,7 +28,9 @@ TIME = 'time goes back or stands still'
 LONELY = 'alone in a gap, no velocity'
 
 # Stamps that go back more often than this are no clock.
-_BAD_STAMPS = 0.1
+BAD_STAMPS = 0.1
+# A joint that travels further than this moves, rad.
+MOVES = 1e-3
 
 
 @dataclass(frozen=True)
@@ -212,7 +214,7 @@ class _Reading:
             raise BagError(f'{self.where}: effort is 0 throughout, for every joint; the driver '
                            f'does not measure it')
         for joint in np.array(self.joints)[zero]:
-            self.notes.append(f'effort of joint {joint} is always 0')
+            self.notes.append(zero_effort_note(joint))
 
     def _unmeasured(self, options: ReadOptions) -> Mask:
         """Return the joints (N,) whose velocity must come from the position."""
@@ -220,28 +222,15 @@ class _Reading:
             return np.ones(len(self.joints), dtype=bool)
         unmeasured = (~np.isfinite(self.qd)).mean(axis=0) >= RULE
         self._keep(np.isfinite(self.qd[:, ~unmeasured]).all(axis=1), VELOCITY)
-        self._note_zero_velocity(unmeasured)
+        moves = np.ptp(self.q, axis=0) > MOVES
+        self.notes += zero_velocity_notes(self.joints, moves, self.qd.any(axis=0) | unmeasured)
         return unmeasured
-
-    def _note_zero_velocity(self, unmeasured: Mask) -> None:
-        """Say where a driver publishes 0 for a speed that it does not measure."""
-        zero = (np.ptp(self.q, axis=0) > 1e-3) & ~self.qd.any(axis=0) & ~unmeasured
-        if not zero.any():
-            return
-        if not unmeasured.any() and not self.qd.any():
-            self.notes.append(
-                'velocity is 0 throughout although joints move: taken as a series of poses at '
-                'rest; if the driver does not measure velocity, read it with --differentiate')
-            return
-        self.notes.append(
-            f'velocity of {", ".join(np.array(self.joints)[zero])} is 0 throughout although it '
-            f'moves: the driver does not measure it; read it with --differentiate')
 
     def _clock(self) -> NDArray[np.int64]:
         """Choose the clock, and drop what does not come later than all before it."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
-        if backwards > _BAD_STAMPS * clock.size:
+        if backwards > BAD_STAMPS * clock.size:
             unset = 'are not set' if not clock.any() else 'do not increase'
             self.notes.append(f'header stamps {unset}: time is the time of recording')
             clock = self.log_ns
@@ -260,6 +249,28 @@ class _Reading:
         which = ('of every joint' if unmeasured.all()
                  else 'of ' + ', '.join(np.array(self.joints)[unmeasured]))
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
+
+
+def zero_effort_note(joint: str) -> str:
+    """Return the note on a joint whose effort never differs from 0."""
+    return f'effort of joint {joint} is always 0'
+
+
+def zero_velocity_notes(joints: tuple[str, ...], moves: Mask, speed: Mask) -> list[str]:
+    """
+    Say where a driver publishes 0 for a speed that it does not measure.
+
+    :param moves: which joints move (N,).
+    :param speed: which joints have a velocity other than 0, or one to be differentiated (N,).
+    """
+    zero = moves & ~speed
+    if not zero.any():
+        return []
+    if not speed.any():
+        return ['velocity is 0 throughout although joints move: taken as a series of poses at '
+                'rest; if the driver does not measure velocity, read it with --differentiate']
+    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although it '
+            f'moves: the driver does not measure it; read it with --differentiate']
 
 
 def _gather(storage: Storage, topic: str) -> Columns:

@@ -1,0 +1,170 @@
+"""Bags gated while they are read: the same samples and words as reading first, gating then."""
+
+from dataclasses import replace
+
+from gravity_comp_ros import bag_gated
+from gravity_comp_ros.bag import read_bag, ReadOptions
+from gravity_comp_ros.bag_gated import read_gated
+from gravity_comp_ros.bag_write import JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.gate import GateOptions, slow_samples
+from gravity_comp_ros.gate_blocks import BlockGate
+from gravity_comp_ros.samples import JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+from recordings import messages, NAMES, write_folder
+
+GATES = (GateOptions(max_speed=0.9), GateOptions(max_speed=(0.5, 2.0, 2.0), rate_hz=None),
+         GateOptions(max_speed=2.0, max_acceleration=0.8, rate_hz=20.0),
+         GateOptions(max_speed=1e-6))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10 ** 6), st.lists(st.integers(0, 40), max_size=6),
+       st.sampled_from(GATES[:3]))
+def test_blocks_of_any_size_pass_as_the_whole_does(seed, sizes, options):
+    rng = np.random.default_rng(seed)
+    t = np.cumsum(rng.choice([0.01, 0.02, 0.3], 100))
+    qd = np.cumsum(0.1 * rng.normal(size=(100, 3)), axis=0)
+    whole = slow_samples(JointSamples.single_run(NAMES, t, qd, qd, qd), options)
+    gate, kept, begin = BlockGate(3, options), [], 0
+    for size in [*sizes, 100]:
+        block = slice(begin, min(begin + size, 100))
+        kept.append(t[block][gate.offer(t[block], qd[block])])
+        begin = block.stop
+    np.testing.assert_array_equal(np.concatenate(kept), whole.samples.t)
+    assert dict(gate.dropped) == whole.dropped
+
+
+def rare(change, every=9):
+    """Return messages of which every few were changed."""
+    rows = messages(200)
+    for row in rows[every::every]:
+        change(row)
+    return rows
+
+
+def nothing(row):
+    pass
+
+
+def other_order(row):
+    fields = row[1]
+    for name in ('names', 'position', 'velocity', 'effort'):
+        fields[name] = fields[name][::-1]
+
+
+def broken(row):
+    row[1] = b'\0\1\0\0none'
+
+
+def stand_still(row):
+    row[1]['stamp_ns'] -= 40_000_000
+
+
+def nan(row):
+    row[1]['effort'][1] = np.nan
+
+
+def one_short(row):
+    row[1]['position'] = row[1]['position'][:2]
+
+
+def gripper(row):
+    row[1].update(names=['grip'], position=[0.1], velocity=[0.0], effort=[1.0])
+
+
+def long_frame(row):
+    row[1]['frame_id'] = 'base_link'
+
+
+def without_elbow(row):
+    for name in ('names', 'position', 'velocity', 'effort'):
+        row[1][name] = row[1][name][::2]
+
+
+def no_velocity(row):
+    row[1]['velocity'] = []
+
+
+def no_stamp(row):
+    row[1]['stamp_ns'] = 0
+
+
+def rest(row):
+    row[1]['velocity'] = [0.0] * 3
+
+
+def weightless(row):
+    row[1]['effort'][0] = 0.0
+
+
+CHANGES = (nothing, other_order, broken, stand_still, nan, one_short, gripper, long_frame,
+           without_elbow, no_velocity, no_stamp, rest, weightless)
+OPTIONS = (ReadOptions(), ReadOptions(joints=('wrist', 'shoulder')),
+           ReadOptions(effort_scale={'elbow': -2.0}), ReadOptions(differentiate=True),
+           ReadOptions(effort_scale={'hip': 2.0}), ReadOptions(joints=('hip',)))
+
+
+@pytest.mark.parametrize('every', [1, 9])
+@pytest.mark.parametrize('change', CHANGES)
+def test_the_answer_is_that_of_the_whole(tmp_path, change, every):
+    rows = rare(change, every)
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin='mcap')
+    for number, options in enumerate(OPTIONS):
+        gate = GATES[0] if options.joints else GATES[number % 3]
+        check_same(path, options, gate)
+
+
+def check_same(path, options, gate):
+    try:
+        whole = read_bag(path, options)
+        slow = slow_samples(whole.samples, gate)
+    except GravityCompError as error:
+        with pytest.raises(type(error)) as again:
+            read_gated(path, options, gate)
+        assert str(again.value) == str(error)
+        return
+    found = read_gated(path, options, gate)
+    assert found.samples.names == slow.samples.names
+    for field in ('t', 'q', 'qd', 'tau'):
+        np.testing.assert_array_equal(getattr(found.samples, field),
+                                      getattr(slow.samples, field))
+    assert found.report == whole.report
+    assert found.dropped == slow.dropped
+
+
+def test_the_usual_recording_is_not_read_as_a_whole(tmp_path, monkeypatch):
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rare(nan)}, plugin='mcap')
+    monkeypatch.setattr(bag_gated, 'read_bag', None)
+    assert len(read_gated(path, gate=GATES[0]).samples) == 6
+
+
+def test_nothing_slow_is_no_error_here(tmp_path):
+    path = write_folder(tmp_path / 'bag', {'/joint_states': messages(200)}, plugin='mcap')
+    check_same(path, ReadOptions(), GATES[3])
+    assert not len(read_gated(path, gate=GATES[3]).samples)
+
+
+def test_memory_does_not_grow_with_the_recording(tmp_path):
+    import tracemalloc
+    t = np.arange(60000) / 1000
+    q = np.sin(0.1 * t)[:, None] + np.arange(8.0)
+    names = tuple(f'joint{k}' for k in range(8))
+    write_bag(tmp_path / 'x.mcap', [JointTopic('/joint_states', names, t, q, 0 * q + 0.1, q)],
+              WriteOptions(chunk_bytes=100_000))
+    tracemalloc.start()
+    found = read_gated(tmp_path / 'x.mcap')
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.report.n_samples == 60000 and len(found.samples) == 301
+    # All samples alone are 60000 * 24 * 8 bytes, 11.5 MB; what grows is 8 bytes a message and
+    # what the median of the intervals takes at the end.
+    assert peak < 5e6
+
+
+def test_a_gate_for_other_joints_is_refused(tmp_path):
+    path = write_folder(tmp_path / 'bag', {'/joint_states': messages(20)}, plugin='mcap')
+    with pytest.raises(GravityCompError, match='2 values for 3 joints'):
+        read_gated(path, gate=replace(GATES[0], max_speed=(1.0, 1.0)))
