@@ -6,6 +6,7 @@ import re
 
 from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.modelfile import load_model
 from gravity_comp_ros.samples import JointSamples
 import numpy as np
@@ -73,7 +74,8 @@ def test_fit_finds_the_equations(model):
     assert sorted(elbow.weights) == pytest.approx([4.0, 4.0], abs=0.05)
 
 
-def test_fit_shows_equations_and_solver(bags, capsys):
+def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
+    monkeypatch.setattr(terminal, '_LONG', 0.0)
     assert main(['fit', bags['train'], '--terms', '1']) == 0
     out = capsys.readouterr()
     shown = ' '.join(out.out.split())

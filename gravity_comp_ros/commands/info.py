@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     options = read_options(args)
     gate = gate_options(args)
     recordings, facts = [], []
-    with progress(quiet=bool(args.json)) as report:
+    with progress() as report:
         for number, path in enumerate(args.bags):
             report(f'read {path.name}', number / len(args.bags))
             recordings.append(read_bag(path, options))

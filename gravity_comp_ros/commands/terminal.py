@@ -14,6 +14,7 @@ import math
 import os
 from pathlib import Path
 import sys
+import threading
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
@@ -29,6 +30,8 @@ from rich.text import Text
 ProgressCallback = Callable[[str, float], None]
 
 _WIDTH_WITHOUT_SCREEN = 110
+# Work is long from here on, in seconds.
+_LONG = 2.0
 
 
 def safe(text: object) -> str:
@@ -83,16 +86,15 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
 
 
 @contextmanager
-def progress(quiet: bool = False) -> Iterator[ProgressCallback]:
+def progress() -> Iterator[ProgressCallback]:
     """
     Yield `report(stage, fraction)`, which shows progress on standard error.
 
-    On a screen it is a bar; elsewhere (a log) each new stage is one line; with `quiet` nothing.
+    On a screen it is a bar. Elsewhere (a log) it is a line for each stage, once the work has
+    taken `_LONG` seconds: what is done or fails at once needs no progress.
     """
     err = console(stderr=True)
-    if quiet:
-        yield _silent
-    elif err.is_terminal:
+    if err.is_terminal:
         with Progress(TextColumn('{task.description}'), BarColumn(), TaskProgressColumn(),
                       TimeElapsedColumn(), console=err, transient=True) as bar:
             task = bar.add_task('', total=1.0)
@@ -101,23 +103,46 @@ def progress(quiet: bool = False) -> Iterator[ProgressCallback]:
                 bar.update(task, description=safe(stage), completed=min(max(fraction, 0.0), 1.0))
             yield report
     else:
-        yield _StageLines()
-
-
-def _silent(stage: str, fraction: float) -> None:
-    """Show nothing."""
+        lines = _StageLines(_LONG)
+        try:
+            yield lines
+        finally:
+            lines.close()
 
 
 class _StageLines:
-    """Progress for a log: one line for each new stage."""
+    """Progress for a log: after `patience` seconds the stage of now, then each new one."""
 
-    def __init__(self) -> None:
-        self._last: str | None = None
+    def __init__(self, patience: float) -> None:
+        self._stage: str | None = None
+        self._shown: str | None = None
+        self._patient = True
+        self._lock = threading.Lock()
+        # A stage may last long without a word, so waiting for its next report is not enough.
+        self._timer = threading.Timer(patience, self._lose_patience)
+        self._timer.daemon = True
+        self._timer.start()
 
     def __call__(self, stage: str, fraction: float) -> None:
-        if stage != self._last:
-            self._last = stage
-            note(f'... {stage}')
+        with self._lock:
+            self._stage = stage
+            self._show()
+
+    def close(self) -> None:
+        """Show nothing more."""
+        self._timer.cancel()
+        with self._lock:
+            self._stage = None
+
+    def _lose_patience(self) -> None:
+        with self._lock:
+            self._patient = False
+            self._show()
+
+    def _show(self) -> None:
+        if not self._patient and self._stage != self._shown and self._stage is not None:
+            self._shown = self._stage
+            note(f'... {self._stage}')
 
 
 def emit_json(value: Mapping[str, Any], target: str) -> None:

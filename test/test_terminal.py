@@ -1,0 +1,47 @@
+"""Progress in a log: silent on short work, a line for each stage of long work."""
+
+import threading
+import time
+
+from gravity_comp_ros.commands import terminal
+
+
+def lines(capsys, wanted):
+    """Return what was printed on standard error so far, waiting until it holds `wanted`."""
+    text, deadline = '', time.monotonic() + 60
+    while wanted not in text:
+        assert time.monotonic() < deadline, text
+        text += capsys.readouterr().err
+    return text.splitlines()
+
+
+def test_short_work_is_silent(capsys, monkeypatch):
+    monkeypatch.setattr(terminal, '_LONG', 3600.0)
+    before = threading.active_count()
+    with terminal.progress() as report:
+        report('read', 0.0)
+        report('fit', 0.5)
+    assert capsys.readouterr().err == ''
+    for thread in threading.enumerate():
+        if isinstance(thread, threading.Timer):
+            thread.join(60)
+    assert threading.active_count() <= before
+
+
+def test_long_work_says_where_it_is_and_what_comes_next(capsys, monkeypatch):
+    monkeypatch.setattr(terminal, '_LONG', 0.0)
+    with terminal.progress() as report:
+        report('read [red]a', 0.0)
+        assert lines(capsys, 'read') == ['... read [red]a']  # without another report
+        report('read [red]a', 0.5)
+        report('fit', 0.6)
+        report('fit', 0.7)
+        assert capsys.readouterr().err == '... fit\n'
+
+
+def test_nothing_is_shown_after_the_end(capsys, monkeypatch):
+    monkeypatch.setattr(terminal, '_LONG', 3600.0)
+    with terminal.progress() as report:
+        report('read', 0.0)
+    report._lose_patience()   # a timer that fired as it was cancelled
+    assert capsys.readouterr().err == ''
