@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.diagnosis.candidates import Candidate, Columns
+from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, COMMON
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, JointGram, Prior, shared_information, solve)
 from gravity_comp_ros.errors import OptionError
@@ -22,6 +22,7 @@ from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 from scipy import stats
 
+_ROUNDS = 4
 # (candidate, coefficients in its own units) -> why they are not physical, or None.
 Implausible = Callable[[Candidate, FloatArray], 'str | None']
 
@@ -100,17 +101,30 @@ class Selection:
         self.implausible, self.options = implausible, options
         self.chosen: list[Candidate] = []
         self.refused: dict[tuple[str, int | None], str] = {}
-        self.tests = len({c.key for c in columns.candidates})
+        keys = {c.key for c in columns.candidates}
+        self._common = sum(name in COMMON for name, _ in keys)
+        self._rare = len(keys) - self._common
         self._priors: dict[tuple[int, bytes, bytes], Prior] = {}
         self._gains: dict[int, Gain] = {}
 
     def run(self) -> None:
         """Choose effects until none pays; drop and swap what no longer does."""
-        while len(self.chosen) < self.options.most and self._add_best():
-            pass
-        for _ in range(3):
+        for _ in range(_ROUNDS):
+            while len(self.chosen) < self.options.most and self._add_best():
+                pass
             if not (self._remove_idle() or self._swap_better()):
                 break
+
+    def tests(self, candidate: Candidate) -> float:
+        """
+        Return by how much a p-value counts for less, because so much was tried.
+
+        The weighted Bonferroni correction: what is expected in every joint and all the rest
+        each get half of the chance of a false alarm (Genovese et al., Biometrika 93, 2006).
+        """
+        group = self._common if candidate.effect.name in COMMON else self._rare
+        halves = 2.0 if self._common and self._rare else 1.0
+        return halves * group * candidate.tried
 
     def least_share(self, candidate: Candidate) -> float:
         """Return the share of the error that must go; shared effects count on all joints."""
@@ -186,31 +200,36 @@ class Selection:
     def _is_alike(self, candidate: Candidate, best: Candidate, gains: dict[int, Gain]) -> bool:
         if candidate is best:
             return True
-        if candidate.joint != best.joint:
+        if candidate.joint != best.joint and not (candidate.shared or best.shared):
             return False
         d = gains[id(best)].blocks - gains[id(candidate)].blocks
         return bool(d.mean() <= d.std(ddof=1) / np.sqrt(len(d)))
 
     def _remove_idle(self) -> bool:
         """Drop chosen effects that the others have made needless."""
-        for candidate in list(self.chosen):
+        # What corrects another effect goes before it.
+        for candidate in sorted(self.chosen, key=lambda c: not c.effect.mends):
             rest = [c for c in self.chosen if c is not candidate]
             joint = None if candidate.shared else candidate.joint
             kept = gain(self.errors(joint, rest), self.errors(joint, self.chosen),
-                        self.tests * candidate.tried)
+                        self.tests(candidate))
             if kept.p >= self.options.alpha or kept.share < 0.5 * self.least_share(candidate):
                 self._change(rest)
                 return True
         return False
 
     def _swap_better(self) -> bool:
-        """Replace a chosen effect by another that explains more in its place."""
+        """Replace a chosen effect by one that explains more, or as much more simply."""
         for candidate in list(self.chosen):
             rest = [c for c in self.chosen if c is not candidate]
             now = self.errors(None, self.chosen)
             for other in self.replacements(candidate):
                 then = self.errors(None, [*rest, other])
-                if not not_worse(then, now) and self._is_physical(other, [*rest, other]):
+                if other.complexity < candidate.complexity:
+                    pays = not_worse(now, then)
+                else:
+                    pays = not not_worse(then, now)
+                if pays and self._is_physical(other, [*rest, other]):
                     self._change([*rest, other])
                     return True
         return False
@@ -233,14 +252,27 @@ class Selection:
         taken = {c.key for c in self.chosen if c is not candidate}
         return [c for c in self.columns.candidates if c is not candidate
                 and c.key not in taken and c.key not in self.refused
+                and self._has_parent(c, taken)
                 and (c.joint == candidate.joint or c.shared or candidate.shared)]
 
     def _is_physical(self, candidate: Candidate, chosen: list[Candidate]) -> bool:
         return self.implausible(candidate, self.coefficients(candidate, chosen)) is None
 
     def _open(self) -> list[Candidate]:
-        taken = {c.key for c in self.chosen} | set(self.refused)
-        return [c for c in self.columns.candidates if c.key not in taken]
+        taken = {c.key for c in self.chosen}
+        return [c for c in self.columns.candidates
+                if c.key not in taken and c.key not in self.refused
+                and self._has_parent(c, taken)]
+
+    def open_on(self, joint: int) -> list[Candidate]:
+        """Return the physical effects of one joint that are not chosen."""
+        return [c for c in self._open() if c.joint == joint and not c.shared
+                and self._is_physical(c, [*self.chosen, c])]
+
+    @staticmethod
+    def _has_parent(candidate: Candidate, taken: set[tuple[str, int | None]]) -> bool:
+        mends = candidate.effect.mends
+        return not mends or any((name, candidate.joint) in taken for name in mends)
 
     def _all_gains(self) -> dict[int, Gain]:
         before: dict[int | None, FloatArray] = {}
@@ -251,7 +283,7 @@ class Selection:
             if joint not in before:
                 before[joint] = self.errors(joint, self.chosen)
             self._gains[id(c)] = gain(before[joint], self.errors(joint, [*self.chosen, c]),
-                                      self.tests * c.tried)
+                                      self.tests(c))
         return self._gains
 
     def _change(self, chosen: list[Candidate]) -> None:

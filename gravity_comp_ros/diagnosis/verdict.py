@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.diagnosis import structure
-from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
 from gravity_comp_ros.diagnosis.evidence import absorbed, covariance
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
@@ -19,9 +19,8 @@ _STRUCTURE_SHARE = 0.05
 # Structure sits in the few blocks that pass its angle, which makes its mean uncertain.
 _STRUCTURE_ALPHA = 0.05
 _REMAINDER_SHARE = 0.3
-# What everybody expects in a joint; a rarer effect that looks the same on this motion does not
-# make one of these doubtful, but one of these makes a rarer one so.
-_COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'inertia', 'joint_spring')
+# A known effect that does this part of what an unknown torque would is the better guess.
+_AS_GOOD = 0.8
 # Two effects whose columns are this alike on a motion cannot be told apart by it.
 _SAME = 0.95
 _MOST_RUNS = 0.8
@@ -68,6 +67,9 @@ class Judge:
         mostly = float((some - every).sum()) > 0.5 * float((none - every).sum())
         if not mostly and left.share < _REMAINDER_SHARE:
             return []
+        hint = self._hint(joint, some, float(every.sum()))
+        if hint is not None:
+            return [hint]
         angle = structure.largest_angle(
             self.motion.samples.q[:, joint],
             self.selection.coefficients(unknown, [*chosen, unknown]),
@@ -85,6 +87,29 @@ class Judge:
             f'Look at joint {self.names[joint]} near {angle:.2f} rad: a detent, a cable that '
             f'catches, a damaged gear or bearing', left.p, {'angle': angle})]
 
+    def _hint(self, joint: int, now: FloatArray, unexplained: float) -> Finding | None:
+        """
+        Return the effect, too weak to be sure of, that does what an unknown one would do.
+
+        :param unexplained: the joint's error with an unknown torque of angle and direction.
+        """
+        chosen = self.selection.chosen
+        errors = [(self.selection.errors(joint, [*chosen, c]), c)
+                  for c in self.selection.open_on(joint)]
+        if not errors:
+            return None
+        then, best = min(errors, key=lambda pair: float(pair[0].sum()))
+        removed = float(now.sum() - then.sum())
+        if removed < _AS_GOOD * (float(now.sum()) - unexplained):
+            return None
+        seen = gain(now, then, self.selection.tests(best))
+        before, after = (self._nrmse(e, joint) * self._scale(joint) for e in (now, then))
+        return Finding(
+            self.names[joint], best.effect.name, 'weak', (), {}, before, after,
+            self._absorbed(best), self._runs_better(seen),
+            self._why(best, seen, before, after, ()), self._next_step(best, 'weak'), seen.p,
+            dict(best.setting))
+
     def _scale(self, joint: int) -> float:
         """Return what turns an RMSE in N·m into a fraction of the torque's range."""
         return 1.0 / max(float(np.ptp(self.motion.samples.tau[:, joint])), 1e-9)
@@ -100,7 +125,7 @@ class Judge:
         rest = [c for c in chosen if c is not candidate]
         scope = None if candidate.shared else candidate.joint
         kept = gain(self.selection.errors(scope, rest), self.selection.errors(scope, chosen),
-                    self.selection.tests * candidate.tried)
+                    self.selection.tests(candidate))
         earlier = [c for c in earlier if c in chosen]
         joint = self._most_affected(candidate, rest)
         before, after = (self._nrmse(self.selection.errors(joint, c), joint)
@@ -140,7 +165,8 @@ class Judge:
             other = known.get(name)
             if other is None or other.scope != 'joint':
                 continue
-            if candidate.effect.name in _COMMON and name not in _COMMON:
+            # A rarer effect that looks the same does not make a common one doubtful.
+            if candidate.effect.name in COMMON and name not in COMMON:
                 continue
             if (name, candidate.joint) not in self.selection.columns.untestable:
                 continue
@@ -201,7 +227,7 @@ class Judge:
 
     def _next_step(self, candidate: Candidate, verdict: str) -> str:
         name = self._name(candidate)
-        if verdict in ('ambiguous', 'untestable'):
+        if verdict in ('ambiguous', 'untestable', 'weak'):
             return candidate.effect.experiment.replace('{joint}', name or 'the arm')
         target = candidate.effect.name + (f':{name}' if name else '')
         return f'gravity_comp add {target} --model MODEL.json BAG...'

@@ -115,7 +115,8 @@ class Effect:
     `experiment` is the motion that tells them apart, with `{joint}` for the joint's name;
     `signature` names the plot in which it shows (x axis). `taken` names the settings that are
     not scanned but taken from the motion as it is, such as the middle of a range, so that the
-    columns mean the same on other motions.
+    columns mean the same on other motions. `mends` names effects one of which must be there on
+    the joint before this one, which corrects it, is looked for.
 
     :raises OptionError: if the scope is unknown or there is no coefficient.
     """
@@ -138,6 +139,7 @@ class Effect:
     implausible: Implausible = always_plausible
     setting_units: Mapping[str, str] = field(default_factory=dict)
     taken: tuple[str, ...] = ()
+    mends: tuple[str, ...] = ()
     refine: Refinement = no_refinement
     symbols: Symbols | None = None
 

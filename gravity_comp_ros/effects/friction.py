@@ -188,6 +188,7 @@ EFFECTS = (
         experiment='move joint {joint} to and fro through the same range at five speeds, from '
                    'the slowest that the drive holds steady to ten times that',
         signature='speed',
+        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         source='R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
                'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC '
                '2005',
@@ -211,6 +212,7 @@ EFFECTS = (
         experiment='move joint {joint} to and fro and let it stand for some seconds in several '
                    'places on the way',
         signature='speed',
+        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         source='B. Armstrong-Hélouvry et al., A survey of models, analysis tools and '
                'compensation methods for the control of machines with friction, Automatica '
                '30, 1994',

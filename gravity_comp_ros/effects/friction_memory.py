@@ -14,7 +14,9 @@ from gravity_comp_ros.effects.runs import longest_run, run_slices, run_time
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
-_SHORTEST_RUN = 20.0
+_SHORTEST_RUN = 60.0
+# Gears warm up over minutes.
+_SHORTEST_TIME = 15.0
 _TIMES = 5
 # Distances over which friction builds up after a reversal, rad at the joint; over shorter ones
 # the direction itself turns.
@@ -33,7 +35,8 @@ def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 def drift_times(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return time constants from a tenth of the longest run to one and a half times it."""
     longest = longest_run(motion.samples)
-    return [{'time': float(t)} for t in np.geomspace(0.1 * longest, 1.5 * longest, _TIMES)]
+    return [{'time': float(t)} for t in np.geomspace(
+        max(0.1 * longest, _SHORTEST_TIME), 1.5 * longest, _TIMES)]
 
 
 def _finer_times(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
@@ -41,10 +44,11 @@ def _finer_times(motion: Motion, joint: int, setting: Setting) -> list[dict[str,
 
 
 def _drift_untestable(motion: Motion, joint: int) -> str | None:
+    reason = facts.lacks_both_ways(motion, joint)
     longest = longest_run(motion.samples)
-    if longest < _SHORTEST_RUN:
+    if reason is None and longest < _SHORTEST_RUN:
         return f'the longest run takes {longest:.3g} s, too short for friction to change'
-    return facts.lacks_both_ways(motion, joint)
+    return reason
 
 
 def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -109,6 +113,8 @@ EFFECTS = (
                'Systems, Measurement and Control 134, 2012',
         settings=drift_times,
         refine=_finer_times,
+        mends=('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
+               'load_dependent_friction', 'coupled_friction'),
         untestable=_drift_untestable,
         implausible=within_torque(_drift),
         setting_units={'time': 's'}),
@@ -130,6 +136,7 @@ EFFECTS = (
                'Transactions on Automatic Control 47, 2002',
         settings=presliding_distances,
         refine=_finer_distances,
+        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         untestable=_presliding_untestable,
         implausible=not_negative(_presliding, 'friction would come before the motion'),
         setting_units={'distance': 'rad'}),
