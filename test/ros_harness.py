@@ -14,8 +14,9 @@ import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
+from rcl_interfaces.srv import SetParameters
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -28,6 +29,9 @@ from std_srvs.srv import SetBool, Trigger
 
 ROOT = Path(__file__).resolve().parents[1]
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
+            'save_model': Trigger, 'diagnose': Trigger, 'enable': SetBool,
+            'set_parameters': SetParameters, 'change_state': ChangeState, 'get_state': GetState}
 _count = itertools.count()
 
 
@@ -86,17 +90,22 @@ class Probe(Node):
         self.commands: list[Float64MultiArray] = []
         self.predictions: list[JointState] = []
         self.residuals: list[JointState] = []
+        self.doubts: list[JointState] = []
         self.status: dict[str, object] = {}
         self._heard: list = []
         self.reports = 0
         for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
                                   (Float64MultiArray, 'commands', self.commands),
                                   (JointState, 'prediction', self.predictions),
-                                  (JointState, 'residual', self.residuals)):
+                                  (JointState, 'residual', self.residuals),
+                                  (JointState, 'extrapolation', self.doubts)):
             self._heard.append(
                 self.create_subscription(kind, f'/gravity_comp/{topic}', into.append, 1000))
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        self._asked: dict[str, object] = {}
+        # All at once, and the one that `until_node` asks last: see there.
+        self._asked = {name: self.create_client(kind, f'/gravity_comp/{name}',
+                                                qos_profile=QoSProfile(depth=1000))
+                       for name, kind in SERVICES.items()}
         self.loop = SingleThreadedExecutor(context=context)
         self.loop.add_node(self)
 
@@ -111,7 +120,7 @@ class Probe(Node):
         while (left := end - time.monotonic()) > 0:
             self.loop.spin_once(timeout_sec=left)
 
-    def until(self, condition: Callable[[], object], seconds: float = 15.0,
+    def until(self, condition: Callable[[], object], seconds: float = 60.0,
               what: str = 'it') -> None:
         """Handle what comes until the condition holds; fail at the deadline."""
         end = deadline(seconds)
@@ -129,12 +138,13 @@ class Probe(Node):
 
         self.until(lambda: not ended() and self.publisher.get_subscription_count() > 0
                    and all(heard.get_publisher_count() > 0 for heard in self._heard),
-                   20.0, 'the node')
+                   60.0, 'the node')
         # That we know the node does not mean that it knows us. Endpoints are announced in
-        # order, so one that was made later and is answered says that the others are known.
-        self.call('get_state', kind=GetState)
+        # order, so one that was made later and is answered says that the others are known. An
+        # answer that was sent before the node knew us is lost: ask again.
+        self.until(lambda: self.answered('get_state', 2.0), 60.0, 'an answer of the node')
 
-    def report(self, name: str, seconds: float = 5.0):
+    def report(self, name: str, seconds: float = 60.0):
         """Return the status of this name from the next report."""
         seen = self.reports
         self.until(lambda: self.reports > seen, seconds, 'a report')
@@ -144,23 +154,28 @@ class Probe(Node):
         """Return the figures of a status."""
         return {pair.key: pair.value for pair in self.status[name].values}
 
-    def ask(self, name: str, kind=Trigger, request=None):
-        """Call a service of the node and return the future."""
-        if name not in self._asked:
-            self._asked[name] = self.create_client(
-                kind, f'/gravity_comp/{name}', qos_profile=QoSProfile(depth=1000))
-        client = self._asked[name]
-        self.until(client.service_is_ready, 10.0, f'service {name}')
-        return client.call_async(request or kind.Request())
+    def answered(self, name: str, seconds: float) -> bool:
+        """Call a service and return whether it answered in time."""
+        future = self.ask(name)
+        end = deadline(seconds)
+        while not future.done() and time.monotonic() < end:
+            self.loop.spin_once(timeout_sec=0.05)
+        return future.done()
 
-    def call(self, name: str, seconds: float = 20.0, kind=Trigger, request=None):
+    def ask(self, name: str, request=None):
+        """Call a service of the node and return the future."""
+        client = self._asked[name]
+        self.until(client.service_is_ready, 60.0, f'service {name}')
+        return client.call_async(request or SERVICES[name].Request())
+
+    def call(self, name: str, seconds: float = 60.0, request=None):
         """Call a service of the node and return its answer."""
-        future = self.ask(name, kind, request)
+        future = self.ask(name, request)
         self.until(future.done, seconds, f'an answer of {name}')
         return future.result()
 
     def enable(self, enabled: bool):
-        return self.call('enable', kind=SetBool, request=SetBool.Request(data=enabled))
+        return self.call('enable', request=SetBool.Request(data=enabled))
 
     def send(self, names, t, q, qd=None, tau=None) -> None:
         """Publish one joint state."""
@@ -203,10 +218,9 @@ def running(parameters: dict[str, object] | None = None, arguments: tuple[str, .
 
 def set_parameter(probe: Probe, name: str, value: object):
     """Set a parameter of the node as ros2 param does; return the result."""
-    from rcl_interfaces.srv import SetParameters
     request = SetParameters.Request(
         parameters=[Parameter(name, value=value).to_parameter_msg()])
-    return probe.call('set_parameters', kind=SetParameters, request=request).results[0]
+    return probe.call('set_parameters', request=request).results[0]
 
 
 def matrix(messages) -> np.ndarray:

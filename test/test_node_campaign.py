@@ -149,7 +149,7 @@ def test_input_faults(recording, model_file):
         for name, fire, reason in INPUT_FAULTS:
             before = field.count(reason)
             fire(field)
-            probe.until(lambda was=before, why=reason: field.count(why) > was, 5,
+            probe.until(lambda was=before, why=reason: field.count(why) > was, 60,
                         f'naming {reason} after {name}')
             field.answered()
             assert node.process.poll() is None, name
@@ -170,20 +170,20 @@ def clock_faults(field):
         before = field.count(reason)
         field.good(t=t)
         field.t -= 0.2
-        probe.until(lambda was=before, why=reason: field.count(why) > was, 5, f'time {name}')
+        probe.until(lambda was=before, why=reason: field.count(why) > was, 60, f'time {name}')
         field.answered()
     for leap in (-500.0, 10000.0, -9000.0):
         jumps = field.count('clock_jump')
         field.t += leap
         field.answered()
         if leap < 0:
-            probe.until(lambda was=jumps: field.count('clock_jump') > was, 5, 'the clock jump')
+            probe.until(lambda was=jumps: field.count('clock_jump') > was, 60, 'the clock jump')
 
 
 def burst_and_gap(field):
     for _ in range(80):
         field.good()
-    field.probe.until(lambda: len(field.probe.torques) >= 80, 10, 'the burst handled')
+    field.probe.until(lambda: len(field.probe.torques) >= 80, 60, 'the burst handled')
     field.check()
     field.probe.spin(0.5)
     field.answered()
@@ -222,17 +222,17 @@ def test_faults_of_the_fit_process(recording, model_file):
         for number, words in ((signal.SIGKILL, 'died (signal 9)'),
                               (signal.SIGSEGV, 'died (signal 11)'),
                               (signal.SIGSTOP, 'the fit hung')):
-            probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 30,
+            probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 60,
                         'a fit process')
             pid = int(probe.values('learning')['fit process id'])
             os.kill(pid, signal.SIGSTOP)
             waiting = probe.ask('refit')
-            probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 5)
+            probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
             os.kill(pid, number)
             os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
-            probe.until(waiting.done, 10, 'the answer')
+            probe.until(waiting.done, 60, 'the answer')
             assert not waiting.result().success and words in waiting.result().message
-            probe.until(lambda text=words: text in probe.status['learning'].message, 5)
+            probe.until(lambda text=words: text in probe.status['learning'].message, 60)
             assert probe.status['learning'].level == b'\x02'
             field.answered()
         # Killed while idle, and once more before it has started again.
@@ -240,7 +240,7 @@ def test_faults_of_the_fit_process(recording, model_file):
             old = probe.values('learning')['fit process id']
             if old:
                 os.kill(int(old), signal.SIGKILL)
-            probe.until(lambda was=old: probe.values('learning')['fit process id'] != was, 10)
+            probe.until(lambda was=old: probe.values('learning')['fit process id'] != was, 60)
             field.answered()
 
 

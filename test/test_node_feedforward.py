@@ -178,3 +178,31 @@ def test_whatever_happens_limits_hold(script, policy):
             last = float(tau[0])
             latest = now
         latest = min(latest, now)
+
+
+def near(torque):
+    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+
+
+def test_effects_come_on_top_and_ramp_away_when_input_stops():
+    feed, t = started(torque=10.0)
+    feed.use(near(10.0))
+    for k in range(12):
+        tau = feed.update(t + 0.1 * (k + 1), Q, np.array([3.0]))
+    assert tau == pytest.approx(13.0)
+    t += 1.2
+    found = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
+    drop = np.concatenate(found)
+    assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and drop[-1] >= 10.0
+    # Held gravity stays; of the effects less than half is left after 0.45 s of a ramp of 1 s.
+    assert drop[-1] < 11.5
+
+
+def test_effects_end_beyond_the_margin_and_never_break_limits():
+    feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
+                                  extrapolation_margin=0.5))
+    feed.use(near(10.0))
+    assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
+    assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
+    assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
+    assert feed.update(0.3, Q, np.array([np.nan])) == pytest.approx(10.0)

@@ -2,6 +2,8 @@
 
 import ast
 from pathlib import Path
+import subprocess
+import sys
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = (ROOT / 'launch' / 'gravity_comp.launch.py').read_text()
@@ -35,3 +37,25 @@ def test_the_default_parameters_are_in_the_package():
     parts = [item.value for call in calls('PathJoinSubstitution')
              for item in call.args[0].elts[1:]]
     assert (ROOT / Path(*parts)).is_file()
+
+
+def test_without_ros_it_says_so_in_one_line():
+    done = subprocess.run(
+        [sys.executable, '-c', 'import sys; sys.modules["rclpy"] = None; '
+         'from gravity_comp_ros.node.main import main; sys.exit(main([]))'],
+        cwd=ROOT, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1 and not done.stdout
+    assert done.stderr.startswith('gravity_comp_node: ') and 'source /opt/ros/jazzy' in done.stderr
+    assert done.stderr.count('\n') == 1
+
+
+def test_examples_of_parameters_are_accepted():
+    import yaml
+    from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults
+    found = sorted((ROOT / 'config').glob('gravity_comp*.yaml'))
+    assert found
+    for path in found:
+        chosen = yaml.safe_load(path.read_text())['gravity_comp']['ros__parameters']
+        values = {**defaults(), **{k: BY_NAME[k].parse(v) for k, v in chosen.items()}}
+        check_together(values)
+        assert values['max_torque'] and values['joints'], path.name

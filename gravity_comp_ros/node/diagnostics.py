@@ -104,15 +104,23 @@ def learning_status(learning: Learning) -> Status:
 
 
 def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
-                       margin: float) -> Status:
-    """Return the state of the torque that is published; `outside` in rad, as `margin`."""
+                       margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
+    """
+    Return the state of the torque that is published.
+
+    :param outside: how far the pose is outside the trained range, in rad, as `margin`.
+    :param sent: the effects that are compensated; `problem` is why one is not.
+    """
     values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': 'set' if limited else 'none'}
+              'torque limits': 'set' if limited else 'none',
+              'compensated effects': ', '.join(sent) or 'none'}
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
     if outside > margin:
         return Status('feed-forward', WARN, f'{state}; the pose is {outside:.2f} rad outside '
                       'the trained range', values)
+    if problem:
+        return Status('feed-forward', WARN, f'{state}; {problem}', values)
     if not limited:
         return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)

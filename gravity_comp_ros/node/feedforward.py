@@ -22,6 +22,9 @@ HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
 
+# N·m; less than this of an effect's torque is none.
+LEAST_TORQUE = 1e-4
+
 
 @dataclass(frozen=True)
 class FeedForwardOptions:
@@ -88,6 +91,7 @@ class FeedForward:
         self._old: Source | None = None
         self._frozen: FloatArray | None = None
         self._base = np.zeros(n_joints)
+        self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
         self._fresh: float | None = None
@@ -119,11 +123,15 @@ class FeedForward:
     def enabled(self) -> bool:
         return self._enabled
 
-    def update(self, now: float, q: FloatArray) -> FloatArray | None:
+    def update(self, now: float, q: FloatArray,
+               effects: FloatArray | None = None) -> FloatArray | None:
         """
         Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
 
         A model that returns no finite torque counts as no input: the watchdog takes over.
+
+        :param effects: torque (N,) in N·m that comes on top of gravity, within the margin of
+            the trained range; past it, and while input is stale, it ramps away.
         """
         dt = self._elapsed(now)
         if self._source is None:
@@ -133,6 +141,10 @@ class FeedForward:
         if not np.isfinite(base).all():
             return None
         self._fresh, self._base = now, base
+        if effects is not None and self._is_near(self._source, q) and np.isfinite(effects).all():
+            self._effects = effects
+        else:
+            self._drop_effects(dt)
         silent = not self._enabled and self._is_at_rest()
         self._approach(1.0 if self._enabled else 0.0, self.options.ramp_time, dt)
         return None if silent else self._limited(dt)
@@ -145,6 +157,8 @@ class FeedForward:
         if age <= self.options.stale_after or self._is_at_rest():
             return None
         dt = self._elapsed(now)
+        # What turns with the direction of motion must not outlive the news of the motion.
+        self._drop_effects(dt)
         if not self._enabled:
             self._approach(0.0, self.options.ramp_time, dt)
         elif self.options.stale_action == 'fade' and (
@@ -179,6 +193,16 @@ class FeedForward:
         step = 1.0 if duration <= 0.0 else dt / duration
         self._gain += min(max(goal - self._gain, -step), step)
 
+    def _drop_effects(self, dt: float) -> None:
+        ramp = self.options.ramp_time
+        if self._effects.any():
+            self._effects = self._effects * (max(0.0, 1.0 - dt / ramp) if ramp > dt else 0.0)
+            self._effects[np.abs(self._effects) < LEAST_TORQUE] = 0.0
+
+    def _is_near(self, source: Source, q: FloatArray) -> bool:
+        margin = self.options.extrapolation_margin
+        return bool(((q >= source.q_min - margin) & (q <= source.q_max + margin)).all())
+
     def _is_at_rest(self) -> bool:
         return self._gain == 0.0 and not self._last.any()
 
@@ -207,7 +231,7 @@ class FeedForward:
         return source.predict(q) * max(0.0, 1.0 - outside / margin)
 
     def _limited(self, dt: float) -> FloatArray:
-        goal = self._gain * self._base
+        goal = self._gain * (self._base + self._effects)
         if self._limit is not None:
             goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
         if self._rate is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 import time
 
@@ -10,6 +12,7 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.gravity.applied import target
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import GravityModel
@@ -28,7 +31,8 @@ class Job:
     What to fit: samples to learn from and to judge by.
 
     `base` is the model that was in use when the epoch began, to which a change may be fitted;
-    `old` the one in use now, which is to be beaten. `effects` are to be in a whole model.
+    `old` the one in use now, which is to be beaten. `effects` are to be in a whole model; `asked`
+    says that somebody waits for it.
     """
 
     number: int
@@ -39,6 +43,7 @@ class Job:
     old: GravityModel | None
     options: FitOptions
     effects: tuple[str, ...] = ()
+    asked: bool = False
 
 
 @dataclass(frozen=True)
@@ -91,20 +96,14 @@ def work(job: Job) -> Outcome:
     Fit a job and judge the result on its held-out samples.
 
     With few samples and a base only the change of that is fitted; with more a whole model as
-    well, and the one that predicts the held-out samples better counts.
+    well, and the one that predicts the held-out samples better counts. Where somebody asked for
+    effects that the base does not have, only a whole model will do.
 
-    :raises FitError: if there is no result.
+    :raises FitError: if there is no result, or too few samples for the effects.
     :raises DataError: if the samples do not show an effect that was asked for.
     """
     start = time.monotonic()
-    base = job.base
-    if base is not None and (base.energy is None or base.joints != job.train.names):
-        base = None
-    found: list[tuple[str, GravityModel]] = []
-    if base is not None:
-        found.append(('change of the old model', changed(base, job.train)))
-    if base is None or len(job.train) >= FROM_NOTHING:
-        found.append(('fit from nothing', whole(job)))
+    found = list(_candidates(job))
     how, model = found[0]
     here = predicted(model, job)
     for name, other in found[1:]:
@@ -117,6 +116,28 @@ def work(job: Job) -> Outcome:
     return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
 
 
+def _candidates(job: Job) -> Iterator[tuple[str, GravityModel]]:
+    base = job.base
+    if base is not None and (base.energy is None or base.joints != job.train.names):
+        base = None
+    wanted = requests(job.effects, job.train.names)
+    news = [request.target for request in wanted
+            if base is None or not base.applied.has(request.effect.name, request.joint)]
+    if job.asked and news:
+        base = None
+        if len(job.train) < FROM_NOTHING:
+            raise FitError(f'{len(job.train)} samples to learn from; a model with '
+                           f'{", ".join(job.effects)} takes {FROM_NOTHING}: keep moving slowly')
+    if base is not None:
+        yield 'change of the old model', changed(base, job.train)
+    if base is None:
+        yield 'fit from nothing', whole(job)
+    elif len(job.train) >= FROM_NOTHING:
+        # There is a result already; samples that show too little for a whole one do no harm.
+        with suppress(FitError, DataError):
+            yield 'fit from nothing', whole(job)
+
+
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
     """Return the base with what changed of its gravity; its effects stay as they are."""
     gravity = replace(samples, tau=samples.tau - effect_torque(base, samples))
@@ -125,7 +146,10 @@ def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
 
 def whole(job: Job) -> GravityModel:
     """Return a model fitted to the samples alone, with the effects that are asked for."""
-    wanted = requests(job.effects, job.train.names)
+    # What the model in use was given stays, unless other effects are asked for.
+    targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
+        else job.effects
+    wanted = requests(targets, job.train.names)
     if not wanted:
         return fit(job.train, job.options).model
     return fit_with_effects(job.train, job.train, wanted, job.options).joint.model

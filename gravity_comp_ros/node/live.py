@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from typing import Any, cast
 
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
-from gravity_comp_ros.gate import Gate, GateOptions, RATE
+from gravity_comp_ros.gate import RATE
 from gravity_comp_ros.gravity.fit import FitOptions
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.node import diagnostics
-from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.fitting import Failure, FitProcess
+from gravity_comp_ros.node.instant import compensable
 from gravity_comp_ros.node.job import Findings, Job, Outcome, Question
-from gravity_comp_ros.node.messages import Reader, Reading
+from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.models import Entry, Models
 from gravity_comp_ros.node.parameters import check_together, Value
 from gravity_comp_ros.samples import FloatArray
-import numpy as np
 
 Answer = tuple[bool, str]
 Reply = Callable[[bool, str], None]
@@ -82,7 +80,7 @@ class Live:
         self.arm = Arm(joints, self.settings, is_open=entry is None,
                        has_base=entry is not None and _can_change(entry.model))
         if entry is not None:
-            self.arm.feed.use(source_of(entry.model))
+            self.arm.use(entry.model)
             self._base = entry.model
 
     def message(self, message: Any, now: float, arrival: float
@@ -101,9 +99,8 @@ class Live:
         reading = arm.reader.read(message, arrival)
         if reading is None:
             return None, None
-        tau = arm.feed.update(now, reading.q)
-        arm.last_seen = now
-        arm.pose = reading.q
+        tau = arm.torque(now, reading)
+        arm.last_seen, arm.pose = now, reading.q
         if reading.new_run:
             arm.gate.reset()
         if reading.qd is not None and reading.tau is not None and now >= arm.learn_from:
@@ -136,9 +133,9 @@ class Live:
                 arm.gate_counts[reason] += 1
             return
         arm.epoch.offer(reading.t, q, qd, tau)
-        model = self.models.model
-        if model is not None:
-            error = tau - model.predict_one(q)
+        predicted = arm.predicted(reading)
+        if predicted is not None:
+            error = tau - predicted
             arm.residual += error * error
             arm.n_residual += 1
 
@@ -159,18 +156,19 @@ class Live:
             if self._wanted is not None:
                 reply, until, is_question = self._wanted
                 self._wanted = None
-                start = self._submit_question if is_question else self._submit
-                self._waiting = (start(arm, now), reply, until)
+                number = self._submit_question(arm, now) if is_question \
+                    else self._submit(arm, now, asked=True)
+                self._waiting = (number, reply, until)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
                 self._submit(arm, now)
         return arm.feed.watch(now)
 
-    def _submit(self, arm: Arm, now: float) -> int:
+    def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
         self._jobs += 1
         options = FitOptions(formulation=str(self.settings['formulation']))
         job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
                   self._base, self.models.model, options,
-                  cast(tuple[str, ...], self.settings['effects']))
+                  cast(tuple[str, ...], self.settings['effects']), asked)
         self.fits.submit(job, now)
         arm.epoch.fit_started()
         return self._jobs
@@ -198,7 +196,7 @@ class Live:
         if verdict.better:
             entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}',
                                     now)
-            arm.feed.use(source_of(entry.model))
+            arm.use(entry.model)
             self.problem = ''
             self.wants_save = bool(self.settings['auto_save'] and self.models.path)
             self._reply(outcome.number, True, f'new model in use: {self._last_fit}')
@@ -271,7 +269,7 @@ class Live:
         entry = self.models.roll_back(now)
         if entry is None or self.arm is None:
             return False, 'there is no earlier model to go back to'
-        self.arm.feed.use(source_of(entry.model))
+        self.arm.use(entry.model)
         self.arm.epoch.is_open = False
         self._outdated = self._jobs
         return True, (f'back to the {entry.describe()}; {self.models.n_past} earlier models '
@@ -325,108 +323,18 @@ class Live:
             self._kept_old, self._compensated)
 
 
-class Arm:
-    """The state that exists once the joints are known."""
-
-    def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
-                 is_open: bool, has_base: bool) -> None:
-        self.joints = joints
-        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']))
-        self.gate = Gate(len(joints), gate_options(settings))
-        self.gate_counts: Counter[str] = Counter()
-        self.feed = FeedForward(len(joints), feedforward_options(settings))
-        self.feed.enable(bool(settings['enabled']))
-        self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
-        self.residual = np.zeros(len(joints))
-        self.n_residual = 0
-        self.learn_from = 0.0
-        self.last_seen: float | None = None
-        self.pose: FloatArray | None = None
-        self._reported: Counter[str] = Counter()
-        self._reported_received = 0
-
-    def set(self, settings: Mapping[str, Value]) -> None:
-        """Use changed settings from now on."""
-        self.gate = Gate(len(self.joints), gate_options(settings))
-        self.feed.set_options(feedforward_options(settings))
-        self.epoch.set_options(epoch_options(settings))
-
-    def new_epoch(self, settings: Mapping[str, Value], now: float, has_base: bool) -> None:
-        """Forget all samples and start to collect, once old messages have passed."""
-        self.learn_from = now + cast(float, settings['settle_time'])
-        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
-                           has_base=has_base)
-        self.residual[:] = 0.0
-        self.n_residual = 0
-
-    def input_status(self, topic: str, now: float) -> diagnostics.Status:
-        """Return the state of the input since the last call."""
-        counts = self.reader.counts
-        age = None if self.last_seen is None else now - self.last_seen
-        new = self.reader.received - self._reported_received
-        fresh = counts - self._reported
-        self._reported, self._reported_received = counts.copy(), self.reader.received
-        stale = age is not None and age > self.feed.options.stale_after
-        return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
-                                        fresh)
-
-    def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
-        """Return the state of the feed-forward and of every joint."""
-        outside = None
-        if model is not None and self.pose is not None:
-            outside = model.coverage.distance(self.pose)
-        residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
-        self.residual = np.zeros(len(self.joints))
-        self.n_residual = 0
-        options = self.feed.options
-        return [
-            diagnostics.feedforward_status(
-                self.feed.state(now), self.feed.enabled,
-                0.0 if outside is None else float(outside.max()), bool(options.max_torque),
-                options.extrapolation_margin),
-            *diagnostics.joint_statuses(
-                self.joints, self.epoch.coverage().span, residual,
-                None if model is None else model.noise, outside, not self.epoch.is_open)]
-
-
-def gate_options(settings: Mapping[str, Value]) -> GateOptions:
-    """Return the gate's options from the parameters."""
-    return GateOptions(cast(float, settings['max_speed']),
-                       cast(float, settings['max_acceleration']) or None,
-                       cast(float, settings['sample_rate']))
-
-
-def epoch_options(settings: Mapping[str, Value]) -> EpochOptions:
-    """Return the epoch's options from the parameters."""
-    rate = cast(float, settings['sample_rate'])
-    return EpochOptions(cast(int, settings['capacity']), cast(int, settings['min_samples']),
-                        cast(int, settings['first_samples']),
-                        cast(int, settings['full_samples']), cast(float, settings['min_span']),
-                        block=max(5, round(rate)))
-
-
-def feedforward_options(settings: Mapping[str, Value]) -> FeedForwardOptions:
-    """Return the feed-forward's options from the parameters."""
-    names = [field.name for field in fields(FeedForwardOptions)]
-    return FeedForwardOptions(**cast(Any, {name: settings[name] for name in names}))
-
-
 def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:
     """
-    Check that the parameter effects names effects that there are, on joints of the arm.
+    Check that effects are named that there are, on joints of the arm.
 
-    :raises OptionError: if it does not.
+    :raises OptionError: if not, or if one to be compensated is not fit for that.
     """
     requests(cast(tuple[str, ...], settings['effects']), joints)
+    compensable(cast(tuple[str, ...], settings['compensate']), joints)
 
 
 def _can_change(model: GravityModel | None) -> bool:
     return model is not None and model.energy is not None
-
-
-def source_of(model: GravityModel) -> Source:
-    """Return the model as the feed-forward needs it."""
-    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max)
 
 
 def len_text(outcome: Outcome) -> str:

@@ -31,6 +31,8 @@ INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
 SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
                          reliability=ReliabilityPolicy.RELIABLE)
 TICK = 0.02
+# How far a pose is from the known ones takes a millisecond to say: ten times a second.
+TICKS_PER_DOUBT = 5
 INACTIVE = 'the node is not active: activate it first'
 
 
@@ -47,6 +49,7 @@ class GravityCompNode(LifecycleNode):
         self._timers_made: list[Timer] = []
         self._active = False
         self._named = False
+        self._ticks = 0
         self._clock_is_simulated = False
         # Timers on the wall: a simulation that pauses must not stop the watchdog's eyes.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -215,10 +218,11 @@ class GravityCompNode(LifecycleNode):
         stamp = message.header.stamp
         if tau is not None:
             outputs.torque(stamp, tau)
-        model = live.models.model
-        if model is None or not (outputs.prediction_wanted or outputs.residual_wanted):
+        if not (outputs.prediction_wanted or outputs.residual_wanted) or live.arm is None:
             return
-        predicted = model.predict_one(reading.q)
+        predicted = live.arm.predicted(reading)
+        if predicted is None:
+            return
         if outputs.prediction_wanted:
             outputs.prediction(stamp, reading.q, predicted)
         if outputs.residual_wanted and reading.tau is not None:
@@ -232,6 +236,11 @@ class GravityCompNode(LifecycleNode):
         tau = live.tick(self.now())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
+        self._ticks += 1
+        if outputs.extrapolation_wanted and self._ticks % TICKS_PER_DOUBT == 0 and live.arm:
+            doubt = live.arm.doubt()
+            if doubt is not None and self._active:
+                outputs.extrapolation(self.get_clock().now().to_msg(), *doubt)
         if live.wants_save:
             live.wants_save = False
             self._save_in_thread(live, Future())

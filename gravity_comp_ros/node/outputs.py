@@ -30,22 +30,26 @@ class Outputs:
             Float64MultiArray, '~/commands', DEPTH)
         self._prediction = node.create_lifecycle_publisher(JointState, '~/prediction', DEPTH)
         self._residual = node.create_lifecycle_publisher(JointState, '~/residual', DEPTH)
+        self._extrapolation = node.create_lifecycle_publisher(
+            JointState, '~/extrapolation', DEPTH)
         # Not a managed one: a node that was told to be inactive still says so.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._torque, self._predicted, self._rest = JointState(), JointState(), JointState()
+        self._outside = JointState()
         self._command = Float64MultiArray()
         self._command.layout.data_offset = 0
-        self.prediction_wanted = self.residual_wanted = False
+        self.prediction_wanted = self.residual_wanted = self.extrapolation_wanted = False
 
     def name_joints(self, joints: Sequence[str]) -> None:
         """Write the joint names into all messages."""
-        for message in (self._torque, self._predicted, self._rest):
+        for message in (self._torque, self._predicted, self._rest, self._outside):
             message.name = list(joints)
 
     def look_around(self) -> None:
         """Find out which topics anybody listens to; not a thing to do a thousand times a s."""
         self.prediction_wanted = self._prediction.get_subscription_count() > 0
         self.residual_wanted = self._residual.get_subscription_count() > 0
+        self.extrapolation_wanted = self._extrapolation.get_subscription_count() > 0
 
     def torque(self, stamp: Time, tau: FloatArray) -> None:
         """Publish the feed-forward (N,) in N·m, as joint state and as command."""
@@ -66,6 +70,16 @@ class Outputs:
         self._fill(self._rest, stamp, q, tau)
         self._residual.publish(self._rest)
 
+    def extrapolation(self, stamp: Time, distance: FloatArray, std: FloatArray) -> None:
+        """
+        Publish how far the pose is from what the model knows.
+
+        :param distance: outside the trained range (N,) in rad.
+        :param std: of the model's own torque (N,) in N·m, or empty.
+        """
+        self._fill(self._outside, stamp, distance, std)
+        self._extrapolation.publish(self._outside)
+
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish /diagnostics."""
         message = DiagnosticArray()
@@ -80,7 +94,8 @@ class Outputs:
 
     def destroy(self) -> None:
         """Take everything off the network."""
-        for publisher in (self._torques, self._commands, self._prediction, self._residual):
+        for publisher in (self._torques, self._commands, self._prediction, self._residual,
+                          self._extrapolation):
             self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_publisher(self._diagnostics)
 

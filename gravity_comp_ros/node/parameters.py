@@ -142,7 +142,21 @@ TABLE: tuple[Parameter, ...] = (
     Parameter(
         'effects', 'string[]', (),
         'Effects that fits of a whole model tell apart from gravity, `NAME` or `NAME:JOINT`; '
-        'call `~/refit` after a change. The feed-forward stays gravity alone.'),
+        'call `~/refit` after a change. The feed-forward stays gravity alone, but for those in '
+        '`compensate`.'),
+    Parameter(
+        'compensate', 'string[]', (),
+        'Effects of the model, `NAME` or `NAME:JOINT`, whose torque is sent as well: '
+        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
+        '`load_dependent_friction`, `torque_offset`, `joint_spring` or `cable_stiffness`. Those '
+        'that the model does not have count for nothing, and diagnostics say so.'),
+    Parameter(
+        'compensate_fraction', 'double', 0.7,
+        'How much of it is sent. All of a friction makes an arm slide by itself.', '', 0.0, 1.0),
+    Parameter(
+        'compensate_speed', 'double', 0.02,
+        'Friction that is compensated turns its sign over this speed at least: above the noise '
+        'of the velocity at rest.', 'rad/s', 0.001, 1.0),
     Parameter(
         'settle_time', 'double', 0.5,
         'For this long after `~/payload_changed` nothing is learned: messages from before the '

@@ -1,0 +1,185 @@
+"""What the node knows of one arm, once its joints are known, and what it does with a reading."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, cast
+
+from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.gate import Gate, GateOptions
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.node import diagnostics
+from gravity_comp_ros.node.epoch import Epoch, EpochOptions
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.instant import compensable, CompensateOptions, InstantEffects
+from gravity_comp_ros.node.messages import Reader, Reading
+from gravity_comp_ros.node.parameters import Value
+from gravity_comp_ros.samples import FloatArray
+import numpy as np
+
+
+class Arm:
+    """The state that exists once the joints are known."""
+
+    def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
+                 is_open: bool, has_base: bool) -> None:
+        self.joints = joints
+        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']))
+        self.gate = Gate(len(joints), gate_options(settings))
+        self.gate_counts: Counter[str] = Counter()
+        self.feed = FeedForward(len(joints), feedforward_options(settings))
+        self.feed.enable(bool(settings['enabled']))
+        self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
+        self.residual = np.zeros(len(joints))
+        self.n_residual = 0
+        self.learn_from = 0.0
+        self.last_seen: float | None = None
+        self.pose: FloatArray | None = None
+        self.effects_problem = ''
+        self._model: GravityModel | None = None
+        # All effects of the model that a moment tells, and those of them that are sent.
+        self._effects: InstantEffects | None = None
+        self._sent: InstantEffects | None = None
+        self._settings = settings
+        self._reported: Counter[str] = Counter()
+        self._reported_received = 0
+
+    def set(self, settings: Mapping[str, Value]) -> None:
+        """Use changed settings from now on."""
+        self._settings = settings
+        self.gate = Gate(len(self.joints), gate_options(settings))
+        self.feed.set_options(feedforward_options(settings))
+        self.epoch.set_options(epoch_options(settings))
+        self._find_effects()
+
+    def use(self, model: GravityModel) -> None:
+        """Go over to another model."""
+        self._model = model
+        self._find_effects()
+        self.feed.use(source_of(model))
+
+    def torque(self, now: float, reading: Reading) -> FloatArray | None:
+        """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
+        effects = None
+        if self._sent is not None and self._model is not None and reading.qd is not None:
+            effects = self._sent.torque(reading.q, reading.qd, self._model.predict_one(reading.q))
+        return self.feed.update(now, reading.q, effects)
+
+    def predicted(self, reading: Reading) -> FloatArray | None:
+        """Return the torque (N,) in N·m that the model expects, None without a model."""
+        if self._model is None:
+            return None
+        gravity = self._model.predict_one(reading.q)
+        if self._effects is None or reading.qd is None:
+            return gravity
+        return gravity + self._effects.torque(reading.q, reading.qd, gravity)
+
+    def doubt(self) -> tuple[FloatArray, FloatArray] | None:
+        """
+        Return by two measures how far the pose is from what the model knows.
+
+        The first is the distance outside the trained range (N,) in rad, the second the standard
+        deviation of the model's own torque (N,) in N·m, empty if the model does not know it.
+        """
+        if self._model is None or self.pose is None:
+            return None
+        try:
+            std = self._model.predict_std(self.pose)[0]
+        except DataError:
+            std = np.zeros(0)
+        return self._model.coverage.distance(self.pose), std
+
+    def _find_effects(self) -> None:
+        self._effects = self._sent = None
+        self.effects_problem = ''
+        model = self._model
+        if model is None or not model.applied.effects:
+            if self._settings['compensate']:
+                self.effects_problem = 'the model has no effect to compensate'
+            return
+        try:
+            wanted = compensable(cast(tuple[str, ...], self._settings['compensate']),
+                                 self.joints)
+            every = InstantEffects(model)
+            sent = InstantEffects(model, wanted, compensate_options(self._settings))
+        except GravityCompError as problem:
+            self.effects_problem = str(problem)
+            return
+        self._effects = every if every.targets else None
+        self._sent = sent if sent.targets else None
+        if wanted and not sent.targets:
+            self.effects_problem = 'the model has none of the effects to compensate'
+
+    def new_epoch(self, settings: Mapping[str, Value], now: float, has_base: bool) -> None:
+        """Forget all samples and start to collect, once old messages have passed."""
+        self.learn_from = now + cast(float, settings['settle_time'])
+        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
+                           has_base=has_base)
+        self.residual[:] = 0.0
+        self.n_residual = 0
+
+    def input_status(self, topic: str, now: float) -> diagnostics.Status:
+        """Return the state of the input since the last call."""
+        counts = self.reader.counts
+        age = None if self.last_seen is None else now - self.last_seen
+        new = self.reader.received - self._reported_received
+        fresh = counts - self._reported
+        self._reported, self._reported_received = counts.copy(), self.reader.received
+        stale = age is not None and age > self.feed.options.stale_after
+        return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
+                                        fresh)
+
+    def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
+        """Return the state of the feed-forward and of every joint."""
+        outside = None
+        if model is not None and self.pose is not None:
+            outside = model.coverage.distance(self.pose)
+        residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
+        self.residual = np.zeros(len(self.joints))
+        self.n_residual = 0
+        options = self.feed.options
+        return [
+            diagnostics.feedforward_status(
+                self.feed.state(now), self.feed.enabled,
+                0.0 if outside is None else float(outside.max()), bool(options.max_torque),
+                options.extrapolation_margin, self._sent.targets if self._sent else (),
+                self.effects_problem),
+            *diagnostics.joint_statuses(
+                self.joints, self.epoch.coverage().span, residual,
+                None if model is None else model.noise, outside, not self.epoch.is_open)]
+
+
+def gate_options(settings: Mapping[str, Value]) -> GateOptions:
+    """Return the gate's options from the parameters."""
+    return GateOptions(cast(float, settings['max_speed']),
+                       cast(float, settings['max_acceleration']) or None,
+                       cast(float, settings['sample_rate']))
+
+
+def epoch_options(settings: Mapping[str, Value]) -> EpochOptions:
+    """Return the epoch's options from the parameters."""
+    rate = cast(float, settings['sample_rate'])
+    return EpochOptions(cast(int, settings['capacity']), cast(int, settings['min_samples']),
+                        cast(int, settings['first_samples']),
+                        cast(int, settings['full_samples']), cast(float, settings['min_span']),
+                        block=max(5, round(rate)))
+
+
+def feedforward_options(settings: Mapping[str, Value]) -> FeedForwardOptions:
+    """Return the feed-forward's options from the parameters."""
+    names = [field.name for field in fields(FeedForwardOptions)]
+    return FeedForwardOptions(**cast(Any, {name: settings[name] for name in names}))
+
+
+def compensate_options(settings: Mapping[str, Value]) -> CompensateOptions:
+    """Return how effects are compensated from the parameters."""
+    return CompensateOptions(cast(float, settings['compensate_fraction']),
+                             cast(float, settings['compensate_speed']),
+                             cast(float, settings['max_speed']))
+
+
+def source_of(model: GravityModel) -> Source:
+    """Return the model as the feed-forward needs it."""
+    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max)

@@ -1,0 +1,144 @@
+"""Effects in the node: fitted when asked for, kept after a tool change, sent when chosen."""
+
+import time
+
+from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.live import Live
+from gravity_comp_ros.node.parameters import defaults
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+import pytest
+from sensor_msgs.msg import JointState
+
+FRICTION = 1.5
+MASS = np.array([5.0, 2.0])
+
+
+def motion(t):
+    """Return pose and speed of both joints, (M, 2) each: slow, to and fro."""
+    q = np.stack([0.6 * np.sin(0.2 * t), 0.5 * np.cos(0.23 * t)], axis=-1)
+    qd = np.stack([0.12 * np.cos(0.2 * t), -0.115 * np.sin(0.23 * t)], axis=-1)
+    return q, qd
+
+
+def torque(q, qd, mass=1.0):
+    """Return gravity, and dry friction on the first joint."""
+    tau = mass * MASS * np.sin(q)
+    tau[..., 0] += FRICTION * np.tanh(qd[..., 0] / 0.005)
+    return tau
+
+
+def feed(node, start, n, mass=1.0):
+    """Send n slow joint states from time `start` on; return the time after them."""
+    rng = np.random.default_rng(int(start))
+    for k in range(n):
+        t = start + 0.2 * k
+        q, qd = motion(t)
+        tau = torque(q, qd, mass) + 0.02 * rng.standard_normal(2)
+        found = send(node, t, q, qd, tau)
+    return start + 0.2 * n, found
+
+
+def send(node, t, q, qd, tau):
+    message = JointState(name=['a', 'b'], position=q.tolist(), velocity=qd.tolist(),
+                         effort=tau.tolist())
+    message.header.stamp.sec = int(t)
+    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
+    return node.message(message, t, 0.0)[1]
+
+
+@pytest.fixture(scope='module')
+def model_file(tmp_path_factory):
+    """Return the file of a model of gravity alone."""
+    t = 0.2 * np.arange(400)
+    q, qd = motion(t)
+    tau = MASS * np.sin(q) + 0.02 * np.random.default_rng(0).standard_normal(q.shape)
+    path = tmp_path_factory.mktemp('effects') / 'model.json'
+    save_model(path, fit(JointSamples.single_run(['a', 'b'], t, q, qd, tau)).model)
+    return path
+
+
+@pytest.fixture
+def node(model_file):
+    settings = {**defaults(), 'model_file': str(model_file), 'auto_fit': False,
+                'settle_time': 0.0, 'ramp_time': 0.0, 'max_torque_rate': (),
+                'max_torque': (50.0,), 'full_samples': 250}
+    node = Live(settings, '/joint_states', 0.0)
+    until(node, lambda: node.fits.state == 'ready')
+    yield node
+    node.close()
+
+
+def until(node, condition):
+    end = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < end, 'the fit process does not answer'
+        node.tick(time.monotonic())
+        time.sleep(0.002)
+
+
+def refit(node):
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    until(node, lambda: answers)
+    return answers[0]
+
+
+def change(node, **settings):
+    node.set({**node.settings, **settings})
+
+
+def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
+    t, _ = feed(node, 1.0, 60)
+    change(node, effects=('coulomb_friction:a',))
+    success, text = refit(node)
+    assert not success and 'coulomb_friction:a takes 100: keep moving' in text
+    t, _ = feed(node, t, 190)
+    success, text = refit(node)
+    assert success, text
+    found = node.models.model.applied.effects[0]
+    assert found.target == 'coulomb_friction:a'
+    assert found.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
+
+    # What is published stays gravity, until friction is chosen.
+    q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
+    gravity = node.models.model.predict_one(q)
+    np.testing.assert_allclose(send(node, t, q, qd, 0 * q), gravity)
+    change(node, compensate=('coulomb_friction',), compensate_fraction=0.5)
+    sent = send(node, t + 0.1, q, qd, 0 * q) - gravity
+    np.testing.assert_allclose(sent, [0.5 * FRICTION * np.tanh(0.1 / 0.02), 0.0], rtol=0.1)
+    status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
+    assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
+    # Without a speed nobody knows which way friction points.
+    message_without = JointState(name=['a', 'b'], position=q.tolist())
+    message_without.header.stamp.sec = int(t + 2.0)
+    tau = node.message(message_without, t + 2.0, 0.0)[1]
+    np.testing.assert_allclose(tau, gravity)
+
+
+def test_effects_stay_when_the_payload_changes(node):
+    t, _ = feed(node, 1.0, 250)
+    change(node, effects=('coulomb_friction:a',))
+    assert refit(node)[0]
+    node.payload_changed(t)
+    t, _ = feed(node, t, 60, mass=1.5)
+    success, text = refit(node)
+    assert success and 'change of the old model' in text, text
+    applied = node.models.model.applied.effects
+    assert [effect.target for effect in applied] == ['coulomb_friction:a']
+    q = motion(np.array([3.0, 7.0, 11.0]))[0]
+    np.testing.assert_allclose(node.models.model.predict(q), 1.5 * MASS * np.sin(q), atol=0.25)
+    # The residual that diagnostics watch is that of gravity and effects.
+    t, _ = feed(node, t, 20, mass=1.5)
+    assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
+
+
+def test_what_the_model_does_not_have_cannot_be_sent(node):
+    change(node, compensate=('viscous_friction:b',))
+    t, tau = feed(node, 1.0, 2)
+    status = {s.name: s for s in node.statuses(t)}['feed-forward']
+    assert status.level == WARN and 'no effect to compensate' in status.message
+    q, _ = motion(t - 0.2)
+    np.testing.assert_allclose(tau, node.models.model.predict_one(q))
