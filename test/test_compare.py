@@ -4,6 +4,7 @@ import json
 
 from gravity_comp_ros.diagnosis.compare import compare, compare_prediction, Comparison
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
 from gravity_comp_ros.samples import concatenate, JointSamples
 from gravity_comp_ros.simulation import arms, motions
@@ -207,3 +208,45 @@ def test_white_noise_names_no_place(kind):
         total += len(found.joints)
     print(f'{kind}: a place was named for {named} of {total} joints with nothing but noise')
     assert named <= 0.02 * total
+
+
+def test_band_counts_by_hand():
+    samples = samples_of([0.0, 0.1, -0.1, 0.3, -0.3, 0.2])
+    outside = np.array([False, False, False, False, True, True])
+    band, zero = np.full((6, 1), 0.25), np.zeros((6, 1))
+    found = compare_prediction(samples, zero, outside, band)
+    assert (found.band.trained.n, found.band.trained.share) == (4, 0.75)
+    assert (found.band.outside.n, found.band.outside.share) == (2, 0.5)
+    assert found.joints['a'].band == found.band
+    assert found.to_json()['band'] == {'trained': {'n': 4, 'share': 0.75},
+                                       'outside': {'n': 2, 'share': 0.5}}
+    nowhere = compare_prediction(samples, zero, np.zeros(6, dtype=bool), band).band.outside
+    assert (nowhere.n, nowhere.share) == (0, None)
+    assert compare_prediction(samples, zero, outside).band is None
+
+
+@pytest.fixture(scope='module')
+def small_motion() -> JointSamples:
+    return synthesise(ARM, motions.eq17(), SynthesisOptions(NoiseOptions(absolute=0.1),
+                                                            static=True))
+
+
+@pytest.mark.parametrize('formulation', ['chain', 'potential'])
+def test_the_band_of_a_model_holds_what_it_promises(small_motion, formulation):
+    model = fit(small_motion, FitOptions(formulation)).model
+    noise = SynthesisOptions(NoiseOptions(absolute=0.1), seed=1, static=True)
+    samples = concatenate([synthesise(ARM, motion, noise) for motion in (
+        motions.eq17(start=100.0), motions.random_poses(ARM.lower, ARM.upper, 300))])
+    found = compare(model, samples)
+    assert 0.92 <= found.band.trained.share <= 0.98
+    assert found.band.outside.share >= 0.9
+    spread = np.hypot(model.predict_std(samples.q), model.noise)
+    inside = np.abs(samples.tau - model.predict(samples.q)) <= 1.96 * spread
+    counted = [part.n * part.share for part in (found.band.trained, found.band.outside)]
+    assert found.band.trained.n + found.band.outside.n == inside.size
+    assert sum(counted) == pytest.approx(inside.sum())
+
+
+def test_a_model_without_uncertainty_has_no_band(small_motion):
+    found = compare(fit(small_motion, FitOptions('per_joint')).model, small_motion)
+    assert found.band is None and found.to_json()['joints'][ARM.joints[0]]['band'] is None
