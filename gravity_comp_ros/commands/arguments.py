@@ -107,12 +107,22 @@ def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
     from gravity_comp_ros.gate import slow_samples
     options = gate_options(args)
     result = slow_samples(samples, options)
-    if result.samples.n_samples == 0:
+    return slow_only(result.samples, samples.n_samples, result.dropped, options)
+
+
+def slow_only(samples: JointSamples, total: int, dropped: Mapping[str, int],
+              options: GateOptions) -> Gated:
+    """
+    Return what the gate kept of `total` samples.
+
+    :raises DataError: if that is none.
+    """
+    if samples.n_samples == 0:
         raise DataError(
-            f'none of the {samples.n_samples} samples is slow (every joint under '
+            f'none of the {total} samples is slow (every joint under '
             f'{options.max_speed:g} rad/s): record slow motion, raise --max-speed, or pass '
             '--all-samples')
-    return Gated(result.samples, samples.n_samples, dict(result.dropped), False)
+    return Gated(samples, total, dict(dropped), False)
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

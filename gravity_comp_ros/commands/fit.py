@@ -74,7 +74,8 @@ def run(args: argparse.Namespace) -> int:
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
-        loaded = reading.load(args, report)
+        only_slow = args.holdout is None and args.effects is None
+        loaded = (reading.load_slow if only_slow else reading.load)(args, report)
         geometry = _geometry(args, loaded)
         if geometry is not None:
             loaded = loaded.ordered(geometry.joints)

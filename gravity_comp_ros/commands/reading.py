@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.bag import read_bag, ReadReport
-from gravity_comp_ros.commands.arguments import Gated, gated, read_options
+from gravity_comp_ros.bag_parallel import read_gated_bags
+from gravity_comp_ros.commands.arguments import (
+    gate_options, Gated, gated, read_options, slow_only)
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.holdout import Block
@@ -17,7 +20,11 @@ from gravity_comp_ros.samples import concatenate, JointSamples
 
 @dataclass(frozen=True)
 class Loaded:
-    """What was read from each bag, all samples, and those of all that passed the gate."""
+    """
+    What was read from each bag, all samples, and those of all that passed the gate.
+
+    `samples` are those of the gate alone if they came from `load_slow`.
+    """
 
     reports: tuple[ReadReport, ...]
     gated: Gated
@@ -47,6 +54,30 @@ def load(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
     """
     reports, samples = read_all(args, report)
     return Loaded(reports, gated(args, samples), samples)
+
+
+def load_slow(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
+    """
+    Return the same for those who need no samples but the gated ones.
+
+    The others are never held in memory, and large bags are read in parallel processes.
+
+    :raises BagError: if a bag cannot be read.
+    :raises ModelMismatchError: if two bags are of different robots.
+    :raises DataError: if nothing passes the gate.
+    """
+    if args.all_samples:
+        return load(args, report)
+    bags = read_gated_bags(args.bags, read_options(args), gate_options(args))
+    recordings = []
+    for number, path in enumerate(args.bags):
+        report(f'read {path.name}', number / len(args.bags))
+        recordings.append(next(bags))
+    samples = concatenate(recording.samples for recording in recordings)
+    reports = tuple(recording.report for recording in recordings)
+    dropped = sum((Counter(recording.dropped) for recording in recordings), Counter())
+    gated = slow_only(samples, sum(r.n_samples for r in reports), dropped, gate_options(args))
+    return Loaded(reports, gated, samples)
 
 
 def read_all(args: argparse.Namespace, report: ProgressCallback

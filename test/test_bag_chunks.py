@@ -1,0 +1,127 @@
+"""Whole chunks of MCAP files against the reader of the mcap package, message by message."""
+
+from gravity_comp_ros.bag_mcap import McapStorage
+from gravity_comp_ros.bag_message import encode, JOINT_STATE, JOINT_STATE_DEFINITION
+from gravity_comp_ros.errors import BagError
+from hypothesis import given, HealthCheck, settings, strategies as st
+from mcap.writer import CompressionType, IndexType, Writer
+import numpy as np
+import pytest
+
+TOPICS = ('/joint_states', '/other', '/joint_states')   # the first topic has two channels
+
+
+def write(path, events, **options):
+    """Write (log time, channel number) events; the payload is the number of the event."""
+    with path.open('wb') as stream:
+        writer = Writer(stream, **options)
+        writer.start(profile='ros2', library='test')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', JOINT_STATE_DEFINITION.encode())
+        channels = [writer.register_channel(topic, 'cdr', schema) for topic in TOPICS]
+        for number, (time, channel) in enumerate(events):
+            data = encode(number, ['a'] * (1 + channel), [1.0] * (1 + channel))
+            writer.add_message(channels[channel], time, data, time, number)
+        writer.finish()
+    return path
+
+
+def both(path):
+    """Return the messages of the first topic as batches give them, and as mcap reads them."""
+    storage = McapStorage(path)
+    try:
+        batches = list(storage.batches(TOPICS[0]))
+        single = list(storage.messages(TOPICS[0]))
+    finally:
+        storage.close()
+    return [(int(batch.log_ns[m]), batch.message(m))
+            for batch in batches for m in range(len(batch))], single, batches
+
+
+@st.composite
+def recordings(draw):
+    """Draw events in order, nearly in order or in disorder, and how to write them."""
+    rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
+    count = draw(st.integers(0, 80))
+    times = np.cumsum(rng.integers(0, 4, count)) + draw(
+        st.sampled_from([0, 3, 200])) * rng.integers(0, 2, count)
+    channels = rng.integers(0, draw(st.integers(1, 3)), count)
+    return list(zip(times.tolist(), channels.tolist())), {
+        'compression': draw(st.sampled_from([CompressionType.NONE, CompressionType.ZSTD,
+                                             CompressionType.LZ4])),
+        'chunk_size': draw(st.sampled_from([1, 300, 2000, 10 ** 6])),
+        'enable_crcs': draw(st.booleans()),
+        'index_types': draw(st.sampled_from([
+            IndexType.ALL, IndexType.NONE, IndexType.ALL & ~IndexType.MESSAGE])),
+        'use_chunking': draw(st.sampled_from([True, True, True, False])),
+        'repeat_channels': True,
+        'use_summary_offsets': draw(st.booleans())}
+
+
+@settings(max_examples=150, deadline=None,
+          suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(recordings())
+def test_the_messages_and_their_order_are_those_of_mcap(tmp_path, recording):
+    events, options = recording
+    found, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
+    assert found == expected
+    assert len(found) == sum(channel != 1 for _, channel in events)
+
+
+def test_a_chunk_is_one_batch(tmp_path):
+    events = [(k, k % 2) for k in range(1000)]
+    found, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
+    assert found == expected and 2 <= len(batches) <= 10
+
+
+def index_records(raw):
+    """Yield where the message indexes of a file lie: content begin and length."""
+    at = raw.index(b'MCAP0') + 7
+    while at < len(raw) - 8:
+        opcode, length = raw[at], int.from_bytes(raw[at + 1:at + 9], 'little')
+        if opcode == 7:
+            yield at + 9, length
+        at += 9 + length
+
+
+@pytest.mark.parametrize('spoil', ['offset', 'count', 'repeated', 'opcode'])
+def test_an_index_that_lies_is_not_believed(tmp_path, spoil):
+    path = write(tmp_path / 'x.mcap', [(k, 0) for k in range(100)], chunk_size=2000)
+    expected = both(path)[1]
+    raw = bytearray(path.read_bytes())
+    for begin, length in list(index_records(raw)):
+        entries = raw[begin + 6:begin + length]
+        if spoil == 'offset':
+            raw[begin + 14] ^= 1
+        elif spoil == 'count':                  # one message fewer, its bytes as another channel
+            raw[begin + 2:begin + 6] = (len(entries) - 16).to_bytes(4, 'little')
+        elif spoil == 'repeated':
+            raw[begin + 6:begin + 22] = entries[16:32]
+        else:
+            raw[begin - 9] = 8
+    path.write_bytes(raw)
+    assert both(path)[0] == expected
+
+
+@pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD,
+                                         CompressionType.LZ4])
+@pytest.mark.parametrize('seed', range(3))
+def test_flipped_bytes_never_give_other_messages(tmp_path, compression, seed):
+    path = write(tmp_path / 'x.mcap', [(k, k % 3) for k in range(100)], chunk_size=2000,
+                 compression=compression)
+    whole, good = path.read_bytes(), both(path)[0]
+    rng, refused = np.random.default_rng(seed), 0
+    for place in rng.integers(8, len(whole) - 8, 40):
+        raw = bytearray(whole)
+        raw[place] ^= int(rng.integers(1, 256))
+        path.write_bytes(raw)
+        try:
+            storage = McapStorage(path)
+            found = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
+                     for m in range(len(b))]
+            storage.close()
+        except BagError as error:
+            assert '\n' not in str(error)
+            refused += 1
+            continue
+        assert found == good
+    assert refused > 15

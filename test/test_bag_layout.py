@@ -1,0 +1,136 @@
+"""Decoding many messages at a time says what decoding one by one says, whatever they hold."""
+
+from gravity_comp_ros.bag_batch import Batch, batched
+from gravity_comp_ros.bag_layout import LayoutDecoder
+from gravity_comp_ros.bag_message import encode, JointStateDecoder
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pytest
+
+SENDERS = (
+    {'names': ['a', 'bb', 'ccc']},
+    {'names': ['ccc', 'bb', 'a']},
+    {'names': ['a', 'bb', 'ccc'], 'frame_id': 'base'},
+    {'names': ['a', 'bb', 'ccc'], 'frame_id': 'tool'},
+    {'names': ['a', 'bb', 'ccd']},
+    {'names': ['a', 'bb', 'ccc'], 'velocity': ()},
+    {'names': ['a', 'bb', 'ccc'], 'effort': (), 'velocity': ()},
+    {'names': ['a', 'bb', 'ccc'], 'position': ()},
+    {'names': ['grip']},
+    {'names': []},
+    {'names': ['größe', '']},
+)
+
+
+@st.composite
+def traffic(draw):
+    """Draw messages of several senders, some of them cut, spoilt or with bytes to spare."""
+    rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
+    senders = draw(st.lists(st.sampled_from(SENDERS), min_size=1, max_size=4))
+    spoilt = draw(st.sampled_from([0.0, 0.1, 0.5]))
+    messages = []
+    for number in range(draw(st.integers(1, 60))):
+        sender = senders[rng.integers(len(senders))]
+        count = len(sender['names'])
+        fields = {kind: rng.normal(size=count) for kind in ('position', 'velocity', 'effort')}
+        stamp = int(rng.integers(0, 2 ** 31)) * 10 ** 9 + int(rng.integers(10 ** 9))
+        raw = bytearray(encode(stamp, **{**fields, **sender}))
+        if rng.random() < spoilt:
+            kind = rng.integers(4)
+            if kind == 0:
+                raw = raw[:rng.integers(len(raw))]
+            elif kind == 1:
+                raw[rng.integers(len(raw))] ^= int(rng.integers(1, 256))
+            elif kind == 2:
+                raw += bytes(int(rng.integers(1, 9)))
+            else:
+                raw[1] ^= 1                    # the other byte order: nonsense, or not
+        messages.append((number, bytes(raw)))
+    return messages
+
+
+def many(decoder, batches):
+    found = {}
+    for batch in batches:
+        for block in decoder.decode(batch):
+            for row, which in enumerate(block.which):
+                number = int(batch.log_ns[which])
+                assert number not in found
+                found[number] = (block.names, int(block.stamp_ns[row]),
+                                 block.position[row], block.velocity[row], block.effort[row])
+    return found
+
+
+def split(messages, rng):
+    """Return the messages in several batches, with other bytes lying between some of them."""
+    batches, begin = [], 0
+    while begin < len(messages):
+        part = messages[begin:begin + int(rng.integers(1, 40))]
+        begin += len(part)
+        gaps = [bytes(int(rng.integers(0, 3) * rng.integers(0, 9))) for _ in part]
+        data = b''.join(gap + raw for gap, (_, raw) in zip(gaps, part))
+        ends = np.cumsum([len(gap) + len(raw) for gap, (_, raw) in zip(gaps, part)])
+        length = np.array([len(raw) for _, raw in part])
+        batches.append(Batch(np.frombuffer(data, dtype=np.uint8), ends - length, length,
+                             np.array([number for number, _ in part], dtype=np.uint64)))
+    return batches
+
+
+@settings(max_examples=200, deadline=None)
+@given(traffic(), st.integers(0, 10 ** 6))
+def test_many_at_a_time_are_as_one_by_one(messages, seed):
+    single = {number: JointStateDecoder() for number, _ in messages}
+    expected = {}
+    for number, raw in messages:
+        try:
+            expected[number] = single[number].decode(raw)
+        except ValueError:
+            continue
+    found = many(LayoutDecoder(), split(messages, np.random.default_rng(seed)))
+    assert found.keys() == expected.keys()
+    for number, message in expected.items():
+        names, stamp, *values = found[number]
+        assert (names, stamp) == (message.names, message.stamp_ns)
+        for mine, theirs in zip(values, (message.position, message.velocity, message.effort)):
+            assert mine.dtype == np.float64
+            np.testing.assert_array_equal(mine, theirs)
+
+
+def test_a_repeated_layout_is_decoded_by_its_template(monkeypatch):
+    names = [f'joint{k}' for k in range(7)]
+    values = np.random.default_rng(0).normal(size=(500, 3, 7))
+    messages = [(k, encode(k * 10 ** 6, names, *rows)) for k, rows in enumerate(values)]
+    calls = []
+    decode = JointStateDecoder.decode_with_spans
+    monkeypatch.setattr(JointStateDecoder, 'decode_with_spans',
+                        lambda self, raw: calls.append(1) or decode(self, raw))
+    decoder = LayoutDecoder()
+    for _ in range(2):
+        blocks = list(decoder.decode(next(batched(iter(messages)))))
+        order = np.concatenate([block.which for block in blocks])
+        np.testing.assert_array_equal(np.sort(order), np.arange(500))
+        effort = np.concatenate([block.effort for block in blocks])[np.argsort(order)]
+        np.testing.assert_array_equal(effort, values[:, 2])
+    assert len(calls) == 1
+
+
+def test_more_layouts_than_templates():
+    messages = [(k, encode(k, [f'j{k % 40}'], [1.0 * k])) for k in range(200)]
+    found = many(LayoutDecoder(), batched(iter(messages)))
+    assert [found[k][0] for k in range(200)] == [(f'j{k % 40}',) for k in range(200)]
+    assert [found[k][2][0] for k in range(200)] == list(range(200))
+
+
+@pytest.mark.parametrize('place', range(0, 120, 3))
+def test_a_flipped_byte_is_seen_or_harmless(place):
+    good = encode(10 ** 9, ['a', 'bb', 'ccc'], [1, 2, 3], [4, 5, 6], [7, 8, 9])
+    bad = bytearray(good)
+    bad[place % len(good)] ^= 0x41
+    found = many(LayoutDecoder(), batched(iter([(0, good), (1, bytes(bad)), (2, good)])))
+    try:
+        expected = JointStateDecoder().decode(bytes(bad))
+    except ValueError:
+        assert found.keys() == {0, 2}
+        return
+    assert found[1][:2] == (expected.names, expected.stamp_ns)
+    np.testing.assert_array_equal(found[1][4], expected.effort)

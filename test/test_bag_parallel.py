@@ -1,0 +1,48 @@
+"""Bags read in processes of their own: the same results in the same order, the same refusals."""
+
+from functools import partial
+
+from gravity_comp_ros import bag_parallel
+from gravity_comp_ros.bag_gated import read_gated
+from gravity_comp_ros.bag_parallel import in_processes, read_gated_bags, workers
+from gravity_comp_ros.bag_write import JointTopic, write_bag
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.gate import GateOptions
+import numpy as np
+import pytest
+from recordings import motion, NAMES
+
+GATE = GateOptions(max_speed=2.0)
+
+
+@pytest.fixture
+def bags(tmp_path):
+    paths = []
+    for number in range(3):
+        t, q, qd, tau = motion(100 + number)
+        write_bag(tmp_path / f'{number}.mcap', [JointTopic('/joint_states', NAMES, t, q, qd, tau)])
+        paths.append(tmp_path / f'{number}.mcap')
+    return paths
+
+
+def test_processes_give_what_this_one_gives(bags):
+    read = partial(read_gated, gate=GATE)
+    here, there = list(in_processes(read, bags, 1)), list(in_processes(read, bags, 2))
+    assert [found.report.n_messages for found in there] == [100, 101, 102]
+    for a, b in zip(here, there):
+        assert (a.report, a.dropped) == (b.report, b.dropped)
+        np.testing.assert_array_equal(a.samples.tau, b.samples.tau)
+
+
+def test_a_refusal_comes_out_of_its_process_as_it_is(bags, monkeypatch):
+    monkeypatch.setattr(bag_parallel, 'workers', lambda paths: 2)
+    bags[1].write_bytes(b'')
+    found = read_gated_bags(bags, gate=GATE)
+    assert next(found).report.n_messages == 100
+    with pytest.raises(BagError, match='1.mcap is empty'):
+        next(found)
+
+
+def test_small_bags_are_not_worth_a_process(bags, tmp_path):
+    assert workers(bags) == 1
+    assert workers([tmp_path / 'missing.mcap', *bags]) == 1
