@@ -52,6 +52,19 @@ def test_both_kinds_of_noise(seed):
     assert relative == pytest.approx(0.02, rel=0.1)
 
 
+def test_an_error_as_large_as_the_load_is_no_sensors():
+    # What a model misses of a moving arm grows with the load, too; no sample without load may
+    # get all the weight for that.
+    rng = np.random.default_rng(0)
+    load = loads(1000, rng)
+    residual = 0.8 * load * rng.normal(size=1000)
+    absolute, relative = estimate(residual, load)
+    assert relative == 0.0
+    assert absolute == pytest.approx(np.sqrt((residual ** 2).mean()), rel=1e-6)
+    absolute, relative = estimate(residual / 4, load)
+    assert relative == pytest.approx(0.2, rel=0.1)
+
+
 def test_joints_are_estimated_by_themselves():
     rng = np.random.default_rng(0)
     residual = rng.normal(size=(800, 3)) * [0.1, 1.0, 5.0]

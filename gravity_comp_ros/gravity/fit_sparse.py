@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.gravity.factors import AT_REST
 from gravity_comp_ros.gravity.inflation import choose_inflation, correlation_time
 from gravity_comp_ros.gravity.sparse import (
     finish, grow, prune, SparseFit, SparseOptions, SparseProblem, with_all_samples)
@@ -16,6 +17,7 @@ def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
 
     :raises FitError: if there are no samples.
     """
+    problem = problem.merged(AT_REST)
     few = problem.thinned(_ENOUGH)
     if options.inflation is None:
         grown = grow(few, options)

@@ -22,6 +22,9 @@ from scipy import optimize
 _FLOOR = 1e-4
 # Gain in log likelihood that the load-dependent part must bring to be believed.
 _EVIDENCE = 8.0
+# No sensor's error is a larger part of the load: what seems to be is a model that fits badly, and
+# must not give the samples with little load all the weight.
+_MOST_RELATIVE = 0.5
 
 
 @dataclass(frozen=True)
@@ -89,9 +92,10 @@ def _estimate_joint(residual: FloatArray, predicted: FloatArray,
     start = np.log([0.5 * constant, 0.5 * constant / load])
     found = optimize.minimize(cost, start, method='Nelder-Mead',
                               options={'xatol': 1e-2, 'fatol': 1e-5, 'maxiter': 200})
-    if len(residual) * (plain - found.fun) < _EVIDENCE:
+    absolute, relative = np.exp(found.x)
+    if len(residual) * (plain - found.fun) < _EVIDENCE or relative > _MOST_RELATIVE:
         return constant, 0.0
-    return max(float(np.exp(found.x[0])), least), float(np.exp(found.x[1]))
+    return max(float(absolute), least), float(relative)
 
 
 def correlation_time(residual: FloatArray, runs: IntArray) -> float:

@@ -90,6 +90,22 @@ class SparseProblem:
         step = -(-len(self.q) // most)
         return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
 
+    def merged(self, travel: float) -> SparseProblem:
+        """
+        Return the problem with each stretch of `travel` rad (of every joint) as one sample.
+
+        An arm that waits repeats one pose with one error, such as the friction it stopped with,
+        however many samples say so: their mean counts once.
+        """
+        group = _stretches(self.q, self.runs, travel)
+        if group.size == 0 or group[-1] + 1 == len(group):
+            return self
+        count = np.bincount(group)
+        first = np.concatenate([[0], np.cumsum(count)[:-1]])
+        return replace(self, q=np.add.reduceat(self.q, first) / count[:, None],
+                       tau=np.add.reduceat(self.tau, first) / count[:, None],
+                       runs=self.runs[first])
+
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
         return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
@@ -187,6 +203,19 @@ def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settl
                 and model.is_close_to(last.noise):
             break
     return settled
+
+
+def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
+    """Number the stretches (M,) in which poses stay within `travel` of the first one's."""
+    group = np.zeros(len(q), dtype=np.int64)
+    rows, labels = q.tolist(), runs.tolist()
+    number = first = 0
+    for k in range(1, len(rows)):
+        if labels[k] != labels[first] or any(
+                abs(a - b) > travel for a, b in zip(rows[k], rows[first])):
+            number, first = number + 1, k
+        group[k] = number
+    return group
 
 
 def _spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
