@@ -69,7 +69,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(old):
     truth = np.array([2.0, *COM])
     # The old model's own error is the same in all of these, so they are no independent trials.
     inside = []
-    for seed in range(20):
+    for seed in range(12):
         found = update(old['chain'], recorded(loaded, LATER[:50], seed),
                        geometry=IIWA).report['payload']
         limits = np.array([found['mass']['ci95'],

@@ -37,22 +37,27 @@ _LIKELIER = 1.0
 
 @dataclass(frozen=True)
 class Tidy:
-    """A solution with right angles; `square` (N,) counts each axis' angles that were taken."""
+    """
+    A solution with right angles; `square` (N,) counts each axis' angles that were taken.
+
+    `spread` (2N,) in rad is how unsure each angle is that was taken.
+    """
 
     solution: Solution
     square: tuple[int, ...]
+    spread: FloatArray
 
     def covariance(self) -> FloatArray:
         """
         Return how unsure a step from the chain is, shape (4N, 4N).
 
-        Angles that were taken are known to `TOLERANCE`; moments that were left out keep the
+        Angles that were taken are known to `spread`; moments that were left out keep the
         uncertainty that made it possible to leave them out.
         """
         n = self.solution.chain.n_joints
         precision = self.solution.precision.copy()
         held = np.flatnonzero(~self.solution.free[:2 * n])
-        precision[held, held] += TOLERANCE ** -2
+        precision[held, held] += self.spread[held] ** -2
         return np.asarray(np.linalg.inv(precision))
 
 
@@ -61,7 +66,7 @@ def tidy(problem: ChainProblem, solution: Solution) -> Tidy:
     work = _Tidier(problem, solution)
     work.drop_last_links()
     square = [work.axis(j) for j in range(problem.n_joints)]
-    return Tidy(drop_moments(problem, work.best), tuple(square))
+    return Tidy(drop_moments(problem, work.best), tuple(square), work.spread)
 
 
 def upright(chain: Chain) -> Chain:
@@ -81,6 +86,7 @@ class _Tidier:
         self.best = self._again(upright(solution.chain), solution.free)
         # Whether all axes so far are vertical: then a turn of the rest about them is free.
         self.vertical = True
+        self.spread = np.full(2 * problem.n_joints, TOLERANCE)
 
     def axis(self, j: int) -> int:
         """Try right angles for the axis of joint j; return how many angles were taken."""
@@ -106,6 +112,10 @@ class _Tidier:
             likelier = gained - 0.5 * (tried.cost - self.best.cost)
             if likelier > _LIKELIER:
                 taken, best = len(angles), tried
+                # As likely as it is that the angle is another one, it may be off by this.
+                wrong = np.exp(-likelier) * np.hypot(spread[angles], np.arccos(np.clip(
+                    direction @ z, -1.0, 1.0))) ** 2
+                self.spread[[2 * j + k for k in angles]] = np.sqrt(TOLERANCE ** 2 + wrong)
                 break
         self.best = best
         if abs(best.chain.axes[j][2, 2]) < 1.0 - 1e-9 or best.free[2 * j]:

@@ -15,6 +15,8 @@ from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.chain_angles import tidy
 from gravity_comp_ros.gravity.chain_known import solve_known
+from gravity_comp_ros.gravity.chain_rivals import (
+    find_rivals, spread_of, unsure_joint)
 from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve
 from gravity_comp_ros.gravity.chain_start import LIMIT, search, SearchOptions, structure
 from gravity_comp_ros.samples import FloatArray, JointSamples
@@ -35,7 +37,8 @@ class ChainFit:
     `inflation` (N,) says how many samples of each joint count as one. `structure` is what features
     explain of the residual beyond what they do of noise, in standard deviations; `clean` says
     that it is nothing. `square` (N,) counts the angles taken as right, or as known; `tilt` in rad
-    is how far the base stands from where known axes put it.
+    is how far the base stands from where known axes put it. `rivals` counts other chains that
+    explain the samples as well, or nearly.
     """
 
     chain: Chain
@@ -48,6 +51,7 @@ class ChainFit:
     clean: bool
     square: tuple[int, ...]
     tilt: float = 0.0
+    rivals: int = 0
 
 
 def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
@@ -69,9 +73,19 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     found = search(problem, options, None if start is None else start.axes)
     problem, solution, model, inflation = _settle_noise(problem, found.solution, samples)
     tidied = tidy(problem, solution)
+    covariance, rivals = tidied.covariance(), 0
+    sigma = 1.0 / problem.weights.mean(axis=0)
+    if unsure_joint(tidied.solution.chain, covariance, sigma) is not None:
+        others = find_rivals(problem, solution, options.seed)
+        if others[0].solution.cost < solution.cost:
+            problem, solution, model, inflation = _settle_noise(problem, others[0].solution,
+                                                                samples)
+        tidied, rivals = tidy(problem, solution), len(others) - 1
+        covariance = tidied.covariance() + spread_of(others, tidied.solution.chain)
     left = structure(problem, tidied.solution)
-    return ChainFit(tidied.solution.chain, tidied.covariance(), model, inflation, found.starts,
-                    solution.steps, left, found.clean or left <= LIMIT, tidied.square)
+    return ChainFit(tidied.solution.chain, covariance, model, inflation, found.starts,
+                    solution.steps, left, found.clean or left <= LIMIT, tidied.square,
+                    rivals=rivals)
 
 
 def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray) -> ChainFit:

@@ -45,7 +45,9 @@ def solve_known(problem: ChainProblem, rotations: FloatArray) -> KnownAxes:
     before, after = rotations[0].T[:, 2], best.chain.axes[0].T[:, 2]
     tilt = float(np.arccos(np.clip(before @ after, -1.0, 1.0)))
     tidied = drop_moments(problem, best)
-    return KnownAxes(Tidy(tidied, (2,) * problem.n_joints), tilt if best is tilted else 0.0)
+    n = problem.n_joints
+    return KnownAxes(Tidy(tidied, n * (2,), np.full(2 * n, TOLERANCE)),
+                     tilt if best is tilted else 0.0)
 
 
 def _free(problem: ChainProblem, base: bool) -> BoolArray:

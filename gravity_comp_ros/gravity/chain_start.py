@@ -75,8 +75,8 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
     best: Solution | None = None
     result: Found | None = None
     for count in range(1, options.starts + 1):
-        axes = start if count == 1 and start is not None else _next(rng, problem.n_joints,
-                                                                    count, best)
+        axes = start if count == 1 and start is not None else next_axes(
+            rng, problem.n_joints, count, best)
         tried = solve(few, axes, options=_ROUGH)
         if best is not None and tried.cost >= (1.0 - 1e-3) * best.cost:
             continue
@@ -152,7 +152,8 @@ def is_white(problem: ChainProblem, solution: Solution) -> bool:
     return bool(likeness.max(initial=0.0) < _WHITE / np.sqrt(len(residual)))
 
 
-def _next(rng: np.random.Generator, n: int, count: int, best: Solution | None) -> FloatArray:
+def next_axes(rng: np.random.Generator, n: int, count: int, best: Solution | None
+              ) -> FloatArray:
     """Return random axes, or the best ones with one or two of them thrown anew."""
     thrown = _directions(rng, n)
     if best is None or count <= _RANDOM or rng.random() < 0.25:

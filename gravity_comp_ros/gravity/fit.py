@@ -9,6 +9,7 @@ from typing import Any
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.gravity.chain_expand import expand
 from gravity_comp_ros.gravity.chain_fit import ChainFit, fit_chain
+from gravity_comp_ros.gravity.chain_rivals import std_anywhere, unsure_joint
 from gravity_comp_ros.gravity.choose import Choice, choose
 from gravity_comp_ros.gravity.factors import at_rest
 from gravity_comp_ros.gravity.geometry import Geometry
@@ -162,7 +163,9 @@ def _finish(model: GravityModel, samples: JointSamples, fits: list[SparseFit],
         **report,
     }
     if chain:
-        report['chain'] = {'known_axes': options.geometry is not None, **_chain_report(chain)}
+        report['chain'] = {
+            'known_axes': options.geometry is not None, **_chain_report(chain),
+            'std_anywhere': _by_joint(model, std_anywhere(chain.chain, chain.covariance))}
     model = replace(model, noise=noise,
                     provenance={'options': options.to_json(), 'report': report})
     converged = chain is not None or all(found.lasso.converged for found in fits)
@@ -185,6 +188,19 @@ def _per_joint(joints: tuple[str, ...], models: list[NoiseModel],
     return dict(zip(joints, values.tolist()))
 
 
+def _unsure(model: GravityModel, chain: ChainFit) -> list[str]:
+    """Say how far a chain may be off away from where it was trained, if that is much."""
+    joint = unsure_joint(chain.chain, chain.covariance, np.maximum(chain.noise.absolute, 1e-9))
+    if joint is None:
+        return []
+    std = std_anywhere(chain.chain, chain.covariance)[joint]
+    others = f', and {chain.rivals} other chains explain them nearly as well' if chain.rivals > 1 \
+        else ', and another chain explains them nearly as well' if chain.rivals else ''
+    return [f'away from the trained poses the torque of {model.joints[joint]} may be off by '
+            f'{1.96 * std:.2g} N·m (95 %): these samples do not tell the arm well{others}. '
+            f'Move on, and further']
+
+
 def _solver(found: SparseFit) -> dict[str, Any]:
     solution = found.lasso
     return {'lambda': solution.lam, 'iterations': solution.iterations,
@@ -195,10 +211,14 @@ def _solver(found: SparseFit) -> dict[str, Any]:
             **asdict(solution.certificate)}
 
 
+def _by_joint(model: GravityModel, values: FloatArray) -> dict[str, float]:
+    return dict(zip(model.joints, values.tolist()))
+
+
 def _chain_report(chain: ChainFit) -> dict[str, Any]:
     return {'starts': chain.starts, 'steps': chain.steps, 'structure': chain.structure,
             'clean': chain.clean, 'right_angles': list(chain.square), 'base_tilt': chain.tilt,
-            'inflation': chain.inflation.tolist()}
+            'rivals': chain.rivals, 'inflation': chain.inflation.tolist()}
 
 
 def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],
@@ -215,6 +235,8 @@ def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],
         words.append(f'what the chain leaves over is no noise ({chain.structure:.1f} standard '
                      f'deviations): friction or another effect, or a wrong chain. Compare with '
                      f'potential')
+    if chain:
+        words += _unsure(model, chain)
     if not all(found.lasso.converged for found in fits):
         words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)
