@@ -15,9 +15,9 @@ def problem(q, tau, runs) -> SparseProblem:
 
 
 def test_poses_that_stay_close_become_their_mean():
-    merged = problem([[0.0, 1.0], [0.001, 1.0], [0.002, 1.0], [0.0, 1.003], [0.5, 1.0], [0.5, 1.0]],
-                     [[1, 2], [3, 2], [2, 2], [9, 9], [4, 6], [6, 6]],
-                     [0, 0, 0, 0, 0, 1]).merged(0.0025)
+    q = [[0.0, 1.0], [0.001, 1.0], [0.002, 1.0], [0.0, 1.003], [0.5, 1.0], [0.5, 1.0]]
+    tau = [[1, 2], [3, 2], [2, 2], [9, 9], [4, 6], [6, 6]]
+    merged = problem(q, tau, [0, 0, 0, 0, 0, 1]).merged(0.0025)
     np.testing.assert_allclose(merged.q, [[0.001, 1.0], [0.0, 1.003], [0.5, 1.0], [0.5, 1.0]])
     np.testing.assert_allclose(merged.tau, [[2, 2], [9, 9], [4, 6], [6, 6]])
     assert merged.runs.tolist() == [0, 0, 0, 1]
