@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.diagnosis import structure
+from gravity_comp_ros.diagnosis import laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.base import choose_base
 from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
@@ -56,8 +56,8 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     model, features, motion = choose_base(samples, model)
     tell('columns', 0.2)
     columns = build(motion, features, _effects(options))
-    unknown, columns.candidates = _split(columns.candidates)
-    blocks, grams = _evidence(motion, columns, unknown)
+    unknown, tests, columns.candidates = _split(columns.candidates)
+    blocks, grams = _evidence(motion, columns, [*unknown, *tests])
     tell('selection', 0.5)
 
     def implausible(candidate: Candidate, values: FloatArray) -> str | None:
@@ -68,6 +68,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     selection.run()
     tell('verdicts', 0.8)
     diagnosis = Judge(selection, motion, unknown).diagnosis()
+    diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
     tell('verdicts', 1.0)
     return diagnosis
 
@@ -76,17 +77,25 @@ def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
     known = all_effects()
     if options.effects is not None:
         known = {name: known[name] for name in options.effects}
-    return {**known, structure.NAME: structure.STRUCTURE}
+    return {**known, unknown_torque.NAME: unknown_torque.UNKNOWN,
+            **{law.name: law for law in laws.LAWS}}
 
 
-def _split(candidates: list[Candidate]) -> tuple[list[Candidate], list[Candidate]]:
-    unknown = [c for c in candidates if c.effect.name == structure.NAME]
-    return unknown, [c for c in candidates if c.effect.name != structure.NAME]
+def _split(candidates: list[Candidate]
+           ) -> tuple[list[Candidate], list[Candidate], list[Candidate]]:
+    """Return what stands for the unknown, what tests laws, and the effects."""
+    unknown = [c for c in candidates if c.effect.family == unknown_torque.FAMILY]
+    tests = [c for c in candidates if c.effect.family == laws.FAMILY]
+    return unknown, tests, [c for c in candidates if c not in unknown and c not in tests]
 
 
 def _evidence(motion: Motion, columns: Columns,
-              unknown: list[Candidate]) -> tuple[Blocks, list[JointGram]]:
-    """Cut the blocks and sum all products of columns over them."""
+              loose: list[Candidate]) -> tuple[Blocks, list[JointGram]]:
+    """
+    Cut the blocks and sum all products of columns over them.
+
+    :param loose: candidates of many columns, which a prior holds near 0.
+    """
     tau, n = motion.samples.tau, motion.samples.n_joints
     residual = np.column_stack([_left(columns, motion, joint) for joint in range(n)])
     blocks = cut(motion.samples, residual)
@@ -98,9 +107,9 @@ def _evidence(motion: Motion, columns: Columns,
         scale = np.concatenate([common, np.sqrt((columns.own[joint] ** 2).mean(axis=0))])
         scale[scale < 1e-12] = 1.0
         prior = np.zeros(x.shape[1])
-        for candidate in unknown:
+        for candidate in loose:
             if candidate.joint == joint:
-                prior[candidate.columns] = structure.PRIOR_BLOCKS * len(x) / blocks.count
+                prior[candidate.columns] = unknown_torque.PRIOR_BLOCKS * len(x) / blocks.count
         grams.append(joint_gram(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior))
     return blocks, grams
 

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from gravity_comp_ros.diagnosis.laws import LawReport
+
 VERDICTS = ('established', 'likely', 'ambiguous', 'weak', 'untestable', 'unexplained')
 
 
@@ -75,12 +77,14 @@ class JointReport:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All findings, the strongest first, and the reports of all joints."""
+    """All findings, the strongest first, the reports of all joints, and the laws that broke."""
 
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
+    laws: tuple[LawReport, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `diagnose --json` prints."""
         return {'findings': [finding.to_json() for finding in self.findings],
-                'joints': {name: report.to_json() for name, report in self.joints.items()}}
+                'joints': {name: report.to_json() for name, report in self.joints.items()},
+                'structure': [law.to_json() for law in self.laws]}

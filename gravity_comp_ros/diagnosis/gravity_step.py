@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.chain_angles import TOLERANCE
 from gravity_comp_ros.gravity.chain_expand import expand
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
@@ -22,6 +23,8 @@ import numpy as np
 
 # rad; axes of a chain are known to about this before any data.
 _AXES = 0.3
+# An angle that is known to about this many times the exactness of an arm was taken as right.
+_TAKEN = 1.5
 _SMALLEST = 1e-3
 
 
@@ -42,8 +45,16 @@ def step_scale(model: GravityModel) -> FloatArray:
     """Return how large each number of a step (K,) may reasonably be."""
     if model.chain is not None:
         moments = np.abs(model.chain.moments).ravel()
-        return np.concatenate([np.full(moments.size, _AXES), _typical(moments)])
+        return np.concatenate([_axes_scale(model, moments.size), _typical(moments)])
     return _typical(np.abs(_weights(model)))
+
+
+def _axes_scale(model: GravityModel, size: int) -> FloatArray:
+    """Return how far axes may turn: right angles that a fit took stay that."""
+    if model.uncertainty is None:
+        return np.full(size, _AXES)
+    std = np.sqrt(np.maximum(np.diag(model.uncertainty.covariance)[:size], 0.0))
+    return np.where(std < _TAKEN * TOLERANCE, np.maximum(std, _SMALLEST * TOLERANCE), _AXES)
 
 
 def step_from(origin: GravityModel, model: GravityModel) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.diagnosis import structure
+from gravity_comp_ros.diagnosis import unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
 from gravity_comp_ros.diagnosis.evidence import absorbed, covariance
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
@@ -70,7 +70,7 @@ class Judge:
         hint = self._hint(joint, some, float(every.sum()))
         if hint is not None:
             return [hint]
-        angle = structure.largest_angle(
+        angle = unknown_torque.largest_angle(
             self.motion.samples.q[:, joint],
             self.selection.coefficients(unknown, [*chosen, unknown]),
             int(unknown.setting['bumps']))

@@ -12,7 +12,7 @@ from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
-NAME = 'structure'
+NAME = FAMILY = 'unknown'
 # Coarse bumps find what is wide with little spent, fine ones a detent of a few degrees.
 _RESOLUTIONS = (10, 30, 90)
 _BUMPS_BY_DIRECTION = 10
@@ -51,8 +51,8 @@ def largest_angle(q: FloatArray, coefficients: FloatArray, count: int) -> float:
     return float(grid[np.argmax(np.abs(shape - np.median(shape)))])
 
 
-STRUCTURE = Effect(
-    name=NAME, title='Unknown structure', family='unknown',
+UNKNOWN = Effect(
+    name=NAME, title='Unknown torque', family=FAMILY,
     equation='sum_k a_k bump_k(q) + sign(qd) sum_k b_k bump_k(q)',
     description='Any torque that depends on the joint angle and the direction of motion.',
     coefficients=(Coefficient('a', 'N·m', 'heights of the bumps'),), columns=_columns,
