@@ -14,7 +14,7 @@ it was; results of older code are made anew, unless --keep is given. The folder 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import as_completed, ProcessPoolExecutor
+from functools import partial
 import json
 from multiprocessing import get_context
 import os
@@ -91,18 +91,17 @@ def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) 
     """Diagnose every task's recordings in processes of their own."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     start = monotonic()
-    with ProcessPoolExecutor(jobs, get_context('spawn'), max_tasks_per_child=8) as pool:
-        waiting = {pool.submit(run_one, task, floor): task for task in tasks}
-        for count, future in enumerate(as_completed(waiting), start=1):
-            task, result = waiting[future], future.result()
+    with get_context('spawn').Pool(jobs, maxtasksperchild=8) as pool:
+        work = partial(run_one, floor=floor)
+        for count, (task, result) in enumerate(pool.imap_unordered(work, tasks), start=1):
             save(folder, task, {**result, 'code': code, 'rate': task.rate})
             print(f'{count}/{len(tasks)} {monotonic() - start:.0f} s: {task.file} in '
                   f'{result["seconds"]:.1f} s', flush=True)
 
 
-def run_one(task: Task, floor: bool) -> dict[str, Any]:
+def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
-    Return the diagnosis of one recording, its time, and the error of a fit that knows all.
+    Return the task, and with it the diagnosis of one recording, its time, and the error of a fit that knows all.
 
     That fit sees the same motion and noise without what is hidden, and looks for nothing but
     the moving arm's own inertia.
@@ -118,7 +117,7 @@ def run_one(task: Task, floor: bool) -> dict[str, Any]:
         known = diagnose(plain, options=DiagnosisOptions(effects=_KNOWN)).to_json()
         result['floor'] = {name: report['rmse_after']
                            for name, report in known['joints'].items()}
-    return result
+    return task, result
 
 
 if __name__ == '__main__':
