@@ -27,7 +27,8 @@ ROS = [
     'ros-jazzy-rmw-fastrtps-cpp>=8.4',
     'ros-jazzy-common-interfaces>=5.3',
 ]
-TEST = ['pytest>=7.4', 'hypothesis>=6.98', 'flake8>=7', 'flake8-import-order>=0.18',
+TEST = ['pytest>=7.4', 'hypothesis>=6.98', 'playwright>=1.40', 'flake8>=7',
+        'flake8-import-order>=0.18',
         'flake8-quotes>=3.3', 'pydocstyle>=6.3', 'rosbags>=0.10',
         'colcon-common-extensions>=0.3', 'colcon-ros>=0.5']
 
@@ -52,7 +53,8 @@ setup(
     ],
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
                       'rich>=13.3', 'defusedxml>=0.7'],
-    extras_require={'bags': BAGS, 'report': REPORT, 'ros': ROS, 'sim': SIM, 'test': TEST + BAGS + REPORT + SIM},
+    extras_require={'bags': BAGS, 'report': REPORT, 'ros': ROS, 'sim': SIM,
+                    'test': TEST + BAGS + REPORT + SIM},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -26,7 +26,8 @@ CORE = {name for names in LAYERS[:4] for name in names} | {'modelfile'}
 # Within a layer: who must not know whom.
 STRANGERS = {
     'node': {'commands', 'cli', 'workbench', 'simulation'},
-    'commands': {'node', 'workbench'},
+    'commands': {'node'},
+    'workbench': {'commands', 'cli'},
     'cli': {'node', 'workbench'},
     'gravity': {'effects'},
     # It makes the truth that effects are tested against, so it must share nothing with them.

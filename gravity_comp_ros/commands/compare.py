@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
-from gravity_comp_ros.diagnosis.compare import compare, JointComparison
+from gravity_comp_ros.diagnosis.compare import Calibration, compare, JointComparison
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.holdout import Block, within
@@ -26,9 +26,12 @@ examples:
   gravity_comp compare run2.mcap --model arm.json
   gravity_comp compare run1.mcap --model arm.json --holdout      only what `fit` held out of run1
   gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
+  gravity_comp compare run2.mcap --model arm.json --html report.html      plots to look at
 
 RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
 the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
+"in band" is the share of errors inside the 95 % band that the model itself gives, in its trained
+range; "outside" is the same for poses outside of it. Near 95 % the model knows how wrong it is.
 """
 
 
@@ -43,10 +46,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
+    html.add_html(parser)
+    parser.add_argument('--previous', metavar='MODEL.json', type=Path, default=None,
+                        help='another model, for its errors beside in the report (default: what '
+                        'the model was before its last addition)')
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare and show."""
+    with html.told(args):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     chosen = _chosen(args, model)
     # The model needs every one of its joints; --joints only says which of them to show.
@@ -56,11 +68,15 @@ def run(args: argparse.Namespace) -> int:
     samples, fitted = _unseen(args, model, loaded)
     comparison = compare(model, samples, loaded.samples)
     joints = {name: comparison.joints[name] for name in chosen}
+    if args.html:
+        html.write(args, html.contents(
+            args, model, loaded.samples, comparison, _judged(samples, loaded), loaded.reports,
+            None, *_previous(args, model, samples, loaded.samples), shown=chosen))
     if args.json != '-':
         for line in loaded.lines():
             terminal.show(terminal.safe(line))
         terminal.show('', _table(model, joints, samples))
-        for line in _failures(joints, comparison.share_outside):
+        for line in [*_failures(joints, comparison.share_outside), *_band(comparison.band)]:
             terminal.show(terminal.safe(line))
     for line in reading.scale_warnings(model, loaded.reports):
         terminal.warn(line)
@@ -73,6 +89,27 @@ def run(args: argparse.Namespace) -> int:
             {**document, 'joints': {name: document['joints'][name] for name in chosen},
              'model': args.model.name, 'fitted_to': fitted, **loaded.to_json()}, args.json)
     return 0
+
+
+def _judged(samples: JointSamples, loaded: reading.Loaded) -> str:
+    """Return in words which samples the errors are of."""
+    kept = loaded.gated.samples.n_samples
+    held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
+    return f'{samples.n_samples} samples ({loaded.gated.sentence()}{held})'
+
+
+def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
+              recorded: JointSamples) -> tuple[dict[str, float], str]:
+    """Return RMSE by joint of an earlier model on the same samples, and its name."""
+    if args.previous is not None:
+        other, name = load_model(args.previous), args.previous.name
+    else:
+        steps = [step for step in model.applied.history if step.previous is not None]
+        if not steps or steps[-1].previous is None:
+            return {}, ''
+        other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'
+    found = compare(other, samples, recorded)
+    return {joint: x.rmse for joint, x in found.joints.items()}, name
 
 
 def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
@@ -112,11 +149,12 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
     for name, found in joints.items():
         cells = [printable(name), str(found.n), f'{found.rmse:.4f}', percent(found.nrmse),
                  f'{found.std:.4f}', f'{found.max_abs:.3f}',
-                 f'{model.noise[model.joints.index(name)]:.4f}']
+                 f'{model.noise[model.joints.index(name)]:.4f}', *_shares(found.band)]
         rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
     return terminal.table(
         f'error of the model in N·m, {samples.n_samples} samples',
-        ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training'], rows)
+        ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training',
+         *(() if model.uncertainty is None else ('in band', 'outside'))], rows)
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
@@ -128,6 +166,20 @@ def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
     for name, found in joints.items():
         lines += [f'  {name} {place.words}' for place in found.where[:_MOST_PLACES]]
     return lines
+
+
+def _shares(band: Calibration | None) -> list[str]:
+    """Return the shares inside the 95 % band in and outside the trained range, as cells."""
+    return [] if band is None else [percent(band.trained.share), percent(band.outside.share)]
+
+
+def _band(band: Calibration | None) -> list[str]:
+    if band is None:
+        return []
+    parts = [f'{100 * share.share:.1f} % {where}'
+             for share, where in ((band.trained, 'in the trained range'),
+                                  (band.outside, 'outside of it')) if share.share is not None]
+    return [f'the 95 % band of the model holds {" and ".join(parts)}']
 
 
 def _worst(joints: dict[str, JointComparison]) -> str:

@@ -8,15 +8,20 @@ from pathlib import Path
 import shlex
 import time
 
-from gravity_comp_ros.commands import arguments, data_check, reading, terminal
+from gravity_comp_ros.bag import ReadReport
+from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
 from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis.compare import compare
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gate import slow_samples
+from gravity_comp_ros.gravity.fit import fit
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.samples import JointSamples
 from rich.table import Table
 
 VERB = 'diagnose'
@@ -26,6 +31,7 @@ examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json
   gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
   gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
+  gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
 
 verdicts:
   established   it explains held-out data, in nearly every run, and nothing else does
@@ -42,6 +48,7 @@ was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16)
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 _RIVALS = 'or rather'
 _MOST_SHOWN = 3
+_ENOUGH_SLOW = 50
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,10 +60,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='look for these effects only (default: all that are known)')
     arguments.add_reading(parser)
     arguments.add_json(parser)
+    html.add_html(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, diagnose and show."""
+    with html.told(args):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
     for name in args.effects or ():
         known_effect(name)
     model = _model(args)
@@ -73,6 +86,8 @@ def run(args: argparse.Namespace) -> int:
     for line in broken_plug_ins():
         terminal.warn(line)
     check = data_check.check(samples, diagnosis)
+    if args.html:
+        _write_page(args, samples, model, diagnosis, reports)
     if args.json != '-':
         terminal.show(f'[bold]{terminal.safe(words.verdict(diagnosis))}[/bold]', '')
         for line in reading.bag_lines(reports):
@@ -86,6 +101,20 @@ def run(args: argparse.Namespace) -> int:
              'data': check.to_json(), 'bags': [reading.bag_json(r) for r in reports],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
     return 0
+
+
+def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
+                diagnosis: Diagnosis, reports: tuple[ReadReport, ...]) -> None:
+    notes: tuple[str, ...] = ()
+    if model is None:
+        # A page needs something to predict with; findings are beside a base of their own.
+        slow = slow_samples(samples).samples
+        model = fit(slow if slow.n_samples >= _ENOUGH_SLOW else samples).model
+        notes = ('Predictions are of a model that was fitted for this report to '
+                 f'{model.coverage.n_samples} samples.',)
+    judged = f'all {samples.n_samples} samples, fast ones too'
+    html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
+                                   reports, diagnosis, notes=notes))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -115,6 +144,8 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
+    for line in _laws(diagnosis):
+        terminal.show(line)
     for line in _next_steps(args, diagnosis):
         terminal.show(line)
     for line in check.remarks:
@@ -147,6 +178,18 @@ def _coefficients(finding: Finding) -> str:
     shown = '; '.join(f'{symbol} = {words.plus_minus(x)}' for symbol, x in items[:_MOST_SHOWN])
     more = len(items) - _MOST_SHOWN
     return shown + (f' and {more} more' if more > 0 else '') or '–'
+
+
+def _laws(diagnosis: Diagnosis) -> list[str]:
+    """Return lines of markup on what the torques do that no serial arm's gravity does."""
+    if not diagnosis.laws:
+        return []
+    lines = ['[bold]what no gravity of a serial arm does[/bold]']
+    for law in diagnosis.laws:
+        end = 'the effects above make up for it' if law.holds_with_effects else (
+            f'not made up for; look for {", ".join(law.suspects)}')
+        lines.append(f'  {terminal.safe(f"{law.words}; {end}")}')
+    return [*lines, '']
 
 
 def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:

@@ -1,0 +1,81 @@
+"""`--html FILE`: what a verb found, as a page to keep."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime, UTC
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.bag import ReadReport
+from gravity_comp_ros.diagnosis.compare import Comparison
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.samples import JointSamples
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.report.contents import Contents
+
+
+def add_html(parser: argparse.ArgumentParser) -> None:
+    """Add --html FILE."""
+    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
+                        help='write a report to look at, one file with everything in it')
+
+
+def _html_file(text: str) -> Path:
+    # `--html BAG` would take the bag for the output and overwrite it.
+    if not text.endswith(('.html', '.htm')):
+        raise argparse.ArgumentTypeError(f'{text} does not end in .html')
+    return Path(text)
+
+
+@contextmanager
+def told(args: argparse.Namespace) -> Iterator[None]:
+    """
+    Check first that a report can be written; if the verb fails, let the page say why as well.
+
+    :raises OptionError: if there is no folder for the page.
+    :raises ImportError: if Bokeh is not installed.
+    """
+    if args.html is None:
+        yield
+        return
+    folder = args.html.resolve().parent
+    if not folder.is_dir():
+        raise OptionError(f'cannot write {args.html}: there is no folder {folder}')
+    from gravity_comp_ros.report.page import message_html
+    try:
+        yield
+    except GravityCompError as problem:
+        page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
+        write_atomically(args.html, page.encode(), error=GravityCompError)
+        raise
+
+
+def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
+             comparison: Comparison, judged: str, reports: tuple[ReadReport, ...],
+             diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
+             previous_name: str = '', shown: tuple[str, ...] = (),
+             notes: tuple[str, ...] = ()) -> Contents:
+    """Return what a report tells; `samples` are all that was read."""
+    from gravity_comp_ros.report.contents import Contents, Origin, predict_all
+    samples = samples.joints(model.joints)
+    origin = Origin(args.command, datetime.now(UTC).isoformat(timespec='seconds'),
+                    args.model.name if args.model else None, notes)
+    return Contents(samples, predict_all(model, samples), model, comparison, judged, reports,
+                    origin, diagnosis, previous or {}, previous_name, shown)
+
+
+def write(args: argparse.Namespace, found: Contents) -> None:
+    """
+    Write the report, the whole file or nothing.
+
+    :raises GravityCompError: if it cannot be written.
+    """
+    from gravity_comp_ros.report.page import report_html
+    write_atomically(args.html, report_html(found).encode(), error=GravityCompError)

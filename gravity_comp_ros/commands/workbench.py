@@ -1,0 +1,60 @@
+"""`gravity_comp workbench`: compare, diagnose, add and undo in a browser, on this machine."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.gravity.fit import CHOICES
+
+VERB = 'workbench'
+HELP = 'see where a model fails, add effects and watch the error fall, in a browser'
+EPILOG = """\
+examples:
+  gravity_comp workbench run1.mcap run2.mcap
+  gravity_comp workbench run1.mcap --model arm.json --model before.json     compare two models
+  gravity_comp workbench --live                        follow the node /gravity_comp
+  gravity_comp workbench run1.mcap --live arm/gravity_comp --no-browser --port 5010
+
+The page is served to this machine alone unless --host says otherwise; it reads no file but those
+named here. Stop it with Ctrl-C.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `workbench`."""
+    arguments.add_bags(parser, nargs='*')
+    parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
+                        help='a model to begin with, as `fit` writes it; further ones to '
+                        'compare it with (default: one is fitted)')
+    parser.add_argument('--formulation', choices=CHOICES, default='potential',
+                        help='of the model that is fitted first (default: %(default)s)')
+    parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
+                        help='follow the topics of a running node (default: gravity_comp)')
+    parser.add_argument('--host', default='127.0.0.1',
+                        help='address to serve on; others can then reach it (default: '
+                        '%(default)s)')
+    parser.add_argument('--port', type=_port, default=5006,
+                        help='0 for any that is free (default: %(default)s)')
+    parser.add_argument('--no-browser', action='store_true', help='open no browser window')
+    arguments.add_reading(parser)
+
+
+def _port(text: str) -> int:
+    port = int(text) if text.isdecimal() else -1
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError(f'{text!r} is no port (0 to 65535)')
+    return port
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve the page until it is stopped."""
+    if not args.bags and args.live is None:
+        raise OptionError('name at least one recording, or follow a node with --live')
+    # Bokeh is looked for here, and nowhere else is it needed.
+    from gravity_comp_ros.workbench.serve import serve, ServeOptions
+    serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),
+                       args.formulation, args.live, args.host, args.port, not args.no_browser))
+    return 0

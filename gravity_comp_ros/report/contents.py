@@ -1,0 +1,122 @@
+"""What a report tells of, gathered before anything is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from gravity_comp_ros.bag import ReadReport
+from gravity_comp_ros.diagnosis.compare import Comparison
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.recording import describe, RecordingFacts
+from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray, JointSamples
+import numpy as np
+
+# Rows of the feature matrix held at once.
+_CHUNK = 8192
+# Speeds below this are rest, for the colour of a point.
+STILL = 1e-3
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a report comes from: the command, when, and the model's file name if it has one."""
+
+    command: str
+    when: str
+    model_file: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Contents:
+    """
+    Samples, the model's prediction of them, and what was found.
+
+    `samples` are all that was recorded, of the model's joints; `predicted` (M, N) in N·m
+    belongs to them. `comparison` may be of a part of them (slow motion), which `judged` (a
+    sentence) tells. `previous` holds the RMSE by joint in N·m of another model on the same
+    part, named `previous_name`. `diagnosis` is None where none was made.
+    """
+
+    samples: JointSamples
+    predicted: FloatArray
+    model: GravityModel
+    comparison: Comparison
+    judged: str
+    reports: tuple[ReadReport, ...]
+    origin: Origin
+    diagnosis: Diagnosis | None = None
+    previous: Mapping[str, float] = field(default_factory=dict)
+    previous_name: str = ''
+    shown: tuple[str, ...] = ()
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Return the joints to show, all of the model unless chosen otherwise."""
+        return self.shown or self.model.joints
+
+    @property
+    def numbers(self) -> list[int]:
+        """Return the places of the shown joints among the model's."""
+        return [self.model.joints.index(name) for name in self.joints]
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Return measured minus predicted torque (M, N) in N·m."""
+        return np.asarray(self.samples.tau - self.predicted)
+
+    @cached_property
+    def rows(self) -> IntArray:
+        """Return which samples are drawn; extremes of torque and residual are among them."""
+        return keep_extremes(self.samples.runs, np.hstack([self.samples.tau, self.residual]))
+
+    @cached_property
+    def facts(self) -> RecordingFacts:
+        """Return what the recording holds."""
+        return describe(self.samples)
+
+    @cached_property
+    def outside(self) -> BoolArray:
+        """Return which poses (M,) lie outside the trained range."""
+        return np.asarray(self.model.coverage.distance(self.samples.q).max(axis=1) > 0.0)
+
+    @property
+    def worst(self) -> str:
+        """Return the shown joint with the largest RMSE."""
+        return max(self.joints, key=lambda name: self.comparison.joints[name].rmse)
+
+
+def predict_all(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return what the model says of every sample, (M, N) in N·m, without much memory.
+
+    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
+        effect that is not installed here.
+    """
+    samples = samples.joints(model.joints)
+    gravity = np.empty_like(samples.q)
+    for start in range(0, len(samples), _CHUNK):
+        gravity[start:start + _CHUNK] = model.predict(samples.q[start:start + _CHUNK])
+    return gravity + effect_torque(model, samples) if model.applied.effects else gravity
+
+
+def plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:
+    """Return time for plots (M,), runs one after another, and where each run begins."""
+    time = np.asarray(samples.t, dtype=np.float64).copy()
+    starts: list[tuple[float, str]] = []
+    offset, total = 0.0, 0.0
+    for run in np.unique(samples.runs):
+        here = samples.runs == run
+        total += float(np.ptp(samples.t[here]))
+    gap = 0.01 * total
+    for run in np.unique(samples.runs):
+        here = samples.runs == run
+        time[here] += offset - samples.t[here][0]
+        starts.append((offset, samples.run_labels[run]))
+        offset = float(time[here][-1]) + gap
+    return time, starts

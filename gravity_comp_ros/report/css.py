@@ -1,0 +1,58 @@
+"""The looks of the page around the plots."""
+
+TOKENS = """
+:root, :host { --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
+  --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --ok: #0b6e4f }
+:root.dark, :host(.dark), .dark { --ground: #14181d; --text: #e8eaed; --faint: #a4abb5;
+  --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --ok: #6fd3ae }
+"""
+
+CONTENT = """
+h1 { font-size: 1.5rem; line-height: 1.25; margin: .2rem 0 .6rem }
+h2 { font-size: 1.15rem; margin: 2rem 0 .4rem; border-bottom: 1px solid var(--line);
+  padding-bottom: .2rem }
+h3 { font-size: 1rem; margin: 1rem 0 .3rem }
+p { margin: .4rem 0; max-width: 75em }
+.quiet { color: var(--faint) }
+.wide { overflow-x: auto; margin: .6rem 0 }
+table { border-collapse: collapse; font-variant-numeric: tabular-nums }
+caption { text-align: left; font-weight: 600; padding: .2rem 0 }
+th, td { padding: .22rem .7rem .22rem 0; text-align: left; vertical-align: top;
+  border-bottom: 1px solid var(--line); overflow-wrap: break-word; min-width: 3.5em;
+  max-width: 42em }
+thead th { color: var(--faint); font-weight: 500; white-space: normal }
+tbody th { font-weight: 500; white-space: nowrap; max-width: 24em; overflow: hidden;
+  text-overflow: ellipsis }
+.number { text-align: right }
+tr.strong th, tr.strong td { font-weight: 700 }
+.key { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem }
+.key i { display: inline-block; width: .85em; height: .85em; border-radius: 2px;
+  margin-right: .35em; vertical-align: -.05em; border: 1px solid var(--line) }
+.equation { overflow-wrap: break-word; padding-left: 1.5em; text-indent: -1.5em }
+.equation span { white-space: nowrap }
+details { margin: .3rem 0 .6rem }
+summary { cursor: pointer; color: var(--strong) }
+pre { background: var(--soft); padding: .6rem .8rem; overflow-x: auto; border-radius: 4px;
+  white-space: pre-wrap; overflow-wrap: anywhere }
+ul { margin: .3rem 0; padding-left: 1.3rem }
+:focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
+"""
+
+PAGE = TOKENS + """
+* { box-sizing: border-box }
+body { margin: 0; background: var(--ground); color: var(--text);
+  font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif }
+main { max-width: 1400px; margin: 0 auto; padding: 1rem 1.4rem 4rem }
+nav { display: flex; flex-wrap: wrap; gap: .2rem 1rem; padding: .3rem 0 }
+a { color: var(--strong) }
+.verdict { font-size: 1.5rem }
+.plots { margin: .6rem 0 }
+""" + CONTENT + """
+@media print {
+  main { max-width: none; padding: 0 }
+  nav, .bk-Toolbar { display: none }
+  section { break-inside: auto }
+  h2, h3 { break-after: avoid }
+  body { font-size: 11px }
+}
+"""

@@ -1,0 +1,64 @@
+"""HTML from text and numbers: whatever comes from a file is escaped here, once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from gravity_comp_ros.printable import printable
+
+
+def text(value: object) -> str:
+    """Return any text as HTML that shows it literally, on one line."""
+    return escape(printable(value), quote=True)
+
+
+def paragraph(value: object, kind: str = '') -> str:
+    """Return a paragraph of plain text."""
+    return f'<p class="{kind}">{text(value)}</p>' if kind else f'<p>{text(value)}</p>'
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequence[str] = (),
+          strong: int | None = None, caption: str = '') -> str:
+    """
+    Return a table of plain text; the first column and those in `left` are text, others numbers.
+
+    :param strong: the row to stress, if any.
+    """
+    is_text = [k == 0 or column in left for k, column in enumerate(columns)]
+    head = ''.join(f'<th scope="col"{_class(t)}>{text(c)}</th>' for c, t in zip(columns, is_text))
+    body = ''
+    for number, row in enumerate(rows):
+        cells = ''.join(_cell(k, value, is_text[k]) for k, value in enumerate(row))
+        body += f'<tr class="strong">{cells}</tr>' if number == strong else f'<tr>{cells}</tr>'
+    named = f'<caption>{text(caption)}</caption>' if caption else ''
+    return (f'<div class="wide"><table>{named}<thead><tr>{head}</tr></thead>'
+            f'<tbody>{body}</tbody></table></div>')
+
+
+def bullets(lines: Iterable[object]) -> str:
+    """Return a list of plain lines; nothing for none."""
+    items = ''.join(f'<li>{text(line)}</li>' for line in lines)
+    return f'<ul>{items}</ul>' if items else ''
+
+
+def folded(summary: str, html: str) -> str:
+    """Return HTML that is shown on request."""
+    return f'<details><summary>{text(summary)}</summary>{html}</details>'
+
+
+def key(colours: Sequence[tuple[str, str]]) -> str:
+    """Return a legend for several plots: colours and what they stand for."""
+    entries = ''.join(f'<span><i style="background:{escape(colour, quote=True)}"></i>{text(name)}'
+                      '</span>' for colour, name in colours)
+    return f'<p class="key">{entries}</p>'
+
+
+def _class(is_text: bool) -> str:
+    return '' if is_text else ' class="number"'
+
+
+def _cell(place: int, value: object, is_text: bool) -> str:
+    if place == 0:
+        return f'<th scope="row">{text(value)}</th>'
+    return f'<td{_class(is_text)}>{text(value)}</td>'

@@ -1,0 +1,168 @@
+"""The ranked effects: what each is, before and after, and its added-variable plot."""
+
+from __future__ import annotations
+
+from bokeh.layouts import column, gridplot
+from bokeh.models import ColumnDataSource, FactorRange, Label, Slope, UIElement
+from bokeh.plotting import figure
+from bokeh.transform import dodge
+from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.source import Table
+from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, Style
+
+_MOST_PLOTS, _COLUMNS = 9, 3
+_MOST_BARS = 15
+_MOST_COEFFICIENTS = 4
+
+
+def section(contents: Contents, table: Table, style: Style) -> Section:
+    """Return the findings of the diagnosis; words alone where there are none."""
+    title = 'What is missing'
+    diagnosis = contents.diagnosis
+    if diagnosis is None:
+        return Section('effects', title, markup.paragraph(
+            'No diagnosis was made for this report: `gravity_comp diagnose --html` names the '
+            'effects that the model lacks.'))
+    if not diagnosis.findings:
+        return Section('effects', title, markup.paragraph(words.verdict(diagnosis))
+                       + summaries(diagnosis))
+    findings = diagnosis.findings
+    lead = markup.paragraph(
+        'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
+        'range of the measured torque.', 'quiet') + findings_table(findings)
+    parts: list[UIElement] = [bars(findings[:_MOST_BARS], style)]
+    drawn = _added(contents, table, style)
+    if drawn is not None:
+        parts.append(drawn)
+    return Section('effects', title, lead, column(*parts, sizing_mode='stretch_width'),
+                   _explained(drawn is not None) + details(findings) + summaries(diagnosis))
+
+
+def findings_table(findings: tuple[Finding, ...]) -> str:
+    """Return the ranked findings as a table."""
+    rows = [[f'{k + 1}  {label(f)}', words.where(f), f.verdict, coefficients(f),
+             f'{words.percent(f.nrmse_before)} → {words.percent(f.nrmse_after)}',
+             words.percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
+             ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
+    return markup.table(
+        ['effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
+         'gravity imitates', 'runs better', 'or rather'], rows,
+        left=('where', 'verdict', 'coefficients, 95 %', 'or rather'))
+
+
+def label(finding: Finding) -> str:
+    """Return an effect's name; something unexplained has none."""
+    return finding.effect or 'unexplained'
+
+
+def coefficients(finding: Finding) -> str:
+    """Return the coefficients with units and 95 % intervals in one line."""
+    items = list(finding.coefficients.items())
+    shown = '; '.join(f'{symbol} = {words.plus_minus(x)}'
+                      for symbol, x in items[:_MOST_COEFFICIENTS])
+    more = len(items) - _MOST_COEFFICIENTS
+    return (shown + (f' and {more} more' if more > 0 else '')) or '–'
+
+
+def bars(findings: tuple[Finding, ...], style: Style) -> figure:
+    """Return the held-out error of each finding without and with it."""
+    names = [f'{k + 1}  {label(f)} · {f.joint or "whole arm"}'
+             for k, f in enumerate(findings)]
+    shown = [canvas_text(printable(name)) for name in names]
+    source = ColumnDataSource({
+        'name': shown, 'before': [100.0 * f.nrmse_before for f in findings],
+        'after': [100.0 * f.nrmse_after for f in findings]})
+    made = plot(style, 'Held-out error without and with each effect, added in this order',
+                '% of the range of the torque', '', 92 + 38 * len(names), 'hover,save',
+                y_range=FactorRange(*shown[::-1]))
+    made.hbar(dodge('name', 0.17, range=made.y_range), right='before', height=0.3, source=source,
+              color=style.before, legend_label='without')
+    made.hbar(dodge('name', -0.17, range=made.y_range), right='after', height=0.3, source=source,
+              color=style.after, legend_label='with')
+    made.x_range.start = 0.0
+    made.ygrid.visible = False
+    made.hover.tooltips = [('without', '@before{0.00} %'), ('with', '@after{0.00} %')]
+    made.add_layout(made.legend[0], 'right')
+    dress_legend(made, style)
+    made.toolbar_location = None
+    return made
+
+
+def details(findings: tuple[Finding, ...]) -> str:
+    """Return why each finding is believed, and what to do next."""
+    parts = [f'<p><b>{k + 1}. {markup.text(label(f))}</b> on {markup.text(words.where(f))}: '
+             f'{markup.text(f.why)}.<br>{markup.text("Next: " + f.next_step)}</p>'
+             for k, f in enumerate(findings)]
+    return markup.folded('Why, and what to do next', ''.join(parts))
+
+
+def summaries(diagnosis: Diagnosis) -> str:
+    """Return a word on every joint, and what this recording cannot show."""
+    rows = [[name, r.summary, f'{r.noise_floor:.3g}', f'{r.n_effective:.0f}',
+             f'{r.rmse_before:.3g}', f'{r.rmse_after:.3g}'] for name, r in
+            diagnosis.joints.items()]
+    table = markup.table(['joint', 'found', 'sensor noise N·m', 'independent samples',
+                          'held-out RMSE before N·m', 'and after N·m'], rows, left=('found',))
+    grouped: dict[tuple[str, str], list[str]] = {}
+    for name, report in diagnosis.joints.items():
+        for effect, reason in report.untestable.items():
+            grouped.setdefault((effect, reason), []).append(name)
+    lines = [f'{effect} on {", ".join(joints)}: {reason}'
+             for (effect, reason), joints in grouped.items()]
+    unseen = markup.folded(f'What this recording cannot show ({len(lines)})',
+                           markup.bullets(lines)) if lines else ''
+    return table + unseen
+
+
+def _explained(is_drawn: bool) -> str:
+    return markup.paragraph(
+        'The small plots are added-variable plots: across, what the effect explains that '
+        'gravity and the other effects cannot; upwards, what is measured of it. Points along '
+        'the line speak for the effect; a bend, or few points that carry the line, against '
+        'it.', 'quiet') if is_drawn else ''
+
+
+def _added(contents: Contents, table: Table, style: Style) -> UIElement | None:
+    findings = contents.diagnosis.findings if contents.diagnosis else ()
+    motion = build_motion(contents.samples, contents.model)
+    plots = []
+    for k, finding in enumerate(findings[:_MOST_PLOTS]):
+        others = [f for f in findings if f is not finding and f.verdict in words.FOUND]
+        found = added_variable(motion, contents.model, finding, others, table.drawn)
+        if found is not None:
+            plots.append((k, found))
+    if not plots:
+        return None
+    table.add({f'ax{k}': table.spread(found.x) for k, found in plots}
+              | {f'ay{k}': table.spread(found.y) for k, found in plots})
+    made = [_plot(found, table, style, k) for k, found in plots]
+    rows = [made[k:k + _COLUMNS] for k in range(0, len(made), _COLUMNS)]
+    rows[-1] += [None] * (min(_COLUMNS, len(made)) - len(rows[-1]))
+    return gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
+                    toolbar_location='above', toolbar_options={'logo': None})
+
+
+def _plot(found: AddedVariable, table: Table, style: Style, k: int) -> figure:
+    x = 'angle, rad' if found.is_angle else 'explained by it alone, N·m'
+    made = plot(style, printable(f'{k + 1}  {label(found.finding)} · {found.joint}'), x,
+                'measured, N·m', 250, tools='pan,box_zoom,box_select,lasso_select,reset,save')
+    made.scatter(f'ax{k}', f'ay{k}', source=table.source, size=3, line_color=None,
+                 fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
+                 selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
+                 nonselection_line_color=None, selection_line_color=None)
+    if not found.is_angle:
+        made.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=style.predicted,
+                              line_width=2))
+        made.add_layout(Label(x=6, y=4, x_units='screen', y_units='screen',
+                              text=f'explains {100 * max(found.share, 0.0):.0f} %',
+                              text_color=style.text, text_font_size='12px',
+                              background_fill_color=style.background,
+                              background_fill_alpha=0.8))
+    return made

@@ -1,0 +1,162 @@
+"""Heat maps over pairs of joints: the error, how many samples, and what was never visited."""
+
+from __future__ import annotations
+
+from bokeh.layouts import column, gridplot
+from bokeh.models import (
+    ColorBar, ColumnDataSource, CustomJS, FixedTicker, HoverTool, LinearColorMapper,
+    LogColorMapper, LogTicker, Range1d, Select)
+from bokeh.plotting import figure
+from gravity_comp_ros.printable import printable
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.pairs import pair_grid, PairGrid, places
+from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.source import Table
+from gravity_comp_ros.report.style import canvas_text, plot, Style
+import numpy as np
+
+_GAP = 0.06
+_TOOLS = 'tap,box_select,reset,save'
+
+# Cells that are chosen mark the samples in them, and samples the cells that they lie in.
+_CELLS_TO_SAMPLES = """
+if (samples.busy) return
+samples.busy = true
+const chosen = cells.selected.indices, found = []
+if (chosen.length) {
+  const d = cells.data, s = samples.data
+  const wanted = chosen.map(k => [s['c' + d.i[k]], d.a[k], s['c' + d.j[k]], d.b[k]])
+  for (let row = 0; row < s.t.length; row++)
+    if (wanted.some(([p, a, q, b]) => p[row] == a && q[row] == b)) found.push(row)
+}
+samples.selected.indices = found
+samples.busy = false
+"""
+_SAMPLES_TO_CELLS = """
+if (samples.busy) return
+samples.busy = true
+const chosen = samples.selected.indices, found = []
+if (chosen.length) {
+  const d = cells.data, s = samples.data, seen = new Set()
+  for (const row of chosen)
+    for (let i = 0; i < n; i++)
+      for (let j = i; j < n; j++)
+        seen.add(((i * n + j) * size + s['c' + i][row]) * size + s['c' + j][row])
+  for (let k = 0; k < d.i.length; k++)
+    if (seen.has(((d.i[k] * n + d.j[k]) * size + d.a[k]) * size + d.b[k])) found.push(k)
+}
+cells.selected.indices = found
+samples.busy = false
+"""
+_SHOW_JOINT = """
+const rms = cells.data['e' + this.value]
+cells.data.shown = rms
+let high = 0
+for (const x of rms) high = Math.max(high, x)
+colours.high = high
+cells.change.emit()
+"""
+
+
+def section(contents: Contents, table: Table, style: Style) -> Section:
+    """Return the error of one joint, to be chosen, and the counts, over all pairs."""
+    numbers = contents.numbers
+    grid = pair_grid(contents.samples.q[:, numbers], contents.residual[:, numbers])
+    names = contents.joints
+    cells = _cells(grid, contents)
+    worst = names.index(contents.worst)
+    high = float(grid.rms[:, worst].max()) or 1e-9
+    error_colours = LinearColorMapper(palette=style.heat, low=0.0, high=high)
+    count_colours = LogColorMapper(palette=style.heat, low=1,
+                                   high=max(float(grid.count.max()), 2.0))
+    error = _matrix(style, 'RMS of the residual, N·m', names, cells, 'shown', error_colours)
+    counts = _matrix(style, 'samples', names, cells, 'count', count_colours)
+    counts.select_one(ColorBar).ticker = LogTicker(desired_num_ticks=4)
+    choice = Select(title='residual of joint', value=str(worst), width=260,
+                    options=[(str(k), canvas_text(printable(x))) for k, x in enumerate(names)])
+    choice.js_on_change('value', CustomJS(args={'cells': cells, 'colours': error_colours},
+                                          code=_SHOW_JOINT))
+    _link(table, contents, grid, cells)
+    both = gridplot([[error, counts]], merge_tools=True, sizing_mode='stretch_width',
+                    toolbar_location='above', toolbar_options={'logo': None})
+    lead = markup.paragraph(
+        'Each block is a pair of joints, each cell a part of their ranges; on the diagonal a '
+        'joint is by itself. Cells without colour were never visited: there the model is a '
+        'guess. A cell that is chosen marks its samples in the other plots.', 'quiet')
+    return Section('pairs', 'Over pairs of joints', lead,
+                   column(choice, both, sizing_mode='stretch_width'), _coverage(grid, names))
+
+
+def _cells(grid: PairGrid, contents: Contents) -> ColumnDataSource:
+    """Return every visited cell as a rectangle: first joint to the right, second upwards."""
+    n, size = len(contents.joints), grid.cells
+    width = (1.0 - _GAP) / size
+    own = grid.first == grid.second
+    left = grid.first + _GAP / 2 + grid.column * width
+    # On the diagonal a joint is alone: a bar over the height of the block.
+    top_down = np.where(own, 0, grid.row) * width
+    low = (n - 1 - grid.second) + _GAP / 2 + top_down
+    high = np.where(own, n - grid.second - _GAP / 2, low + width)
+    data = {'left': left, 'right': left + width, 'bottom': low, 'top': high,
+            'i': grid.first, 'j': grid.second, 'a': grid.column, 'b': grid.row,
+            'count': grid.count, 'shown': grid.rms[:, contents.joints.index(contents.worst)],
+            'x': 0.5 * (grid.edges[grid.first, grid.column]
+                        + grid.edges[grid.first, grid.column + 1]),
+            'y': 0.5 * (grid.edges[grid.second, grid.row] + grid.edges[grid.second, grid.row + 1])}
+    floats = {k: v.astype(np.float32) for k, v in data.items() if v.dtype.kind == 'f'}
+    whole = {k: v.astype(np.int32) for k, v in data.items() if v.dtype.kind != 'f'}
+    errors = {f'e{k}': grid.rms[:, k].astype(np.float32) for k in range(n)}
+    return ColumnDataSource({**floats, **whole, **errors})
+
+
+def _matrix(style: Style, title: str, names: tuple[str, ...], cells: ColumnDataSource,
+            field: str, colours: LinearColorMapper | LogColorMapper) -> figure:
+    n = len(names)
+    height = int(min(560, max(240, 150 + 62 * n)))
+    made = plot(style, title, '', '', height, _TOOLS, x_range=Range1d(0, n),
+                y_range=Range1d(0, n))
+    made.grid.visible = False
+    blocks = [(i, n - 1 - j) for i in range(n) for j in range(i, n)]
+    half = _GAP / 2
+    made.quad(left=[x + half for x, _ in blocks], right=[x + 1 - half for x, _ in blocks],
+              bottom=[y + half for _, y in blocks], top=[y + 1 - half for _, y in blocks],
+              fill_color=style.never, line_color=style.grid, hatch_pattern='/',
+              hatch_color=style.grid, hatch_scale=7, level='underlay')
+    drawn = made.quad('left', 'right', 'top', 'bottom', source=cells, line_color=None,
+                      fill_color={'field': field, 'transform': colours},
+                      nonselection_fill_alpha=0.35, selection_line_color=style.marked)
+    made.add_tools(HoverTool(renderers=[drawn], tooltips=[
+        ('joint at the bottom', '@x{0.00} rad'), ('joint at the left', '@y{0.00} rad'),
+        ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]))
+    ticks = [k + 0.5 for k in range(n)]
+    labels = [canvas_text(printable(name)) for name in names]
+    made.xaxis.ticker = made.yaxis.ticker = FixedTicker(ticks=ticks)
+    made.xaxis.major_label_overrides = dict(zip(ticks, labels))
+    made.yaxis.major_label_overrides = dict(zip(ticks, labels[::-1]))
+    if max(len(name) for name in names) * n > 40:
+        made.xaxis.major_label_orientation = 0.8
+    bar = ColorBar(color_mapper=colours, width=12, padding=6,
+                   major_label_text_color=style.text, background_fill_color=style.background)
+    made.add_layout(bar, 'right')
+    return made
+
+
+def _link(table: Table, contents: Contents, grid: PairGrid, cells: ColumnDataSource) -> None:
+    numbers = contents.numbers
+    place = places(contents.samples.q[:, numbers], grid.edges)
+    table.add({f'c{k}': table.column(place[:, k]) for k in range(len(numbers))})
+    args = {'cells': cells, 'samples': table.source, 'n': len(numbers), 'size': grid.cells}
+    cells.selected.js_on_change('indices', CustomJS(args=args, code=_CELLS_TO_SAMPLES))
+    table.source.selected.js_on_change('indices', CustomJS(args=args, code=_SAMPLES_TO_CELLS))
+
+
+def _coverage(grid: PairGrid, names: tuple[str, ...]) -> str:
+    if len(names) < 2:
+        return ''
+    pairs = sorted((float(grid.visited[i, j]), i, j) for i in range(len(names))
+                   for j in range(i + 1, len(names)))
+    share, i, j = pairs[0]
+    return markup.paragraph(
+        f'Least is known of {names[i]} with {names[j]}: {100 * share:.0f} % of the cells within '
+        f'their ranges were visited.')

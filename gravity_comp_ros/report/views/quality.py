@@ -1,0 +1,36 @@
+"""What the recordings are worth."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.section import Section
+import numpy as np
+
+
+def section(contents: Contents) -> Section:
+    """Return what was read, what was dropped, and what each joint did."""
+    facts = contents.facts
+    bags = [[r.path.name, r.topic, r.n_messages, r.n_samples, f'{r.rate_hz:.4g}',
+             f'{r.duration_s:.1f}', r.velocity,
+             '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
+             or 'none'] for r in contents.reports]
+    html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
+                         'velocity', 'dropped'], bags, left=('topic', 'velocity', 'dropped'))
+    html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)
+    rows = []
+    for name in contents.joints:
+        joint = facts.joints[name]
+        low, high = np.degrees([joint.q_min, joint.q_max])
+        rows.append([name, f'{low:.0f} … {high:.0f}', f'{joint.max_speed:.3f}',
+                     f'{joint.rms_speed:.3f}',
+                     'at rest' if joint.reversals is None else joint.reversals,
+                     f'{joint.tau_min:.2f} … {joint.tau_max:.2f}',
+                     '–' if joint.pose_share is None else f'{100 * joint.pose_share:.0f} %'])
+    html += markup.table(['joint', 'range °', 'fastest rad/s', 'RMS rad/s', 'turns',
+                          'torque N·m', 'torque explained by pose'], rows)
+    html += markup.paragraph(
+        f'{100 * facts.slow_share:.0f} % of the samples are slow enough for gravity to show '
+        f'alone.')
+    html += markup.bullets(facts.remarks)
+    return Section('quality', 'Quality of the data', html)

@@ -1,0 +1,59 @@
+"""The residual against the joint's own speed, position and load, and against time."""
+
+from __future__ import annotations
+
+from bokeh.layouts import gridplot
+from bokeh.models import DataRange1d, LinearColorMapper, Span
+from bokeh.plotting import figure
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.source import Table
+from gravity_comp_ros.report.style import plot, Style
+
+_HEIGHT, _AXIS = 165, 22
+# Column's letter, its title, its axis.
+_AGAINST = (('v', 'own speed', 'rad/s'), ('q', 'own position', 'rad'),
+            ('p', 'own load (predicted)', 'N·m'), ('t', 'time', 's'))
+
+
+def section(contents: Contents, table: Table, style: Style) -> Section:
+    """Return four plots a joint, coloured by the direction of motion."""
+    colours = LinearColorMapper(palette=[style.down, style.still, style.up], low=-1.5, high=1.5,
+                                nan_color=style.background)
+    rows = [[_scatter(contents, table, style, n, k, colours, share)
+             for share in [own_range()] for k in range(len(_AGAINST))]
+            for n in contents.numbers]
+    grid = gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
+                    toolbar_location='above', toolbar_options={'logo': None})
+    lead = markup.paragraph(
+        'A model that is right leaves level bands. A step at speed 0 is friction, a slope over '
+        'speed is viscous friction, over load a wrong gain or friction that grows with load, '
+        'over position a spring or a missing term, over time a drift.', 'quiet')
+    lead += markup.key([(style.up, 'moving up'), (style.down, 'moving down'),
+                        (style.still, 'standing still'), (style.marked, 'selected')])
+    return Section('residuals', 'What the residual depends on', lead, grid)
+
+
+def own_range() -> DataRange1d:
+    """Return a range for one row of plots."""
+    return DataRange1d(range_padding=0.06)
+
+
+def _scatter(contents: Contents, table: Table, style: Style, n: int, k: int,
+             colours: LinearColorMapper, share: DataRange1d) -> figure:
+    letter, title, unit = _AGAINST[k]
+    name = contents.model.joints[n]
+    x = 't' if letter == 't' else f'{letter}{n}'
+    made = plot(style, name if k == 0 else '', f'{title}, {unit}',
+                'residual, N·m' if k == 0 else '', _HEIGHT + _AXIS, y_range=share,
+                tools='pan,box_zoom,box_select,lasso_select,tap,reset,save')
+    made.scatter(x, f'r{n}', source=table.source, size=3, line_color=None,
+                 fill_color={'field': f'd{n}', 'transform': colours}, fill_alpha=0.55,
+                 selection_fill_color=style.marked, selection_fill_alpha=0.95,
+                 nonselection_fill_alpha=0.12, nonselection_line_color=None,
+                 selection_line_color=None)
+    made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
+    made.xaxis.ticker.desired_num_ticks = 4
+    made.yaxis.ticker.desired_num_ticks = 4
+    return made

@@ -1,0 +1,61 @@
+"""The spectrum of the residual, over time and over the joint's angle."""
+
+from __future__ import annotations
+
+from bokeh.layouts import gridplot
+from bokeh.models import BasicTickFormatter, CrosshairTool
+from bokeh.plotting import figure
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.spectra import over_angle, over_time
+from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.samples import FloatArray
+
+_HEIGHT = 190
+_TOOLS = 'xpan,xbox_zoom,hover,reset,save'
+
+
+def section(contents: Contents, style: Style) -> Section:
+    """Return two plots a joint."""
+    rows = []
+    for n in contents.numbers:
+        name = contents.model.joints[n]
+        frequency, density = over_time(contents.samples, contents.residual[:, n])
+        order, amplitude = over_angle(contents.samples.q[:, n], contents.residual[:, n])
+        rows.append([
+            _plot(style, name, 'frequency, Hz', 'N·m/√Hz', frequency, density, True,
+                  'The recording is too short for a spectrum'),
+            _plot(style, '', 'cycles per turn of the joint', 'N·m', order, amplitude, False,
+                  'The joint hardly moves')])
+    grid = gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
+                    toolbar_location='above', toolbar_options={'logo': None})
+    lead = markup.paragraph(
+        'Left over time: noise is flat, what is missing lies at the slow end, a motor or the '
+        'mains stands out as a line. Right over the angle: a line at a whole number of cycles '
+        'per turn comes from a gear or a bearing.', 'quiet')
+    return Section('spectrum', 'How the residual repeats', lead, grid)
+
+
+def _plot(style: Style, title: str, x_label: str, y_label: str, x: FloatArray, y: FloatArray,
+          logarithmic: bool, empty: str) -> figure:
+    kind = 'log' if logarithmic and len(x) else 'linear'
+    made = plot(style, title, x_label, y_label, _HEIGHT, _TOOLS, x_axis_type=kind,
+                y_axis_type=kind)
+    if not len(x):
+        made.text([0.0], [0.0], [empty], text_color=style.faint, text_align='center',
+                  text_baseline='middle', text_font_size='13px')
+        made.axis.visible = False
+        made.grid.visible = False
+        return made
+    floor = float(y[y > 0].min()) if (y > 0).any() else 1e-12
+    y = y.clip(min=floor)
+    made.line(x, y, color=style.residual, line_width=1.2)
+    made.yaxis.ticker.desired_num_ticks = 3
+    if not logarithmic:
+        made.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+    if not logarithmic:
+        made.varea(x, [0.0] * len(x), y, fill_color=style.residual, fill_alpha=0.25)
+    made.hover.tooltips = [(x_label.split(',')[0], '@x{0.000}'), (y_label, '@y{0.0000}')]
+    made.add_tools(CrosshairTool(dimensions='height', line_color=style.faint))
+    return made

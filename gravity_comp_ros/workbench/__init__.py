@@ -1,0 +1,1 @@
+"""The workbench: compare, diagnose, add and undo in a browser; needs Bokeh (extra `report`)."""

@@ -1,0 +1,164 @@
+"""A running node as it works: measured, predicted, residual, coverage, state and events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from bokeh.layouts import column, gridplot
+from bokeh.models import ColumnDataSource, DataRange1d, Div, Span, UIElement
+from bokeh.plotting import figure
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.workbench import widgets
+import numpy as np
+
+_SHOWN = 3000
+_EVERY = 3
+_LEVELS = ('ok', 'warning', 'error', 'stale')
+_MOST_EVENTS = 30
+
+
+class Status(Protocol):
+    """One status of the node: its level (0 ok, 1 warning, 2 error, 3 stale) and words."""
+
+    @property
+    def name(self) -> str:
+        """Return which part of the node it is of."""
+
+    @property
+    def level(self) -> int:
+        """Return how bad it is."""
+
+    @property
+    def message(self) -> str:
+        """Return what it says."""
+
+
+class Follower(Protocol):
+    """
+    What follows a node; every method returns at once.
+
+    `rows(after)` gives what came after row number `after`: the new number, time in s (K,), and
+    measured and predicted torque (K, N) in N·m.
+    """
+
+    node: str
+
+    def joints(self) -> tuple[str, ...]:
+        """Return the joints that the node tells of, none before its first message."""
+
+    def rows(self, after: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        """Return the rows after number `after`."""
+
+    def coverage(self) -> tuple[FloatArray, FloatArray]:
+        """Return the least and largest angle seen of each joint (N,) in rad."""
+
+    def statuses(self) -> Sequence[Status]:
+        """Return what the node last said of itself."""
+
+    def events(self) -> Sequence[tuple[str, str]]:
+        """Return when and what changed, the latest last."""
+
+    def close(self) -> None:
+        """Stop following."""
+
+
+class LiveView:
+    """The live view of one page."""
+
+    def __init__(self, follower: Follower, style: Style) -> None:
+        self.follower, self.style = follower, style
+        self._state = widgets.html('', 'live-state')
+        self._events = widgets.html('', 'live-events')
+        self._plots = column(sizing_mode='stretch_width')
+        self.element: UIElement = column(self._state, self._plots, self._events,
+                                         sizing_mode='stretch_width')
+        self._source: ColumnDataSource | None = None
+        self._joints: tuple[str, ...] = ()
+        self._seen, self._turn = 0, 0
+
+    def dress(self, style: Style) -> None:
+        """Draw in another style from now on."""
+        self.style, self._joints, self._seen = style, (), 0
+
+    def update(self, visible: bool) -> None:
+        """Show what has come since the last call."""
+        self._turn += 1
+        if not visible or self._turn % _EVERY:
+            return
+        joints = self.follower.joints()
+        if joints != self._joints:
+            self._joints, self._seen = joints, 0
+            self._draw()
+        if self._source is not None:
+            self._stream(self._source)
+        _put(self._state, self._told())
+        _put(self._events, _listed(self.follower.events()))
+
+    def _draw(self) -> None:
+        n = len(self._joints)
+        empty: dict[str, list[float]] = {
+            't': [], **{f'{letter}{k}': [] for k in range(n) for letter in 'mpr'}}
+        source = self._source = ColumnDataSource(empty)
+        time = DataRange1d(follow='end', follow_interval=60.0, range_padding=0.0)
+        rows = [[_torque(name, k, source, time, self.style),
+                 _residual(k, source, time, self.style)] for k, name in enumerate(self._joints)]
+        self._plots.children = [gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
+                                         toolbar_options={'logo': None})] if rows else []
+
+    def _stream(self, source: ColumnDataSource) -> None:
+        self._seen, t, measured, predicted = self.follower.rows(self._seen)
+        if not len(t):
+            return
+        new = {'t': t}
+        for k in range(measured.shape[1]):
+            new |= {f'm{k}': measured[:, k], f'p{k}': predicted[:, k],
+                    f'r{k}': measured[:, k] - predicted[:, k]}
+        source.stream(new, rollover=_SHOWN)
+
+    def _told(self) -> str:
+        node, statuses = self.follower.node, self.follower.statuses()
+        head = f'<h2>Node {markup.text(node)}</h2>'
+        if not statuses and not self._joints:
+            return head + markup.paragraph(
+                'Nothing heard of it yet. Is it running, and in the same ROS_DOMAIN_ID?')
+        rows = [[s.name, _LEVELS[min(s.level, 3)], s.message] for s in statuses]
+        table = markup.table(['part', 'level', 'what it says'], rows,
+                             left=('level', 'what it says')) if rows else ''
+        if not self._joints:
+            return head + table + markup.paragraph('No torque is predicted yet.', 'quiet')
+        low, high = (np.degrees(x) for x in self.follower.coverage())
+        seen = markup.table(['joint', 'angles seen °'],
+                            [[name, f'{a:.0f} … {b:.0f}']
+                             for name, a, b in zip(self._joints, low, high)])
+        key = markup.key([(self.style.measured, 'measured'), (self.style.predicted, 'predicted'),
+                          (self.style.residual, 'residual')])
+        return head + table + markup.folded('Coverage', seen) + key
+
+
+def _torque(name: str, k: int, source: ColumnDataSource, time: DataRange1d,
+            style: Style) -> figure:
+    made = plot(style, name, 'time, s', 'N·m', 170, 'xpan,xwheel_zoom,reset,save', x_range=time)
+    made.line('t', f'm{k}', source=source, color=style.measured)
+    made.line('t', f'p{k}', source=source, color=style.predicted, line_dash=[6, 3], line_width=1.5)
+    return made
+
+
+def _residual(k: int, source: ColumnDataSource, time: DataRange1d, style: Style) -> figure:
+    made = plot(style, '', 'time, s', 'residual, N·m', 170, 'xpan,xwheel_zoom,reset,save',
+                x_range=time)
+    made.line('t', f'r{k}', source=source, color=style.residual)
+    made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint))
+    return made
+
+
+def _listed(events: Sequence[tuple[str, str]]) -> str:
+    shown = [f'{when}  {what}' for when, what in list(events)[-_MOST_EVENTS:][::-1]]
+    return '<h3>Events</h3>' + (markup.bullets(shown) or markup.paragraph('None yet.', 'quiet'))
+
+
+def _put(place: Div, text: str) -> None:
+    if place.text != text:
+        place.text = text

@@ -1,0 +1,70 @@
+"""The page around the views, and the looks of what stands on it."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.report import css
+
+# In every widget and text: custom properties of the page reach into them.
+INSIDE = """
+:host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
+.bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text) }
+.bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
+  border-color: var(--line) }
+.bk-btn { background: var(--soft); color: var(--text); border: 1px solid var(--line);
+  white-space: normal; text-align: left }
+.bk-btn:hover, .bk-btn:focus { background: var(--soft); color: var(--text);
+  border-color: var(--strong) }
+.bk-btn.bk-active { background: var(--strong); color: var(--ground) }
+.bk-btn:disabled, .bk-btn[disabled] { opacity: .5 }
+.bk-btn-primary, .bk-btn-primary:hover, .bk-btn-primary:focus, .bk-btn.bk-active:hover,
+.bk-btn.bk-active:focus { background: var(--strong); color: var(--ground);
+  border-color: var(--strong) }
+:focus-visible { outline: 2px solid var(--strong); outline-offset: 1px }
+""" + css.CONTENT + """
+h1, h2, h3 { margin-top: .5rem }
+h1 { font-size: 1.3rem; margin-bottom: 0 }
+"""
+
+TEMPLATE = """
+{% from macros import embed %}
+<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<link rel="icon" href="data:,">
+<title>{{ title | e }}</title>
+{{ bokeh_css | indent(0) }}
+{{ bokeh_js | indent(0) }}
+<style>
+""" + css.TOKENS + """
+* { box-sizing: border-box }
+body { margin: 0; background: var(--ground); color: var(--text);
+  font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
+.page { display: grid; grid-template-columns: 250px minmax(0, 1fr); gap: 0 1.4rem;
+  max-width: 1600px; margin: 0 auto; padding: .6rem 1rem 4rem }
+header { grid-column: 1 / -1; border-bottom: 1px solid var(--line); padding-bottom: .4rem }
+aside { padding-top: .8rem }
+.above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
+.skip { position: absolute; left: -999px }
+.skip:focus { left: 1rem; top: .5rem; background: var(--ground); padding: .4rem; z-index: 9 }
+@media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) } }
+</style>
+</head>
+<body>
+<a class="skip" href="#views">Skip to the views</a>
+<div class="page">
+<header aria-live="polite" id="head">{{ embed(roots.head) }}</header>
+<aside aria-label="Choices" id="side">{{ embed(roots.side) }}</aside>
+<main>
+<div class="above">
+<section aria-label="What is missing" id="missing">{{ embed(roots.missing) }}</section>
+<section aria-label="Error so far" id="history">{{ embed(roots.history) }}</section>
+</div>
+<section aria-label="Views" id="views">{{ embed(roots.views) }}</section>
+</main>
+</div>
+{{ plot_script | indent(0) }}
+</body>
+</html>
+"""

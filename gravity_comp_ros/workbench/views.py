@@ -1,0 +1,65 @@
+"""The views of the present model: made when they are looked at, and kept until it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bokeh.layouts import column
+from bokeh.models import UIElement
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.source import Table
+from gravity_comp_ros.report.style import Style
+from gravity_comp_ros.report.views import (
+    effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
+from gravity_comp_ros.workbench import widgets
+
+NAMES = ('Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model', 'Data',
+         'Origin')
+
+
+class Views:
+    """The views of one model on one set of samples, in one style."""
+
+    def __init__(self, contents: Contents, style: Style, selected: list[int]) -> None:
+        self.contents, self.style = contents, style
+        self.table = Table(contents)
+        if selected and max(selected) < len(self.table.rows):
+            self.table.source.selected.indices = selected
+        self._made: dict[str, UIElement] = {}
+
+    @property
+    def selected(self) -> list[int]:
+        """Return which drawn rows are selected."""
+        return list(self.table.source.selected.indices)
+
+    def show(self, name: str) -> UIElement:
+        """Return a view by its name."""
+        if name not in self._made:
+            self._made[name] = element(self._section(name))
+        return self._made[name]
+
+    def _section(self, name: str) -> Section:
+        contents, table, style = self.contents, self.table, self.style
+        makers: dict[str, Callable[[], Section]] = {
+            'Errors': lambda: joints.section(contents),
+            'Over time': lambda: time.section(contents, table, style),
+            'Residual': lambda: residuals.section(contents, table, style),
+            'Pairs': lambda: pairs.section(contents, table, style),
+            'Spectrum': lambda: spectrum.section(contents, style),
+            'Effects': lambda: effects.section(contents, table, style),
+            'Model': lambda: equations.section(contents, style),
+            'Data': lambda: quality.section(contents),
+            'Origin': lambda: provenance.section(contents)}
+        return makers[name]()
+
+
+def element(section: Section) -> UIElement:
+    """Return a section as one element of a page."""
+    parts: list[UIElement] = [widgets.html(f'<h2>{markup.text(section.title)}</h2>{section.lead}')]
+    if section.plots is not None:
+        parts.append(section.plots)
+    if section.after:
+        parts.append(widgets.html(section.after))
+    return column(*parts, sizing_mode='stretch_width')
