@@ -46,3 +46,27 @@ def samples_of(q: np.ndarray, tau: np.ndarray, noise: float = 0.0, seed: int = 0
 def poses(count: int, n_joints: int, seed: int = 0, reach: float = 2.5) -> np.ndarray:
     """Return random poses within ±reach rad, shape (count, n_joints)."""
     return np.random.default_rng(seed).uniform(-reach, reach, (count, n_joints))
+
+
+def six_axes_with_parallel_ones() -> Arm:
+    """
+    Return an arm like the usual six-axis one: axes 2, 3 and 4 are parallel.
+
+    Twists, lengths, masses and centres are those of a UR10 to a centimetre (public D-H table).
+    """
+    twist = np.pi * np.array([0.0, 0.5, 0.0, 0.0, 0.5, -0.5])
+    along = (0.0, 0.0, -0.61, -0.57, 0.0, 0.0)
+    up = (0.13, 0.0, 0.0, 0.16, 0.12, 0.09)
+    masses = (7.1, 12.7, 4.3, 2.0, 2.0, 0.4)
+    centres = ((0.02, 0.0, 0.03), (-0.23, 0.0, 0.16), (-0.2, 0.0, 0.07), (0.0, 0.01, 0.01),
+               (0.0, -0.01, 0.01), (0.0, 0.0, -0.03))
+    model, parent = pin.Model(), 0
+    names = tuple(f'axis{n}' for n in range(6))
+    for n, name in enumerate(names):
+        turn = pin.rpy.rpyToMatrix(twist[n], 0.0, 0.0)
+        origin = np.array([along[n], 0.0, 0.0]) + turn @ np.array([0.0, 0.0, up[n]])
+        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(turn, origin), name)
+        model.appendBodyToJoint(parent, pin.Inertia(masses[n], np.array(centres[n]),
+                                                    0.01 * np.eye(3)), pin.SE3.Identity())
+    limit = np.full(6, 2.6)
+    return Arm('six', names, model, -limit, limit, limit)

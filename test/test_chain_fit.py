@@ -14,7 +14,7 @@ from gravity_comp_ros.simulation import arms, generated, motions
 import numpy as np
 import pinocchio as pin
 import pytest
-from serial_arms import poses, samples_of
+from serial_arms import poses, samples_of, six_axes_with_parallel_ones
 from test_chain_model import random_chain
 
 NOISE = 0.1
@@ -105,7 +105,7 @@ def test_arms_that_nobody_built(seed, right_angles):
     assert worst(model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.15
 
 
-@pytest.mark.parametrize('n', [1, 2, 10])
+@pytest.mark.parametrize('n', [1, 2, 3, 4, 5, 8, 9, 10])
 def test_any_number_of_joints(n):
     arm = generated.generated_arm(2, n)
     q = generated.small_motion(arm, 0, duration=60.0).q
@@ -122,6 +122,17 @@ def test_parallel_axes(level):
     q = generated.small_motion(arm, 1, duration=60.0).q
     model = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN).model
     assert worst(model, arm, poses(200, 3)) <= 0.1
+
+
+@pytest.mark.parametrize('tilt', [(0.0, 0.0), (0.4, -0.3), (np.pi, 0.0), (np.pi / 2, 0.0)])
+def test_six_axes_three_of_them_parallel(tilt):
+    # Standing, leaning, hanging from a ceiling, on a wall.
+    arm = arms.with_base_tilt(six_axes_with_parallel_ones(), *tilt)
+    q = generated.small_motion(arm, 2).q
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    model = fit(samples, CHAIN).model
+    assert worst(model, arm, generated.small_motion(arm, 2, start=100.0).q) <= 0.03
+    assert worst(model, arm, poses(300, 6, reach=2.6)) <= 0.15
 
 
 def test_upright_axes_carry_no_gravity():

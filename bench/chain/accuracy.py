@@ -1,30 +1,38 @@
 """
 Measure the chain: on the motion, over the whole joint range, after a tool change, on other arms.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/chain/accuracy.py iiwa arms [--seeds 10]
+    OPENBLAS_NUM_THREADS=1 python3 bench/chain/accuracy.py iiwa arms rough tool short [--seeds 10]
 
 Errors are RMSE of the worst joint in N·m against noise-free gravity. `motion` is 100 s of the
 training motion's continuation, `range` 1000 poses over all joint limits. `in` and `out` are the
 shares of torques, measured with the same noise, inside the 95 % band on `motion` and `range`,
 over all joints and seeds; `true` are those of the noise-free torques inside the model's own.
-The floor is a fit of all moments with the true axes.
+The floor is a fit of all moments with the true axes. `rough` has inertia, Coulomb friction and
+noise of 0.3 N·m, with and without friction as an effect; `tool` weighs 2 kg with a URDF; `short`
+are the generated arms after 20 and 12 s of motion.
 """
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
+from pathlib import Path
 import time
 
+from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.gravity.chain import aligned, Sweep
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.gravity.update import update
 from gravity_comp_ros.samples import JointSamples
 from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.urdf import read_urdf
 import numpy as np
 
 NOISE = 0.1
+ROUGH = 0.3
+URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'
 Row = dict[str, float]
 PAYLOADS = {'on axis': (0.0, 0.0, 0.1), 'off axis': (0.02, 0.03, 0.1)}
 
@@ -49,12 +57,12 @@ class Case:
         return JointSamples.single_run(arm.joints, motion.t, motion.q, np.zeros_like(motion.q),
                                        tau + NOISE * rng.normal(size=tau.shape))
 
-    def judge(self, model: GravityModel, arm: arms.Arm) -> dict[str, float]:
+    def judge(self, model: GravityModel, arm: arms.Arm, noise: float = NOISE) -> Row:
         found = {}
         for name, q in (('motion', self.motion), ('range', self.range)):
             error = model.predict(q) - arms.gravity_torque(arm, q)
             std = model.predict_std(q)
-            measured = error + NOISE * np.random.default_rng(5).normal(size=error.shape)
+            measured = error + noise * np.random.default_rng(5).normal(size=error.shape)
             found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
             found[f'band_{name}'] = float(
                 (np.abs(measured) <= 1.96 * np.hypot(std, model.noise)).mean())
@@ -152,15 +160,89 @@ def others(seeds: int, formulation: str) -> None:
             show(title, found)
 
 
+def rough(seeds: int, formulation: str) -> None:
+    """Measure on an iiwa with inertia, Coulomb friction and noise of 0.3 N·m."""
+    rows: dict[str, list[Row]] = {}
+    for seed in range(seeds):
+        case = Case(arms.iiwa7(), motions.eq17, seed)
+        motion = motions.eq17()
+        tau = arms.inverse_dynamics(case.arm, motion.q, motion.qd, motion.qdd)
+        tau += ROUGH * np.tanh(motion.qd / 0.002)
+        tau += ROUGH * np.random.default_rng([seed, 7]).normal(size=tau.shape)
+        samples = JointSamples.single_run(case.arm.joints, motion.t, motion.q, motion.qd, tau)
+        wanted = requests(['coulomb_friction'], samples.names)
+        for name in ('friction unknown', 'friction an effect'):
+            start = time.perf_counter()
+            options = FitOptions(formulation)
+            model = fit(samples, options).model if name.endswith('unknown') else \
+                fit_with_effects(samples, samples, wanted, options).joint.model
+            seconds = time.perf_counter() - start
+            rows.setdefault(name, []).append(
+                {**case.judge(model, case.arm, ROUGH), 'seconds': seconds})
+    print(f'iiwa with Coulomb friction and noise of {ROUGH} N·m, {formulation}, {seeds} seeds')
+    for title, found in rows.items():
+        show(title, found)
+
+
+def tool(seeds: int, formulation: str) -> None:
+    """Weigh 2 kg from 50 and 25 samples; the old model knew no URDF."""
+    geometry = read_urdf(URDF, arms.iiwa7().joints)
+    rows: dict[str, list[Row]] = {}
+    errors: dict[str, list[np.ndarray]] = {}
+    for seed in range(seeds):
+        case = Case(arms.iiwa7(), motions.eq17, seed)
+        model = fit(case.samples(case.arm, 0), FitOptions(formulation)).model
+        for name, com in PAYLOADS.items():
+            loaded = arms.with_payload(case.arm, arms.Payload(2.0, com))
+            for stream, count in enumerate((50, 25), start=1):
+                new = case.samples(loaded, stream, start=100.0, duration=count / 5)
+                start = time.perf_counter()
+                result = update(model, new, geometry=geometry)
+                seconds = time.perf_counter() - start
+                title, told = f'2 kg {name}, {count}', result.report['payload']
+                rows.setdefault(title, []).append(
+                    {**case.judge(result.model, loaded), 'seconds': seconds})
+                centre = [told['centre'][axis]['value'] for axis in 'xyz']
+                errors.setdefault(title, []).append(np.abs(np.array(
+                    [100 * (told['mass']['value'] / 2.0 - 1), *1e3 * (centre - np.array(com))])))
+    print(f'iiwa, {formulation}, update with a URDF, {seeds} seeds')
+    for title, found in rows.items():
+        show(title, found)
+        worst = np.max(errors[title], axis=0)
+        print(f'{"":26s} mass within {worst[0]:.2f} %, centre within {worst[1:].max():.1f} mm')
+
+
+def short(seeds: int, formulation: str) -> None:
+    """Measure on generated arms after too little motion."""
+    for duration in (20.0, 12.0):
+        rows, said = [], 0
+        for seed in range(seeds):
+            for right in (False, True):
+                arm = generated.generated_arm(seed, right_angles=right)
+                case = Case(arm, lambda a=arm, s=seed, **when: generated.small_motion(
+                    a, s, **when), seed)
+                start = time.perf_counter()
+                result = fit(case.samples(arm, 0, duration=duration), FitOptions(formulation))
+                seconds = time.perf_counter() - start
+                rows.append({**case.judge(result.model, arm), 'seconds': seconds})
+                said += any('may be off by' in words for words in result.report['warnings'])
+        print(f'generated arms, {duration:.0f} s, {formulation}; {said} of {len(rows)} say that '
+              f'they are unsure; worst band {min(row["band_range"] for row in rows):.2f}')
+        show(f'{duration:.0f} s', rows)
+
+
+PARTS = {'iiwa': iiwa, 'arms': others, 'rough': rough, 'tool': tool, 'short': short}
+
+
 def main() -> None:
     """Run the parts that are named."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('parts', nargs='+', choices=('iiwa', 'arms'))
+    parser.add_argument('parts', nargs='+', choices=tuple(PARTS))
     parser.add_argument('--seeds', type=int, default=10)
     parser.add_argument('--formulation', default='chain')
     args = parser.parse_args()
     for part in args.parts:
-        {'iiwa': iiwa, 'arms': others}[part](args.seeds, args.formulation)
+        PARTS[part](args.seeds, args.formulation)
 
 
 if __name__ == '__main__':
