@@ -101,7 +101,7 @@ def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) 
 
 def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
-    Return the task, and with it the diagnosis of one recording, its time, and the error of a fit that knows all.
+    Return a recording's diagnosis, its time, and the error of a fit that knows all.
 
     That fit sees the same motion and noise without what is hidden, and looks for nothing but
     the moving arm's own inertia.

@@ -23,12 +23,14 @@ class DataCheck:
     Facts on the recording, joint by joint.
 
     `rest` is the share of time that a joint stands; the reports hold the noise floor, how many
-    samples are independent, and which effects this recording does not show.
+    samples are independent, and which effects this recording does not show; `arm_untestable`
+    the same of effects of the whole arm.
     """
 
     facts: RecordingFacts
     rest: Mapping[str, float]
     reports: Mapping[str, JointReport]
+    arm_untestable: Mapping[str, str]
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -55,7 +57,7 @@ class DataCheck:
         for name, report in self.reports.items():
             for effect, reason in report.untestable.items():
                 grouped.setdefault(effect, []).append((name, reason))
-        lines = []
+        lines = [f'{effect}: {reason}' for effect, reason in self.arm_untestable.items()]
         for effect, entries in grouped.items():
             names = [name for name, _ in entries]
             joints = 'every joint' if len(names) == len(self.reports) else ', '.join(names)
@@ -77,4 +79,4 @@ def check(samples: JointSamples, diagnosis: Diagnosis) -> DataCheck:
     samples = samples.joints(tuple(diagnosis.joints))
     still = np.abs(samples.qd) < 0.5 * least_widths(samples)
     return DataCheck(describe(samples), dict(zip(samples.names, still.mean(axis=0).tolist())),
-                     diagnosis.joints)
+                     diagnosis.joints, diagnosis.untestable)

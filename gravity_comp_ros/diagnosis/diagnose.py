@@ -48,6 +48,8 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     tell = progress or (lambda word, share: None)
     if model is not None:
         samples = samples.joints(model.joints)
+    span = np.ptp(samples.tau, axis=0) if len(samples) else np.zeros(samples.n_joints)
+    if model is not None:
         # What the model has already is not missing.
         samples = replace(samples, tau=samples.tau - effect_torque(model, samples))
     samples = samples.select(
@@ -67,7 +69,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     selection = Selection(grams, columns, blocks, implausible, options.selection)
     selection.run()
     tell('verdicts', 0.8)
-    diagnosis = Judge(selection, motion, unknown).diagnosis()
+    diagnosis = Judge(selection, motion, unknown, span).diagnosis()
     diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
     tell('verdicts', 1.0)
     return diagnosis

@@ -77,14 +77,20 @@ class JointReport:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """All findings, the strongest first, the reports of all joints, and the laws that broke."""
+    """
+    All findings, the strongest first, the reports of all joints, and the laws that broke.
+
+    `untestable` says of effects of the whole arm why this recording does not show them.
+    """
 
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
+    untestable: Mapping[str, str] = field(default_factory=dict)
     laws: tuple[LawReport, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `diagnose --json` prints."""
         return {'findings': [finding.to_json() for finding in self.findings],
                 'joints': {name: report.to_json() for name, report in self.joints.items()},
+                'untestable': dict(self.untestable),
                 'structure': [law.to_json() for law in self.laws]}

@@ -10,7 +10,7 @@ from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.gravity.noise import correlation_time
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
 from scipy import stats
 
@@ -27,11 +27,17 @@ _MOST_RUNS = 0.8
 
 
 class Judge:
-    """Turns a finished selection into a diagnosis."""
+    """
+    Turns a finished selection into a diagnosis.
 
-    def __init__(self, selection: Selection, motion: Motion,
-                 unknown: list[Candidate]) -> None:
+    :param unknown: what stands for a torque that no effect describes.
+    :param span: (N,) the range of the measured torque in N·m, of which errors are a fraction.
+    """
+
+    def __init__(self, selection: Selection, motion: Motion, unknown: list[Candidate],
+                 span: FloatArray) -> None:
         self.selection, self.motion, self.unknown = selection, motion, unknown
+        self.span = span
         self.names = motion.samples.names
         self.alpha = selection.options.alpha
 
@@ -46,8 +52,10 @@ class Judge:
             if candidate in self.selection.chosen:
                 findings.append(self._finding(candidate, chosen[:place]))
         findings.sort(key=lambda f: (f.verdict not in ('established', 'likely'), f.p))
+        arm = {effect: reason for (effect, joint), reason
+               in self.selection.columns.untestable.items() if joint is None}
         return Diagnosis(tuple(findings), {
-            name: self._report(n, before[n], findings) for n, name in enumerate(self.names)})
+            name: self._report(n, before[n], findings) for n, name in enumerate(self.names)}, arm)
 
     def _unexplained(self, joint: int) -> list[Finding]:
         """Return a finding where bumps explain what effects do not; drop effects that pose."""
@@ -112,7 +120,7 @@ class Judge:
 
     def _scale(self, joint: int) -> float:
         """Return what turns an RMSE in N·m into a fraction of the torque's range."""
-        return 1.0 / max(float(np.ptp(self.motion.samples.tau[:, joint])), 1e-9)
+        return 1.0 / max(float(self.span[joint]), 1e-9)
 
     def _nrmse(self, errors: FloatArray, joint: int) -> float:
         """Return the RMSE in N·m of block errors."""
@@ -243,13 +251,15 @@ class Judge:
                       in self.selection.columns.untestable.items() if joint == n}
         words = ', '.join(f'{f.effect or "something"} ({f.verdict})' for f in here)
         return JointReport(words or 'nothing missing that this recording could show',
-                           _white_noise(samples.tau[:, n]), samples.n_samples / time,
+                           _white_noise(samples, n), samples.n_samples / time,
                            self._nrmse(before, n), self._nrmse(after, n), untestable)
 
 
-def _white_noise(tau: FloatArray) -> float:
+def _white_noise(samples: JointSamples, joint: int) -> float:
     """Return the standard deviation of what changes from sample to sample (2nd difference)."""
-    return float(np.std(np.diff(tau, 2)) / np.sqrt(6.0)) if len(tau) > 3 else 0.0
+    changes = np.diff(samples.tau[:, joint], 2)
+    changes = changes[samples.runs[2:] == samples.runs[:-2]]
+    return float(np.std(changes) / np.sqrt(6.0)) if len(changes) > 1 else 0.0
 
 
 def _alike(a: FloatArray, b: FloatArray) -> float:
