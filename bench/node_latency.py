@@ -1,18 +1,20 @@
 #!/usr/bin/env python3
 """
-From joint state to torque: the node against a bare rclpy echo node, in turns in one run.
+From joint state to torque: the node against a bare rclpy echo node in one run.
 
-    python3 bench/node_latency.py [--rate 1000] [--seconds 10] [--turns 3] [--fits] [--json F]
+    python3 bench/node_latency.py [--rate 1000] [--seconds 60] [--fits] [--turns N] [--json F]
 
-Both get the same joint states of seven joints; the time from publish to answer is measured at the
-sender. The turns alternate, so that what else the machine does hits both. `--fits` asks for a fit
-all the time while the node is measured. Prints loss, p50, p90, p99 of both and the ratio of p99,
-and the node's memory before and after.
+Both get the same joint states of seven joints in slow motion; the time from publish to answer is
+measured at the sender. By default both run at once, on the same messages, so that whatever else
+the machine does hits both; with `--turns N` they take turns instead, N times each. `--fits` asks
+for one fit after the other while it is measured. Prints loss, p50, p90, p99 of both, the ratio of
+p99, the node's memory, how many fits there were, and the time of one prediction.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass, field
 import json
 import os
 from pathlib import Path
@@ -22,9 +24,11 @@ import sys
 import tempfile
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from gravity_comp_ros.bag import read_bag
 from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.modelfile import load_model, save_model
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -36,13 +40,15 @@ from std_srvs.srv import Trigger
 
 ROOT = Path(__file__).resolve().parents[1]
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+TOPICS = {'echo': 'echo', 'node': 'gravity_comp/gravity_torques'}
+MEMORY_EVERY = 5.0
 
 
 def echo() -> None:
     """Run the rival: a node that sends every joint state back."""
     rclpy.init()
     node = Node('bare_echo')
-    publisher = node.create_publisher(JointState, 'gravity_comp/gravity_torques', 10)
+    publisher = node.create_publisher(JointState, TOPICS['echo'], 10)
     node.create_subscription(JointState, 'joint_states', publisher.publish, BEST_EFFORT)
     try:
         rclpy.spin(node)
@@ -50,89 +56,151 @@ def echo() -> None:
         pass
 
 
-class Sender:
-    """Sends joint states at a rate, and measures when each is answered."""
+def motion(rate: float) -> tuple[tuple[str, ...], np.ndarray]:
+    """Return joint names and a slow motion there and back, (M, 3, N): q, qd, tau."""
+    samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
+    t = np.arange(samples.t[0], samples.t[-1], 1.0 / rate)
+    there = np.stack([np.stack([np.interp(t, samples.t, x) for x in values.T], axis=1)
+                      for values in (samples.q, samples.qd, samples.tau)], axis=1)
+    there[:, 2] += np.random.default_rng(0).normal(0.0, 0.1, there[:, 2].shape)
+    back = there[::-1] * np.array([1.0, -1.0, 1.0])[:, None]
+    return samples.names, np.concatenate((there, back))
 
-    def __init__(self, rate: float) -> None:
+
+@dataclass
+class Found:
+    """What one listener answered: times in ms in order of sending, NaN where it did not."""
+
+    sent: int = 0
+    times: list[float] = field(default_factory=list)
+    memory: list[float] = field(default_factory=list)
+
+
+class Sender:
+    """Sends joint states at a rate, and measures when each is answered by whom."""
+
+    def __init__(self, rate: float, rivals: list[str]) -> None:
         self.node = Node('sender')
         self.publisher = self.node.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-        self.heard = self.node.create_subscription(
-            JointState, 'gravity_comp/gravity_torques', lambda _: None, BEST_EFFORT)
+        self.heard = {name: self.node.create_subscription(
+            JointState, TOPICS[name], lambda _: None, BEST_EFFORT) for name in rivals}
         self.refit = self.node.create_client(Trigger, 'gravity_comp/refit')
+        self.fits: list[str] = []
+        self.received = 0
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 10)
+        self._asked = None
         self._period = int(1e9 / rate)
-        samples = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
-        self._samples, self._k = samples, 0
-        self._message = JointState(name=list(samples.names))
-        self._wait = rclpy_implementation.WaitSet(1, 0, 0, 0, 0, 0, self.node.context.handle)
+        names, self._motion = motion(rate)
+        self._k = 0
+        self._message = JointState(name=list(names))
+        self._wait = rclpy_implementation.WaitSet(
+            len(rivals), 0, 0, 0, 0, 0, self.node.context.handle)
 
     def until_known(self) -> None:
-        end = time.monotonic() + 30.0
-        while (self.publisher.get_subscription_count() < 1
-               or self.heard.get_publisher_count() < 1):
+        end = time.monotonic() + 60.0
+        while (self.publisher.get_subscription_count() < len(self.heard)
+               or any(h.get_publisher_count() < 1 for h in self.heard.values())):
             if time.monotonic() > end:
                 raise SystemExit('the other node does not appear')
             rclpy.spin_once(self.node, timeout_sec=0.05)
 
-    def run(self, seconds: float, fits: bool) -> tuple[int, np.ndarray]:
-        """Return how many were sent, and the times of the answers in ms."""
-        times: list[int] = []
-        self._open: set[int] = set()
+    def run(self, seconds: float, fits: bool, pids: dict[str, int]) -> dict[str, Found]:
+        """Return what each listener answered."""
+        found = {name: Found() for name in self.heard}
+        self._open: dict[str, set[int]] = {name: set() for name in self.heard}
         start = due = time.perf_counter_ns()
-        sent = 0
+        sent, look = 0, 0.0
         while due - start < seconds * 1e9:
             due += self._period
             while (left := due - time.perf_counter_ns()) > 0:
-                self._take(times, left)
-            if fits and sent % 200 == 0:
-                self.refit.call_async(Trigger.Request())
+                self._take(found, left)
             self._send()
             sent += 1
-        self._take(times, 200_000_000)
-        return sent, np.array(times) / 1e6
+            if sent % 100 == 50 and 'node' in self.heard:
+                rclpy.spin_once(self.node, timeout_sec=0)
+                self._ask(fits)
+            if (due - start) / 1e9 >= look:
+                look += MEMORY_EVERY
+                for name, pid in pids.items():
+                    found[name].memory.append(memory(pid))
+        self._take(found, 200_000_000)
+        for each in found.values():
+            each.sent = sent
+        return found
+
+    def last_report(self) -> int:
+        """Return how many messages the node says that it received, once it has none to come."""
+        end, before = time.monotonic() + 5.0, -1
+        while time.monotonic() < end and before != self.received:
+            before, turn = self.received, time.monotonic() + 1.5
+            while time.monotonic() < turn:
+                rclpy.spin_once(self.node, timeout_sec=0.1)
+        return self.received
+
+    def _ask(self, fits: bool) -> None:
+        if self._asked is not None and self._asked.done():
+            self.fits.append(self._asked.result().message)
+            self._asked = None
+        if fits and self._asked is None:
+            self._asked = self.refit.call_async(Trigger.Request())
+
+    def _on_report(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == 'gravity_comp: input':
+                values = {pair.key: pair.value for pair in status.values}
+                self.received = int(values['messages'])
 
     def _send(self) -> None:
-        message, k = self._message, self._k % len(self._samples)
+        message, now = self._message, time.perf_counter_ns()
+        q, qd, tau = self._motion[self._k % len(self._motion)]
         self._k += 1
-        message.position = self._samples.q[k].tolist()
-        message.velocity = self._samples.qd[k].tolist()
-        message.effort = self._samples.tau[k].tolist()
-        now = time.perf_counter_ns()
+        message.position, message.velocity = q.tolist(), qd.tolist()
+        message.effort = tau.tolist()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 1_000_000_000)
-        self._open.add(now)
+        for waiting in self._open.values():
+            waiting.add(now)
         self.publisher.publish(message)
 
-    def _take(self, times: list[int], wait_ns: int) -> None:
+    def _take(self, found: dict[str, Found], wait_ns: int) -> None:
         self._wait.clear_entities()
-        self._wait.add_subscription(self.heard.handle)
+        for heard in self.heard.values():
+            self._wait.add_subscription(heard.handle)
         self._wait.wait(wait_ns)
-        while (taken := self.heard.handle.take_message(JointState, False)) is not None:
-            stamp = taken[0].header.stamp
-            then = stamp.sec * 1_000_000_000 + stamp.nanosec
-            # Late answers to the run before, and torques on stale input, answer nothing here.
-            if then in self._open:
-                self._open.remove(then)
-                times.append(time.perf_counter_ns() - then)
+        for name, heard in self.heard.items():
+            waiting = self._open[name]
+            while (taken := heard.handle.take_message(JointState, False)) is not None:
+                stamp = taken[0].header.stamp
+                then = stamp.sec * 1_000_000_000 + stamp.nanosec
+                # Late answers to the run before, and torques on stale input, answer nothing.
+                if then in waiting:
+                    waiting.remove(then)
+                    found[name].times.append((time.perf_counter_ns() - then) / 1e6)
 
 
-def measure(command: list[str], rate: float, seconds: float, fits: bool
-            ) -> tuple[int, np.ndarray, list[float]]:
-    """Start a node, measure it, and return sent, times in ms, memory in MiB during it."""
-    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+def measure(commands: dict[str, list[str]], args: argparse.Namespace, fits: bool
+            ) -> tuple[dict[str, Found], Sender, int]:
+    """Start these listeners, measure them, and return what they answered."""
+    processes = {name: subprocess.Popen(command, stderr=subprocess.DEVNULL,
+                                        stdout=subprocess.DEVNULL)
+                 for name, command in commands.items()}
     try:
-        sender = Sender(rate)
+        sender = Sender(args.rate, list(commands))
         sender.until_known()
-        sender.run(2.0, False)
-        before = memory(process.pid)
-        sent, times = sender.run(seconds, fits)
-        after = memory(process.pid)
+        sender.run(12.0 if fits else 3.0, False, {})
+        before = sender.last_report() if 'node' in commands else 0
+        found = sender.run(args.seconds, fits, {n: p.pid for n, p in processes.items()})
+        lost = 0
+        if 'node' in commands:
+            lost = found['node'].sent - (sender.last_report() - before)
         sender.node.destroy_node()
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(5)
-        except subprocess.TimeoutExpired:
-            process.kill()
-    return sent, times, [before, after]
+        for process in processes.values():
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+    return found, sender, lost
 
 
 def memory(pid: int) -> float:
@@ -141,11 +209,22 @@ def memory(pid: int) -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 2 ** 20
 
 
+def prediction(model: GravityModel) -> float:
+    """Return the time of one prediction in µs, the median of many."""
+    q = motion(100.0)[1][:1000, 0]
+    times = []
+    for pose in q:
+        start = time.perf_counter_ns()
+        model.predict_one(pose)
+        times.append(time.perf_counter_ns() - start)
+    return float(np.median(times)) / 1e3
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--rate', type=float, default=1000.0)
-    parser.add_argument('--seconds', type=float, default=10.0)
-    parser.add_argument('--turns', type=int, default=3)
+    parser.add_argument('--seconds', type=float, default=60.0)
+    parser.add_argument('--turns', type=int, default=0)
     parser.add_argument('--fits', action='store_true')
     parser.add_argument('--json', type=Path)
     parser.add_argument('--echo', action='store_true', help=argparse.SUPPRESS)
@@ -156,36 +235,59 @@ def main() -> None:
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
-        model = Path(folder) / 'model.json'
-        save_model(model, fit(read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples).model)
-        commands = {
-            'echo': [sys.executable, __file__, '--echo'],
-            'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
-                     '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]',
-                     '-p', 'sample_rate:=50.0']}
-        found: dict[str, list] = {name: [] for name in commands}
-        for _ in range(args.turns):
-            for name, command in commands.items():
-                found[name].append(measure(command, args.rate, args.seconds,
-                                           args.fits and name == 'node'))
-    result = {name: summary(turns) for name, turns in found.items()}
-    result['p99_ratio'] = result['node']['p99'] / result['echo']['p99']
-    for name in commands:
-        figures = result[name]
-        print(f'{name}: sent {figures["sent"]}, lost {figures["lost"]}; '
-              f'p50 {figures["p50"]:.3f} ms, p90 {figures["p90"]:.3f} ms, '
-              f'p99 {figures["p99"]:.3f} ms; memory {figures["memory"]}')
-    print(f'p99 of the node is {result["p99_ratio"]:.2f} times that of the bare echo')
+        result = compare(args, Path(folder) / 'model.json')
+    show(result)
     if args.json:
         args.json.write_text(json.dumps(result, indent=1) + '\n')
 
 
-def summary(turns: list) -> dict:
-    times = np.concatenate([turn[1] for turn in turns])
-    sent = sum(turn[0] for turn in turns)
+def compare(args: argparse.Namespace, model: Path) -> dict:
+    """Run both, together or in turns, and return the figures."""
+    save_model(model, fit(read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples).model)
+    commands = {
+        'echo': [sys.executable, __file__, '--echo'],
+        'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
+                 '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]',
+                 '-p', 'sample_rate:=50.0']}
+    runs: list[tuple[dict[str, Found], Sender, int]] = []
+    if args.turns:
+        for _ in range(args.turns):
+            runs += [measure({name: command}, args, args.fits and name == 'node')
+                     for name, command in commands.items()]
+    else:
+        runs.append(measure(commands, args, args.fits))
+    result: dict = {name: summary([found[name] for found, _, _ in runs if name in found])
+                    for name in commands}
+    result['p99_ratio'] = result['node']['p99'] / result['echo']['p99']
+    result['lost_in_node'] = sum(lost for _, _, lost in runs)
+    answers = [text for _, sender, _ in runs for text in sender.fits]
+    result['fits'] = sum('held-out RMSE' in text for text in answers)
+    result['predict_us'] = prediction(load_model(model))
+    result['together'] = not args.turns
+    return result
+
+
+def summary(runs: list[Found]) -> dict:
+    times = np.concatenate([run.times for run in runs])
+    sent = sum(run.sent for run in runs)
     p50, p90, p99 = np.percentile(times, [50, 90, 99])
-    return {'sent': sent, 'lost': sent - len(times), 'p50': p50, 'p90': p90, 'p99': p99,
-            'memory': [[round(x, 1) for x in turn[2]] for turn in turns]}
+    # The first minute is left out: caches fill, and samples come in.
+    skip = int(60.0 / MEMORY_EVERY)
+    late = [x for run in runs for x in (run.memory[skip:] or run.memory)]
+    return {'sent': sent, 'unanswered': sent - len(times), 'p50': p50, 'p90': p90, 'p99': p99,
+            'memory_first_MiB': runs[0].memory[0], 'memory_MiB': [min(late), max(late)]}
+
+
+def show(result: dict) -> None:
+    for name in TOPICS:
+        r = result[name]
+        print(f'{name}: sent {r["sent"]}, unanswered {r["unanswered"]}; p50 {r["p50"]:.3f} ms, '
+              f'p90 {r["p90"]:.3f} ms, p99 {r["p99"]:.3f} ms; memory {r["memory_first_MiB"]:.1f} '
+              f'MiB at first, then {r["memory_MiB"][0]:.1f} to {r["memory_MiB"][1]:.1f}')
+    print(f'messages lost on the way into the node: {result["lost_in_node"]}; fits meanwhile: '
+          f'{result["fits"]}; one prediction: {result["predict_us"]:.1f} µs')
+    how = 'both at once' if result['together'] else 'in turns'
+    print(f'p99 of the node is {result["p99_ratio"]:.2f} times that of the bare echo ({how})')
 
 
 if __name__ == '__main__':

@@ -24,8 +24,8 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-# Matches every publisher; deep enough for a burst after the machine has paused.
-INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
+# Matches every publisher; deep enough for a second at 1 kHz in which this process got no turn.
+INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
 # By default the eleventh of many calls at once would be lost without an answer.
 SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,

@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""
+From payload_changed to a better model: real node, real time, the motion of Yu 2022, Eq. (17).
+
+    python3 bench/node_payload.py [--rate 100] [--payloads 2 0.5] [--starts 200 240 280] [--json F]
+
+The node has a model of the bare arm (100 s of the same motion). The arm then carries a payload,
+`~/payload_changed` is called, and joint states come as the arm moves on, with 0.1 N·m of noise.
+Prints after how many seconds of motion the first better model was in use, what computing it took,
+and the error of both models on the ten seconds of motion that follow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import re
+import subprocess
+import sys
+import tempfile
+import time
+
+from gravity_comp_ros.bag import read_bag
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.samples import JointSamples
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test'))
+LONGEST = 40.0
+AFTER = 10.0
+
+
+def synth(folder: Path, start: float, payload: float, rate: float) -> JointSamples:
+    """Return the motion of an arm that carries a payload."""
+    out = folder / f'{start:g}_{payload:g}.mcap'
+    subprocess.run(
+        [sys.executable, '-m', 'gravity_comp_ros.cli', 'synth', '--motion', 'eq17', '--start',
+         str(start), '--duration', str(LONGEST + AFTER), '--rate', str(rate), '--payload',
+         str(payload), '--noise', '0.1', '--seed', str(int(start)), '-o', str(out)],
+        check=True, capture_output=True, cwd=ROOT)
+    return read_bag(out).samples
+
+
+class Run:
+    """One payload change: sends samples in real time, and watches the model."""
+
+    def __init__(self, probe, samples: JointSamples) -> None:
+        self.probe, self.samples, self.k = probe, samples, 0
+        self.began = time.monotonic()
+
+    def go_on(self, seconds: float, until=lambda: False) -> None:
+        """Send what is due, for that long or until something holds."""
+        end = time.monotonic() + seconds
+        t = self.samples.t
+        while time.monotonic() < end and not until():
+            due = time.monotonic() - self.began + t[0]
+            while self.k < len(t) and t[self.k] <= due:
+                k = self.k
+                self.probe.send(self.samples.names, t[k], self.samples.q[k],
+                                self.samples.qd[k], self.samples.tau[k])
+                self.k += 1
+            self.probe.loop.spin_once(timeout_sec=0.002)
+
+
+def measure(samples: JointSamples, model: Path) -> dict:
+    """Return the figures of one payload change."""
+    from ros_harness import running
+    with running({'model_file': model, 'max_torque': '[200.0]', 'diagnostics_rate': 20.0,
+                  'stale_after': 5.0}) as (_, probe):
+        probe.until(lambda: 'learning' in probe.status or 'model' in probe.status)
+        run = Run(probe, samples)
+        run.go_on(1.0)
+        answer = probe.call('payload_changed')
+        assert answer.success, answer.message
+        called = time.monotonic()
+        before = probe.status['model'].message
+        run.go_on(LONGEST - 1.0, lambda: probe.status['model'].message != before)
+        seconds = time.monotonic() - called
+        if probe.status['model'].message == before:
+            raise SystemExit(f'no better model: {probe.status["learning"].message}')
+        last_fit = probe.values('learning')['last fit']
+        probe.residuals.clear()
+        first = run.k
+        run.go_on(AFTER)
+        stale = stale_error(samples, first, run.k, model)
+        left = np.sqrt(np.mean([np.square(m.effort) for m in probe.residuals], axis=0))
+    computing = float(re.search(r'samples, ([\d.]+) s', last_fit).group(1))
+    return {'seconds': seconds, 'computing': computing, 'fit': last_fit,
+            'rmse_before': stale, 'rmse_after': float(left.max())}
+
+
+def stale_error(samples: JointSamples, first: int, last: int, model: Path) -> float:
+    """Return what the old model is off by over the same samples, worst joint, N·m."""
+    from gravity_comp_ros.modelfile import load_model
+    part = samples.select(np.arange(first, last))
+    error = part.tau - load_model(model).predict(part.q)
+    return float(np.sqrt(np.mean(error ** 2, axis=0)).max())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    parser.add_argument('--rate', type=float, default=100.0)
+    parser.add_argument('--payloads', type=float, nargs='+', default=[2.0, 0.5])
+    parser.add_argument('--starts', type=float, nargs='+', default=[200.0, 240.0, 280.0])
+    parser.add_argument('--formulations', nargs='+', default=['potential', 'chain'])
+    parser.add_argument('--json', type=Path)
+    args = parser.parse_args()
+    found = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        bare = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
+        for formulation in args.formulations:
+            model = folder / f'{formulation}.json'
+            save_model(model, fit(bare, FitOptions(formulation=formulation)).model)
+            for payload in args.payloads:
+                for start in args.starts:
+                    one = measure(synth(folder, start, payload, args.rate), model)
+                    found.append({'formulation': formulation, 'payload': payload,
+                                  'start': start, **one})
+                    print(f'{formulation}, {payload:g} kg at {start:g} s: '
+                          f'{one["seconds"]:.1f} s of motion, {one["computing"]:.2f} s of '
+                          f'computing; error of the worst joint {one["rmse_before"]:.2f} '
+                          f'-> {one["rmse_after"]:.2f} N·m', flush=True)
+    worst = max(found, key=lambda one: one['seconds'])
+    print(f'slowest: {worst["seconds"]:.1f} s of motion; most computing: '
+          f'{max(one["computing"] for one in found):.2f} s')
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=1) + '\n')
+
+
+if __name__ == '__main__':
+    main()
