@@ -85,6 +85,17 @@ def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
     assert '... fit' in out.err
 
 
+def test_noise_that_grows_with_the_load_is_shown_as_such(tmp_path, capsys):
+    path = str(tmp_path / 'poses.mcap')
+    assert main(['synth', '--motion', 'random', '--samples', '400', '--static', '--joint-names',
+                 'a,b,c,d,e,f,g', '--relative-noise', '0.02', '-o', path]) == 0
+    capsys.readouterr()
+    assert main(['fit', path]) == 0
+    assert re.search(r'\n b .* \+ (1\.[89]|2(\.[01])?) %', capsys.readouterr().out)
+    found = run_json(capsys, 'fit', path)
+    assert found['joints']['b']['relative_noise'] == pytest.approx(0.02, rel=0.15)
+
+
 def test_fit_json_holds_report_and_data(bags, capsys, tmp_path):
     found = run_json(capsys, 'fit', bags['train'], '-o', tmp_path / 'm.json')
     assert found['converged'] and found['report']['solver'][0]['gap'] < 1e-6

@@ -170,6 +170,7 @@ def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]
         found[joint] = {
             'features': int(model.n_features()[n]), 'rmse': report['rmse'][joint],
             'noise': report['noise']['absolute'][joint],
+            'relative_noise': report['noise']['relative'][joint],
             'q_min': model.coverage.q_min[n], 'q_max': model.coverage.q_max[n],
             'equation': model.equation(joint)}
         if judged is not None:
@@ -216,7 +217,7 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
     for n, joint in enumerate(model.joints):
         low, high = (math.degrees(x) for x in (model.coverage.q_min[n], model.coverage.q_max[n]))
         row = [joint, str(model.n_features()[n]), f'{low:.0f} … {high:.0f}',
-               f'{report["rmse"][joint]:.4f}', f'{report["noise"]["absolute"][joint]:.4f}']
+               f'{report["rmse"][joint]:.4f}', _noise(report, joint)]
         if judged is not None:
             held_out = judged.joints[joint]
             row += [f'{held_out.rmse:.4f}', percent(held_out.nrmse)]
@@ -224,6 +225,12 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
     return terminal.table(
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
         f'{model.coverage.n_runs} run{"s" if model.coverage.n_runs > 1 else ""}', columns, rows)
+
+
+def _noise(report: dict[str, Any], joint: str) -> str:
+    """Return a joint's noise: a constant, and a part of the load where there is one."""
+    absolute, relative = (report['noise'][part][joint] for part in ('absolute', 'relative'))
+    return f'{absolute:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
 
 
 def _solver_sentence(result: FitResult) -> str:
