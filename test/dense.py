@@ -16,6 +16,9 @@ class DenseDesign:
     def correlate(self, r):
         return self.matrix.T @ r
 
+    def correlate_many(self, r):
+        return r.T @ self.matrix
+
     def squared_norms(self):
         return (self.matrix ** 2).sum(axis=0)
 

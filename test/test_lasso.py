@@ -145,7 +145,7 @@ def test_a_path_ends_where_a_single_solve_does():
     design, b = pendulum()
     path, single = lasso(design, b), lasso(design, b)
     for lam in np.geomspace(0.5 * path.lambda_max, 4.0, 8)[:-1]:
-        path.solve(float(lam), 1e-2)
+        path.approach(float(lam), 1e-2)
     warm, cold = path.solve(4.0), single.solve(4.0)
     np.testing.assert_array_equal(warm.indices, cold.indices)
     np.testing.assert_allclose(warm.x, cold.x, atol=1e-6)

@@ -13,6 +13,8 @@ first joints with those of the last, so that with the halves L and R (Yu 2022, E
 
 from __future__ import annotations
 
+from functools import cached_property
+
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
@@ -88,22 +90,39 @@ def kernel(q: FloatArray, other: FloatArray) -> FloatArray:
 
 
 class Halves:
-    """The row-wise Kronecker halves L (first joints) and R (last joints) of F for q (M, N)."""
+    """
+    The row-wise Kronecker halves L (first joints) and R (last joints) of F for q (M, N).
+
+    Both are kept transposed, `left` (3^n_left, M) and `right` (3^n_right, M), so that what is
+    done sample by sample runs along contiguous memory.
+    """
 
     def __init__(self, q: FloatArray) -> None:
         n_features(q.shape[1])
-        factors = joint_factors(q)
-        middle = (q.shape[1] + 1) // 2
-        self.left = _row_kronecker(factors[:middle], q.shape[0])
-        self.right = _row_kronecker(factors[middle:], q.shape[0])
+        factors = joint_factors(q).transpose(0, 2, 1)
+        self.n_left = (q.shape[1] + 1) // 2
+        self.n_right = q.shape[1] - self.n_left
+        self.left = _kronecker(factors[:self.n_left], q.shape[0])
+        self.right = _kronecker(factors[self.n_left:], q.shape[0])
+
+    @cached_property
+    def scratch(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Room for a changed L, a changed R, and a third of either; not for two threads."""
+        return np.empty_like(self.left), np.empty_like(self.right), np.empty(
+            (len(self.left) // 3, self.left.shape[1]))
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return the chosen columns of F, transposed, shape (K, M)."""
+        left, right = np.divmod(np.asarray(indices, dtype=np.int64), len(self.right))
+        return self.left[left] * self.right[right]
 
     def correlate(self, r: FloatArray) -> FloatArray:
         """Return F.T r for r (M,), over all 3^N features."""
-        return (self.left.T @ (r[:, None] * self.right)).ravel()
+        return (self.left @ (r * self.right).T).ravel()
 
     def correlate_squares(self, weights: FloatArray) -> FloatArray:
         """Return sum_m weights_m F_mk^2 for weights (M,), over all 3^N features."""
-        return ((self.left ** 2).T @ (weights[:, None] * self.right ** 2)).ravel()
+        return (self.left ** 2 @ (weights * self.right ** 2).T).ravel()
 
 
 def derivative(indices: IntArray, n_joints: int, joint: int) -> tuple[IntArray, FloatArray]:
@@ -120,8 +139,8 @@ def derivative(indices: IntArray, n_joints: int, joint: int) -> tuple[IntArray, 
     return swapped, np.choose(factor, [0.0, 1.0, -1.0])
 
 
-def _row_kronecker(factors: FloatArray, n_rows: int) -> FloatArray:
-    product = np.ones((n_rows, 1))
+def _kronecker(factors: FloatArray, n_rows: int) -> FloatArray:
+    product = np.ones((1, n_rows))
     for factor in factors:
-        product = (product[:, :, None] * factor[:, None, :]).reshape(n_rows, -1)
+        product = (product[:, None, :] * factor[None, :, :]).reshape(-1, n_rows)
     return product

@@ -19,8 +19,10 @@ from gravity_comp_ros.gravity.design import Design
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 
-# Violators that join the working set in one round.
-_BATCH = 40
+# Violators that join the working set in one round: few, because ADMM's work grows with the set,
+# but more where checking all 3^N columns is what takes the time.
+_BATCH, _LARGE_BATCH = 10, 40
+_LARGE = 3 ** 9
 _MAX_ROUNDS = 100
 # A column shorter than this, relative to the longest, is what rounding left of a structural 0.
 _NEGLIGIBLE = 1e-9
@@ -90,8 +92,9 @@ class LassoProblem:
         usable = self.usable & has_length(lengths)
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
         self._c = self.design.correlate(self.b) * self._inverse_lengths
+        self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
         self._set = np.zeros(0, dtype=np.int64)
-        self._columns = np.zeros((self.design.n_rows, 0))
+        self._columns = np.zeros((0, self.design.n_rows))
         self._gram = np.zeros((0, 0))
         self._state = admm.AdmmState(np.zeros(0), np.zeros(0), self.options.rho)
 
@@ -100,12 +103,19 @@ class LassoProblem:
         """Return the least lambda at which every coefficient is 0."""
         return float(np.abs(self._c).max(initial=0.0))
 
-    def solve(self, lam: float, tolerance: float | None = None) -> LassoSolution:
-        """Return the solution for `lam` > 0, started from the last one."""
-        options = self.options if tolerance is None else replace(self.options,
-                                                                 tolerance=tolerance)
-        iterations, rounds, inner = 0, 0, None
-        while rounds < _MAX_ROUNDS:
+    def solve(self, lam: float) -> LassoSolution:
+        """Return the solution for `lam` > 0, started from the last one, with its certificate."""
+        inner, iterations, rounds = self._run(lam, self.options)
+        return self._solution(lam, inner, iterations, rounds)
+
+    def approach(self, lam: float, tolerance: float) -> None:
+        """Move to a rough solution for `lam`: a step of a path that ends elsewhere."""
+        self._run(lam, replace(self.options, tolerance=tolerance))
+
+    def _run(self, lam: float, options: admm.AdmmOptions) -> tuple[admm.AdmmResult, int, int]:
+        """Solve on the working set and enlarge it until no other column violates anything."""
+        iterations, rounds = 0, 0
+        while True:
             rounds += 1
             inner = admm.solve(self._gram, self._c[self._set], np.full(len(self._set), lam),
                                self._state, options)
@@ -115,27 +125,26 @@ class LassoProblem:
             excess = np.abs(correlation) - lam
             excess[self._set] = -np.inf
             violators = np.flatnonzero(excess > options.tolerance * lam)
-            if not violators.size or not inner.converged:
-                break
-            worst = violators[np.argsort(-excess[violators], kind='stable')[:_BATCH]]
+            if not violators.size or not inner.converged or rounds == _MAX_ROUNDS:
+                return inner, iterations, rounds
+            worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
             self._enlarge(worst, correlation[worst])
-        assert inner is not None
-        return self._solution(lam, inner, iterations, rounds)
 
     def _residual_correlation(self, z: FloatArray) -> FloatArray:
-        residual = self.b - self._columns @ z
+        active = np.flatnonzero(z)
+        residual = self.b - z[active] @ self._columns[active]
         return self.design.correlate(residual) * self._inverse_lengths
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
         """Add columns, leaving out what has been 0 for long if the set has grown large."""
         keep = np.flatnonzero(self._state.z) if len(self._set) > 300 else \
             np.arange(len(self._set))
-        fresh = self.design.columns(new) * self._inverse_lengths[new]
-        old = self._columns[:, keep]
-        cross = old.T @ fresh
+        fresh = (self.design.columns(new) * self._inverse_lengths[new]).T
+        old = self._columns[keep]
+        cross = old @ fresh.T
         self._gram = np.block([[self._gram[np.ix_(keep, keep)], cross],
-                               [cross.T, fresh.T @ fresh]])
-        self._columns = np.hstack([old, fresh])
+                               [cross.T, fresh @ fresh.T]])
+        self._columns = np.concatenate([old, fresh])
         self._set = np.concatenate([self._set[keep], new])
         self._state = admm.AdmmState(
             np.concatenate([self._state.z[keep], np.zeros(len(new))]),

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
-from scipy import optimize
 
 # No joint is believed to be better than this share of the arm's largest torque: a joint that
 # measures exactly 0 (the first of a level arm) must not get an infinite weight.
@@ -25,6 +24,9 @@ _EVIDENCE = 8.0
 # No sensor's error is a larger part of the load: what seems to be is a model that fits badly, and
 # must not give the samples with little load all the weight.
 _MOST_RELATIVE = 0.5
+# Steps of the estimate, and the longest of them in ln a^2 and ln b^2.
+_MOST_STEPS = 100
+_LONGEST = 2.0
 
 
 @dataclass(frozen=True)
@@ -84,18 +86,45 @@ def _estimate_joint(residual: FloatArray, predicted: FloatArray,
     if load <= least:
         return constant, 0.0
 
-    def cost(logs: FloatArray) -> float:
-        variance = np.exp(2 * logs[0]) + (np.exp(logs[1]) * predicted) ** 2 + least ** 2
-        return float(0.5 * (np.log(variance) + residual ** 2 / variance).mean())
-
     plain = 0.5 * (np.log(constant ** 2) + float((residual ** 2).mean()) / constant ** 2)
-    start = np.log([0.5 * constant, 0.5 * constant / load])
-    found = optimize.minimize(cost, start, method='Nelder-Mead',
-                              options={'xatol': 1e-2, 'fatol': 1e-5, 'maxiter': 200})
-    absolute, relative = np.exp(found.x)
-    if len(residual) * (plain - found.fun) < _EVIDENCE or relative > _MOST_RELATIVE:
+    start = 2.0 * np.log([0.5 * constant, 0.5 * constant / load])
+    logs, cost = _most_likely(residual ** 2, predicted ** 2, least ** 2, start)
+    absolute, relative = np.exp(0.5 * logs)
+    if len(residual) * (plain - cost) < _EVIDENCE or relative > _MOST_RELATIVE:
         return constant, 0.0
     return max(float(absolute), least), float(relative)
+
+
+def _most_likely(squares: FloatArray, loads: FloatArray, least: float,
+                 logs: FloatArray) -> tuple[FloatArray, float]:
+    """
+    Return ln a^2 and ln b^2 of the variance a^2 + b^2 load + least, and -ln of the likelihood.
+
+    Fisher's scoring: the Hessian is taken as it is on average over the noise, which is never
+    negative, so that every step points downhill; it is halved until it gets there.
+    """
+    def state(logs: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        parts = np.exp(logs)[:, None] * np.stack([np.ones_like(loads), loads])
+        variance = parts[0] + parts[1] + least
+        excess = squares / variance
+        return parts / variance, excess, float(0.5 * (np.log(variance) + excess).mean())
+
+    shares, excess, cost = state(logs)
+    for _ in range(_MOST_STEPS):
+        gradient = shares @ (1.0 - excess)
+        step = -np.linalg.solve(shares @ shares.T + 1e-9 * len(loads) * np.eye(2), gradient)
+        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
+        while True:
+            found = state(logs + step)
+            if found[2] < cost or np.abs(step).max() < 1e-3:
+                break
+            step = 0.5 * step
+        gain = cost - found[2]
+        if gain > 0.0:
+            logs, (shares, excess, cost) = logs + step, found
+        if gain < 1e-7:
+            break
+    return logs, cost
 
 
 def correlation_time(residual: FloatArray, runs: IntArray) -> float:

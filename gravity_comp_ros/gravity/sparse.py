@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.gravity import admm, noise, support
@@ -28,7 +29,7 @@ import numpy as np
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
 _ROUNDS = 20
-_PATH_STEPS = 8
+_PATH_STEPS = 6
 _LOOSE = 1e-2
 
 
@@ -74,16 +75,20 @@ class SparseProblem:
     def n_joints(self) -> int:
         return self.q.shape[1]
 
+    @cached_property
+    def plain(self) -> Design:
+        """The design without weights; what depends on the poses alone is kept in it."""
+        return self.design_type(self.q, np.ones(self.tau.shape))
+
     def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
                  inflation: float) -> tuple[Design, FloatArray]:
         """Return the design and the right-hand side in units of the noise."""
         weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
-        return self.design_type(self.q, weights), (weights * self.tau).T.ravel()
+        return self.plain.reweighted(weights), (weights * self.tau).T.ravel()
 
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
         """Return the torques (M, J) of a weight vector."""
-        plain = self.design_type(self.q, np.ones(self.tau.shape))
-        return (plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
+        return (self.plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
 
     def thinned(self, most: int) -> SparseProblem:
         """Return at most `most` samples, evenly spread; itself if it has no more."""
@@ -168,10 +173,11 @@ def finish(problem: SparseProblem, settled: Settled, inflation: float,
     """Ask ADMM once more at the final noise, keep the better support, average its ties."""
     design, b = problem.weighted(settled.noise, settled.predicted, inflation)
     solution = propose(design, b, problem, options)
-    finals = [support.settle(design, b, start, problem.n_joints, problem.usable)
+    gram = support.gram_of(design, problem.usable)
+    finals = [support.settle(design, b, start, problem.n_joints, problem.usable, gram)
               for start in (settled.refit.indices, solution.indices)]
     best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
-    average, ties = support.average_ties(design, b, best, problem.n_joints, problem.usable)
+    average, ties = support.average_ties(design, b, best, problem.n_joints, problem.usable, gram)
     return SparseFit(average.indices, average.x, average.covariance, settled.noise, solution,
                      inflation, settled.rounds, ties)
 
@@ -184,7 +190,7 @@ def propose(design: Design, b: FloatArray, problem: SparseProblem,
     top = 0.5 * lasso.lambda_max
     path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
     for step in path:
-        lasso.solve(float(step), _LOOSE)
+        lasso.approach(float(step), _LOOSE)
     return lasso.solve(lam)
 
 
@@ -206,7 +212,7 @@ def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settl
 
 
 def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
-    """Number the stretches (M,) in which poses stay within `travel` of the first one's."""
+    """Return the number (M,) of the stretch, in which poses stay near its first, of each."""
     group = np.zeros(len(q), dtype=np.int64)
     rows, labels = q.tolist(), runs.tolist()
     number = first = 0
@@ -220,9 +226,8 @@ def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
 
 def _spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
     """Return the degrees of freedom that each of the J torques spent on the refit."""
-    plain = problem.design_type(problem.q, np.ones(problem.tau.shape))
     m, j = problem.tau.shape
-    blocks = plain.columns(refit.indices).reshape(j, m, len(refit.indices))
+    blocks = problem.plain.columns(refit.indices).reshape(j, m, len(refit.indices))
     touched = (blocks != 0.0).any(axis=1)
     sharing = np.maximum(touched.sum(axis=0), 1)
     return np.asarray((touched / sharing).sum(axis=1))

@@ -19,6 +19,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.gravity.design import Design
+from gravity_comp_ros.gravity.gram import Gram
 from gravity_comp_ros.gravity.lasso import column_lengths, has_length
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 import numpy as np
@@ -77,32 +78,43 @@ def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     a = design.columns(indices)
     lengths = np.linalg.norm(a, axis=0)
     lengths[lengths == 0.0] = 1.0
-    u, s, vt = linalg.svd(a / lengths, full_matrices=False, check_finite=False)
+    # The triangle that is left of [A b] after rotating its rows holds all that follows.
+    triangle = linalg.qr(np.column_stack([a / lengths, b]), mode='r', check_finite=False)[0]
+    k = len(indices)
+    u, s, vt = linalg.svd(triangle[:k, :k], full_matrices=False, check_finite=False)
     keep = s > 1e-12 * s[0]
     half = vt[keep].T / s[keep]
-    x = half @ (u[:, keep].T @ b) / lengths
+    x = half @ (u[:, keep].T @ triangle[:k, k]) / lengths
     covariance = (half @ half.T) / np.outer(lengths, lengths)
     residual = b - a @ x
     return Refit(indices, x, covariance, float(residual @ residual))
 
 
-def neighbours(index: int, n_joints: int) -> IntArray:
-    """Return the features that differ from one in a single factor."""
+def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
+    """Return the features that differ from each of K features in one factor, (K, 2 N)."""
     powers = 3 ** np.arange(n_joints - 1, -1, -1, dtype=np.int64)
-    factors = (index // powers) % 3
-    base = index - factors * powers
-    near = np.concatenate([base, base + powers, base + 2 * powers])
-    return np.unique(near[near != index])
+    factors = (indices[:, None] // powers) % 3
+    other = np.stack([(factors + 1) % 3, (factors + 2) % 3], axis=-1)
+    return (indices[:, None, None] + (other - factors[:, :, None]) * powers[:, None]).reshape(
+        len(indices), 2 * n_joints)
+
+
+def gram_of(design: Design, usable: BoolArray) -> Gram:
+    """Return products of columns for searches of one design to share."""
+    lengths = column_lengths(design)
+    return Gram(design, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
 
 
 def settle(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
-           usable: BoolArray) -> Refit:
+           usable: BoolArray, gram: Gram | None = None) -> Refit:
     """
     Return the support of least description length that single steps reach from `indices`.
 
     :param usable: mask over all features; the others are never proposed.
+    :param gram: what earlier searches of this design have computed.
     """
-    search = _Search(design, b, n_joints, usable, np.asarray(indices, dtype=np.int64))
+    search = _Search(b, n_joints, gram or gram_of(design, usable),
+                     np.asarray(indices, dtype=np.int64))
     for _ in range(_MAX_STEPS):
         if not search.step():
             break
@@ -115,7 +127,7 @@ def score(refit: Refit, n_joints: int, n_rows: int) -> float:
 
 
 def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
-                 usable: BoolArray) -> tuple[Refit, int]:
+                 usable: BoolArray, gram: Gram | None = None) -> tuple[Refit, int]:
     """
     Return the average of the best support with the single swaps that nearly tie with it.
 
@@ -125,7 +137,7 @@ def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
 
     :return: the average and how many other models went into it.
     """
-    search = _Search(design, b, n_joints, usable, best.indices)
+    search = _Search(b, n_joints, gram or gram_of(design, usable), best.indices)
     near = [refit(design, b, other) for change, other in search.swaps() if change < _TIE]
     models = [best] + near
     # From the refits, because what the search promises is rounded (`_Search.step`).
@@ -148,31 +160,31 @@ def _mixture(models: list[Refit], weights: FloatArray, chi2: float) -> Refit:
 
 
 class _Search:
-    """The support and the columns seen so far, with their Gram matrix; all of unit length."""
+    """A support, what its columns are to each other and to b, and the steps from there."""
 
-    def __init__(self, design: Design, b: FloatArray, n_joints: int, usable: BoolArray,
-                 support: IntArray) -> None:
-        self.design, self.b, self.n_joints = design, b, n_joints
-        self.lengths = column_lengths(design)
-        self.usable = usable & has_length(self.lengths)
-        self.costs = costs(n_joints, design.n_rows)
-        self.pool = np.zeros(0, dtype=np.int64)
-        self.place_of = np.full(design.n_columns, -1, dtype=np.int64)
-        self.columns = np.zeros((design.n_rows, 0))
-        self.gram = np.zeros((0, 0))
-        self.c = np.zeros(0)
+    def __init__(self, b: FloatArray, n_joints: int, gram: Gram, support: IntArray) -> None:
+        self.b, self.n_joints, self.gram = b, n_joints, gram
+        self.usable = gram.per_length > 0.0
+        self.costs = costs(n_joints, gram.design.n_rows)
         self.change_support(np.sort(support[self.usable[support]]))
 
     def change_support(self, support: IntArray) -> None:
         """Take a support, leaving out what its other features already span."""
-        self._admit(support)
-        self.support = self._independent(support)
-        self.place = self.place_of[self.support]
-        self.inverse = linalg.inv(self.gram[np.ix_(self.place, self.place)],
-                                  check_finite=False) if len(self.place) else np.zeros((0, 0))
-        self.x = self.inverse @ self.c[self.place]
-        self.residual = self.b - self.columns[:, self.place] @ self.x
+        self.support = support = self._independent(support)
+        self.inverse = np.linalg.inv(self.gram.within(support))
+        columns = self.gram.columns(support)
+        self.x = self.inverse @ (columns @ self.b)
+        self.residual = self.b - self.x @ columns
         self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
+        self._correlation: FloatArray | None = None
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Return the products of all columns with the residual, 0 where unusable."""
+        if self._correlation is None:
+            self._correlation = (self.gram.design.correlate(self.residual)
+                                 * self.gram.per_length)
+        return self._correlation
 
     def step(self) -> bool:
         """
@@ -193,67 +205,66 @@ class _Search:
         return False
 
     def drops(self) -> list[Move]:
-        """Return what leaving out each feature changes: chi^2 rises by x_k^2 / (G^-1)_kk."""
+        """Return the best feature to leave out: chi^2 rises by x_k^2 / (G^-1)_kk."""
+        if not self.support.size:
+            return []
         change = self._losses() - self.costs[self.support]
-        return [(float(change[k]), np.delete(self.support, k)) for k in range(len(change))]
+        best = int(np.argmin(change))
+        return [(float(change[best]), np.delete(self.support, best))]
 
     def additions(self) -> list[Move]:
-        """Return what adding each of the most promising features changes."""
-        correlation = np.where(self.usable, self.design.correlate(self.residual), 0.0)
-        correlation = correlation / np.where(self.usable, self.lengths, 1.0)
+        """Return the best addition among the most promising features."""
+        correlation = self.correlation
         promise = np.where(self.usable, correlation ** 2 - self.costs, -np.inf)
         promise[self.support] = -np.inf
         candidates = _largest(promise, _CANDIDATES)
-        self._admit(candidates)
-        gain = self._gains(candidates, self.place, self.inverse, correlation[candidates])
-        change = self.costs[candidates] - gain
-        return [(float(c), np.append(self.support, k)) for c, k in zip(change, candidates)]
+        if not candidates.size:
+            return []
+        cross = self.gram.between(self.support, candidates)
+        outside = 1.0 - np.einsum('ij,ij->j', cross, self.inverse @ cross)
+        change = self.costs[candidates] - _gains(correlation[candidates], outside)
+        best = int(np.argmin(change))
+        return [(float(change[best]), np.append(self.support, candidates[best]))]
 
     def swaps(self) -> list[Move]:
-        """Return, for every feature, the best neighbour in its place and what it changes."""
-        near = [self._outside_support(neighbours(int(k), self.n_joints)) for k in self.support]
-        if near:
-            self._admit(np.unique(np.concatenate(near)))
-        losses, moves = self._losses(), []
-        for k, candidates in enumerate(near):
-            if not candidates.size:
-                continue
-            rest = np.delete(np.arange(len(self.place)), k)
-            # The inverse without row and column k, from the one with them (Schur).
-            inverse = self.inverse[np.ix_(rest, rest)] - np.outer(
-                self.inverse[rest, k], self.inverse[k, rest]) / self.inverse[k, k]
-            place, here = self.place[rest], self.place_of[candidates]
-            x = inverse @ self.c[place]
-            correlation = self.c[here] - self.gram[np.ix_(here, place)] @ x
-            gain = self._gains(candidates, place, inverse, correlation)
-            change = (losses[k] - self.costs[self.support[k]]
-                      + self.costs[candidates] - gain)
-            best = int(np.argmin(change))
-            moves.append((float(change[best]), np.append(np.delete(self.support, k),
-                                                         candidates[best])))
-        return moves
+        """
+        Return, for every feature, the best neighbour in its place and what it changes.
+
+        With H = G^-1 and u = H g for a candidate with products g, leaving feature k out gives
+        back u_k^2 / H_kk of the candidate's squared length outside the support, and u_k x_k /
+        H_kk of its product with the residual.
+        """
+        near = neighbours_of(self.support, self.n_joints)
+        near[~self.usable[near] | np.isin(near, self.support)] = -1
+        candidates = np.unique(near[near >= 0])
+        if not candidates.size:
+            return []
+        cross = self.gram.between(self.support, candidates)
+        u, spread = self.inverse @ cross, np.diag(self.inverse)
+        outside = 1.0 - np.einsum('ij,ij->j', cross, u)
+        correlation = self.correlation[candidates]
+        row, column = np.nonzero(near >= 0)
+        place = np.searchsorted(candidates, near[row, column])
+        own = u[row, place] / spread[row]
+        gain = _gains(correlation[place] + own * self.x[row],
+                      outside[place] + own * u[row, place])
+        change = np.full(near.shape, np.inf)
+        change[row, column] = (self._losses() - self.costs[self.support])[row] + self.costs[
+            candidates[place]] - gain
+        best = np.argmin(change, axis=1)
+        return [(float(change[k, j]), np.append(np.delete(self.support, k), near[k, j]))
+                for k, j in enumerate(best) if np.isfinite(change[k, j])]
 
     def _losses(self) -> FloatArray:
         return self.x ** 2 / np.maximum(np.diag(self.inverse), 1e-300)
 
-    def _gains(self, candidates: IntArray, place: IntArray, inverse: FloatArray,
-               correlation: FloatArray) -> FloatArray:
-        """Return by how much each candidate lowers chi^2 beside the columns at `place`."""
-        cross = self.gram[np.ix_(place, self.place_of[candidates])]
-        outside = 1.0 - np.einsum('ij,ij->j', cross, inverse @ cross)
-        return np.where(outside > _DEPENDENT,
-                        correlation ** 2 / np.maximum(outside, _DEPENDENT), 0.0)
-
-    def _outside_support(self, indices: IntArray) -> IntArray:
-        return indices[self.usable[indices] & ~np.isin(indices, self.support)]
-
     def _independent(self, support: IntArray) -> IntArray:
         """Keep the simple features of a set in which some depend on others."""
-        if not support.size:
-            return support
         order = support[np.argsort(self.costs[support], kind='stable')]
-        place = self.place_of[order]
-        gram = self.gram[np.ix_(place, place)]
+        gram = self.gram.within(order)
+        factor, failed = linalg.lapack.dpotrf(gram, lower=True) if order.size else (gram, 0)
+        if not failed and (np.diag(factor) ** 2 > _DEPENDENT).all():
+            return np.sort(order)
         kept: list[int] = []
         factor = np.zeros((0, 0))
         for k in range(len(order)):
@@ -266,18 +277,10 @@ class _Search:
                 kept.append(k)
         return np.sort(order[kept])
 
-    def _admit(self, indices: IntArray) -> None:
-        """Compute columns that have not been seen, and their products with the others."""
-        new = indices[self.place_of[indices] < 0]
-        if not new.size:
-            return
-        fresh = self.design.columns(new) / self.lengths[new]
-        cross = self.columns.T @ fresh
-        self.gram = np.block([[self.gram, cross], [cross.T, fresh.T @ fresh]])
-        self.columns = np.hstack([self.columns, fresh])
-        self.c = np.concatenate([self.c, fresh.T @ self.b])
-        self.place_of[new] = len(self.pool) + np.arange(len(new))
-        self.pool = np.concatenate([self.pool, new])
+
+def _gains(correlation: FloatArray, outside: FloatArray) -> FloatArray:
+    """Return by how much candidates lower chi^2, from their parts outside the support."""
+    return np.where(outside > _DEPENDENT, correlation ** 2 / np.maximum(outside, _DEPENDENT), 0.0)
 
 
 def _largest(values: FloatArray, count: int) -> IntArray:
