@@ -1,10 +1,12 @@
 """
-A campaign of faults against one running node: whatever comes, no wrong torque goes out.
+A campaign of faults against the running node: whatever comes, no wrong torque goes out.
 
-After every fault: the node lives, each torque that it published is that of its model at a pose
-that was really sent, diagnostics name the fault, and the next good message is answered.
+After every fault (`Range.fault`): each torque that was published is that of the model at a pose
+that was really sent, the node lives and answers the next good message, and the model file is what
+it was, or a whole new one. That diagnostics or an answer name the fault is asserted with each.
 """
 
+from contextlib import contextmanager
 import os
 import signal
 import time
@@ -16,6 +18,7 @@ from gravity_comp_ros.modelfile import load_model, save_model
 import numpy as np
 import pytest
 from ros_harness import ROOT, running, set_parameter
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 NAMES = [f'iiwa_joint_{k}' for k in range(1, 8)]
@@ -32,19 +35,28 @@ def recording():
 
 
 @pytest.fixture(scope='module')
-def model_file(tmp_path_factory):
+def model_bytes(tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'model.json'
     samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
     save_model(path, fit(slow_samples(samples).samples).model)
+    return path.read_bytes()
+
+
+@pytest.fixture
+def model_file(model_bytes, tmp_path):
+    """Return a model file that is this test's own to harm."""
+    path = tmp_path / 'model.json'
+    path.write_bytes(model_bytes)
     return path
 
 
 class Range:
     """Where faults are fired: keeps every pose that was sent, and checks every torque."""
 
-    def __init__(self, probe, recording, model):
-        self.probe, self.recording, self.model = probe, recording, model
-        self.k, self.t = 0, 1000.0
+    def __init__(self, node, probe, recording, path):
+        self.node, self.probe, self.recording, self.path = node, probe, recording, path
+        self.model, self.bytes = load_model(path), path.read_bytes()
+        self.k, self.t = 0, 100000.0
         self.poses = {}
 
     def good(self, **change):
@@ -59,16 +71,25 @@ class Range:
         t = change.get('t', self.t)
         message.header.stamp.sec = int(t)
         message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-        self.poses[(message.header.stamp.sec, message.header.stamp.nanosec)] = pose
+        # A second message of the same stamp is a fault: no torque may be that of its pose.
+        self.poses.setdefault((message.header.stamp.sec, message.header.stamp.nanosec), pose)
         self.probe.publisher.publish(message)
         return message
 
-    def answered(self):
+    @contextmanager
+    def fault(self, name):
+        """Check what holds after every fault, whatever it was."""
+        yield
+        assert self.node.process.poll() is None, f'the node died of: {name}'
+        self.answered(name)
+        assert self.path.read_bytes() == self.bytes, f'the model file changed by: {name}'
+
+    def answered(self, after='the start'):
         """Send a good message until one is answered; check everything that came."""
         count = len(self.probe.torques)
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + 60.0
         while len(self.probe.torques) == count:
-            assert time.monotonic() < end, 'a good message is no longer answered'
+            assert time.monotonic() < end, f'no good message is answered after: {after}'
             self.good()
             self.probe.spin(0.02)
         self.check()
@@ -91,21 +112,18 @@ class Range:
         return int(self.probe.values('input').get(f'count {reason}', 0))
 
 
-def mixed(recording):
-    """Return the same joint state with its joints in another order, and strangers among them."""
+def mixed(field):
+    """Send a joint state with its joints in another order, and strangers among them."""
     order = [3, 0, 6, 1, 5, 2, 4]
-
-    def fire(field):
-        message = field.good()
-        pose = field.poses[(message.header.stamp.sec, message.header.stamp.nanosec)]
-        field.t += 0.2
-        field.poses[(int(field.t), int(round((field.t - int(field.t)) * 1e9)))] = pose
-        shuffled = JointState(name=['gripper', *(NAMES[k] for k in order), 'wheel'],
-                              position=[9.0, *(pose[k] for k in order), NAN])
-        shuffled.header.stamp.sec = int(field.t)
-        shuffled.header.stamp.nanosec = int(round((field.t - int(field.t)) * 1e9))
-        field.probe.publisher.publish(shuffled)
-    return fire
+    message = field.good()
+    pose = field.poses[(message.header.stamp.sec, message.header.stamp.nanosec)]
+    field.t += 0.2
+    field.poses[(int(field.t), int(round((field.t - int(field.t)) * 1e9)))] = pose
+    shuffled = JointState(name=['gripper', *(NAMES[k] for k in order), 'wheel'],
+                          position=[9.0, *(pose[k] for k in order), NAN])
+    shuffled.header.stamp.sec = int(field.t)
+    shuffled.header.stamp.nanosec = int(round((field.t - int(field.t)) * 1e9))
+    field.probe.publisher.publish(shuffled)
 
 
 def part(**change):
@@ -138,143 +156,236 @@ INPUT_FAULTS = [
     ('velocities long', part(velocity=SEVEN * 2), 'wrong_size'),
     ('a NaN velocity', part(velocity=[NAN, *SEVEN[:6]]), 'velocity_not_finite'),
     ('an infinite velocity', part(velocity=[-INF] * 7), 'velocity_not_finite'),
-    ('positions alone, shuffled, among strangers', mixed(None), 'no_velocity'),
+    ('positions alone, shuffled, among strangers', mixed, 'no_velocity'),
 ]
 
 
 def test_input_faults(recording, model_file):
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        field = Range(probe, recording, load_model(model_file))
+        field = Range(node, probe, recording, model_file)
         field.answered()
         for name, fire, reason in INPUT_FAULTS:
             before = field.count(reason)
-            fire(field)
+            with field.fault(name):
+                fire(field)
+                probe.until(lambda was=before, why=reason: field.count(why) > was, 60,
+                            f'naming {reason} after {name}')
+        for name, fire, reason in CLOCK_FAULTS:
+            before = field.count(reason)
+            with field.fault(name):
+                fire(field)
             probe.until(lambda was=before, why=reason: field.count(why) > was, 60,
                         f'naming {reason} after {name}')
-            field.answered()
-            assert node.process.poll() is None, name
-        clock_faults(field)
-        burst_and_gap(field)
+        with field.fault('a burst'):
+            for _ in range(80):
+                field.good()
+            probe.until(lambda: len(probe.torques) >= 80, 60, 'the burst handled')
         assert probe.status['learning'].level != b'\x02'
-        code, output = node.stop()
+        code, output = node.stop(timeout=60)
     assert code == 0 and 'Traceback' not in output, output
 
 
-def clock_faults(field):
-    """Time still, back a little, back for good, a leap ahead and home again, no stamps."""
-    probe = field.probe
-    for name, t, reason in [('still', field.t, 'time_still'),
-                            ('back a little', field.t - 0.5, 'time_back'),
-                            ('back an hour', field.t - 900.0, 'time_back'),
-                            ('zero', 0.0, 'time_back')]:
-        before = field.count(reason)
-        field.good(t=t)
+def stamped(shift=None, exactly=None):
+    """Return a fault: a message whose stamp stands still, goes back, or says nothing."""
+    def fire(field):
+        field.good(t=field.t + shift if exactly is None else exactly)
         field.t -= 0.2
-        probe.until(lambda was=before, why=reason: field.count(why) > was, 60, f'time {name}')
-        field.answered()
-    for leap in (-500.0, 10000.0, -9000.0):
-        jumps = field.count('clock_jump')
-        field.t += leap
-        field.answered()
-        if leap < 0:
-            probe.until(lambda was=jumps: field.count('clock_jump') > was, 60, 'the clock jump')
+    return fire
 
 
-def burst_and_gap(field):
-    for _ in range(80):
+def leap(seconds):
+    """Return a fault: from now on the clock is another."""
+    def fire(field):
+        field.t += seconds
+        field.answered()
+    return fire
+
+
+CLOCK_FAULTS = [
+    ('time stands still', stamped(0.0), 'time_still'),
+    ('time goes back a little', stamped(-0.5), 'time_back'),
+    ('time goes back a quarter of an hour', stamped(-900.0), 'time_back'),
+    ('a stamp of zero among others', stamped(exactly=0.0), 'time_back'),
+    ('the clock is set back', leap(-500.0), 'clock_jump'),
+    ('the clock is set back by hours', leap(-9000.0), 'clock_jump'),
+]
+
+
+@pytest.mark.parametrize('reliable', [True, False])
+def test_a_gap_is_named_and_torque_returns(reliable, recording, model_file):
+    """Input stops for longer than `stale_after`, whatever the publisher promises."""
+    options = {**FAST, 'model_file': model_file, 'stale_after': 0.3, 'stale_action': 'hold'}
+    with running(options, reliable=reliable) as (node, probe):
+        field = Range(node, probe, recording, model_file)
         field.good()
-    field.probe.until(lambda: len(field.probe.torques) >= 80, 60, 'the burst handled')
-    field.check()
-    field.probe.spin(0.5)
-    field.answered()
+        probe.until(lambda: 'stale' in probe.status['input'].message, 60, 'the gap named')
+        probe.until(lambda: probe.status['feed-forward'].level == b'\x02', 60)
+        assert 'holding' in probe.status['feed-forward'].message
+        poses = [field.model.predict_one(pose) for pose in field.poses.values()]
+        for message in probe.torques:
+            assert min(np.abs(np.array(message.effort) - tau).max() for tau in poses) < BOUND
+        probe.torques.clear()
+        # What is published while input is stale carries its own stamp: let that pass.
+        end = time.monotonic() + 60.0
+        while 'messages' not in probe.status['input'].message:
+            assert time.monotonic() < end
+            field.good()
+            probe.spin(0.02)
+        assert node.process.poll() is None and model_file.read_bytes() == field.bytes
+
+
+SIMULATED = [('the simulation starts again', [50.0, 50.1]), ('it pauses', [50.1, 50.1, 50.1]),
+             ('it leaps', [5000.0, 5000.1])]
+
+
+def test_a_simulated_clock_that_jumps(recording, model_file):
+    options = {**FAST, 'model_file': model_file, 'use_sim_time': True, 'stale_after': 1.0,
+               'stale_action': 'fade', 'hold_time': 0.5, 'fade_time': 2.0}
+    with running(options) as (node, probe):
+        field = Range(node, probe, recording, model_file)
+        clock = probe.create_publisher(Clock, '/clock', 10)
+        probe.until(lambda: clock.get_subscription_count() > 0)
+        for name, times in [('it starts', [100.0, 100.1]), *SIMULATED]:
+            probe.torques.clear()
+            for t in times:
+                message = Clock()
+                message.clock.sec, message.clock.nanosec = int(t), round((t % 1) * 1e9)
+                clock.publish(message)
+                probe.spin(0.1)
+                seen = len(probe.torques)
+                field.good()
+                probe.until(lambda n=seen: len(probe.torques) > n, 60, f'an answer after {name}')
+            bound = max(np.abs(field.model.predict_one(q)).max() for q in field.poses.values())
+            assert all(np.abs(m.effort).max() <= bound + BOUND for m in probe.torques), name
+            assert node.process.poll() is None
+        assert model_file.read_bytes() == field.bytes
+
+
+WRONG_PARAMETERS = [
+    ('max_speed', NAN), ('max_speed', -1.0), ('max_torque', [INF]), ('max_torque', [1.0, 2.0]),
+    ('max_torque', ['much']), ('formulation', ''), ('ramp_time', -1.0),
+    ('stale_action', 'drop'), ('joints', ['a']), ('model_file', '/etc/passwd'),
+    ('effects', ['gremlins']), ('compensate', ['inertia']), ('no_such_parameter', 1)]
+STORMS = ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model')
+CALLS = 1000
 
 
 def test_calls_and_parameters_that_make_no_sense(recording, model_file):
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        field = Range(probe, recording, load_model(model_file))
+        field = Range(node, probe, recording, model_file)
         field.answered()
-        for name, value in [
-                ('max_speed', NAN), ('max_speed', -1.0), ('max_torque', [INF]),
-                ('max_torque', [1.0, 2.0]), ('max_torque', ['much']), ('formulation', ''),
-                ('ramp_time', -1.0), ('stale_action', 'drop'), ('joints', ['a']),
-                ('model_file', '/etc/passwd'), ('no_such_parameter', 1)]:
-            result = set_parameter(probe, name, value)
-            assert not result.successful and result.reason, name
-            field.answered()
-        refused = [probe.call(name) for name in ('refit', 'diagnose', 'rollback')]
-        assert all(not answer.success and answer.message for answer in refused)
-        for name in ('refit', 'payload_changed', 'rollback', 'diagnose'):
-            storm = [probe.ask(name) for _ in range(1000 if name == 'refit' else 300)]
-            field.answered()
-            probe.until(lambda calls=storm: all(call.done() for call in calls), 30,
-                        f'all answers of {name}')
-            assert all(call.result().message for call in storm)
-            field.answered()
-        assert node.process.poll() is None
+        for name, value in WRONG_PARAMETERS:
+            with field.fault(f'parameter {name} = {value}'):
+                result = set_parameter(probe, name, value)
+                assert not result.successful
+                # What rclpy itself refuses, it says in its own words.
+                assert any(word in result.reason
+                           for word in (name, 'read-only', 'undeclared parameter')), result
+        for name in ('refit', 'diagnose', 'rollback'):
+            with field.fault(f'{name} without anything to go by'):
+                answer = probe.call(name)
+                assert not answer.success and answer.message
+        for name in STORMS:
+            with field.fault(f'a storm of {name}'):
+                storm = [probe.ask(name) for _ in range(CALLS if name == 'refit' else 200)]
+                probe.until(lambda calls=storm: all(call.done() for call in calls), 60,
+                            f'all answers of {name}')
+                assert all(call.result().message for call in storm)
+
+
+PROCESS_FAULTS = ((signal.SIGKILL, 'died (signal 9)'), (signal.SIGSEGV, 'died (signal 11)'),
+                  (signal.SIGSTOP, 'the fit hung'))
 
 
 def test_faults_of_the_fit_process(recording, model_file):
-    with running({**FAST, 'model_file': model_file, 'fit_timeout': 1.0}) as (_, probe):
-        field = Range(probe, recording, load_model(model_file))
+    with running({**FAST, 'model_file': model_file, 'fit_timeout': 2.0}) as (node, probe):
+        field = Range(node, probe, recording, model_file)
         for _ in range(200):
             field.good()
             probe.spin(0.004)
-        for number, words in ((signal.SIGKILL, 'died (signal 9)'),
-                              (signal.SIGSEGV, 'died (signal 11)'),
-                              (signal.SIGSTOP, 'the fit hung')):
-            probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 60,
+        for number, words in PROCESS_FAULTS:
+            probe.until(lambda: 'learning' in probe.status
+                        and probe.values('learning')['fit process'] == 'ready', 60,
                         'a fit process')
             pid = int(probe.values('learning')['fit process id'])
-            os.kill(pid, signal.SIGSTOP)
-            waiting = probe.ask('refit')
-            probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
-            os.kill(pid, number)
-            os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
-            probe.until(waiting.done, 60, 'the answer')
-            assert not waiting.result().success and words in waiting.result().message
-            probe.until(lambda text=words: text in probe.status['learning'].message, 60)
-            assert probe.status['learning'].level == b'\x02'
-            field.answered()
+            with field.fault(f'the fit process {words}'):
+                os.kill(pid, signal.SIGSTOP)
+                waiting = probe.ask('refit')
+                probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
+                os.kill(pid, number)
+                os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
+                probe.until(waiting.done, 60, 'the answer')
+                assert not waiting.result().success and words in waiting.result().message
+                probe.until(lambda text=words: text in probe.status['learning'].message, 60)
+                assert probe.status['learning'].level == b'\x02'
         # Killed while idle, and once more before it has started again.
         for _ in range(2):
-            old = probe.values('learning')['fit process id']
-            if old:
-                os.kill(int(old), signal.SIGKILL)
-            probe.until(lambda was=old: probe.values('learning')['fit process id'] != was, 60)
-            field.answered()
+            with field.fault('the idle fit process is killed'):
+                old = probe.values('learning')['fit process id']
+                if old:
+                    os.kill(int(old), signal.SIGKILL)
+                probe.until(lambda was=old: probe.values('learning')['fit process id'] != was)
 
 
-def test_a_model_file_of_another_arm(tmp_path, model_file, recording):
+WRONG_FILES = [('half a file', lambda whole: whole[:len(whole) // 2]), ('nothing', lambda _: b''),
+               ('a changed digit', lambda whole: whole.replace(b'0.', b'7.', 1)),
+               ('another format', lambda _: b'{"format": "a cake"}')]
+
+
+@pytest.mark.parametrize('name, harm', WRONG_FILES, ids=[name for name, _ in WRONG_FILES])
+def test_a_harmed_model_file_is_named_and_left_alone(name, harm, model_file, recording):
+    harmed = harm(model_file.read_bytes())
+    model_file.write_bytes(harmed)
+    with running({**FAST, 'model_file': model_file}) as (node, probe):
+        status = probe.report('model')
+        assert status.level == b'\x02' and 'model.json' in status.message
+        probe.stream(recording.select(np.arange(20)))
+        assert node.process.poll() is None and not probe.torques and not probe.commands
+        assert not probe.call('save_model').success
+    assert model_file.read_bytes() == harmed
+
+
+def test_a_model_file_of_another_arm(model_file, recording):
     with running({**FAST, 'model_file': model_file, 'joints': '[a, b]'}) as (_, probe):
         status = probe.report('model')
         assert status.level == b'\x02' and 'a, b' in status.message and not probe.torques
 
 
-def test_killed_while_saving_the_file_is_old_or_new(tmp_path, model_file, recording):
-    path = tmp_path / 'model.json'
-    path.write_bytes(model_file.read_bytes())
-    for round_ in range(3):
-        with running({**FAST, 'model_file': path}) as (node, probe):
+KILLS = 3
+
+
+def test_killed_while_saving_the_file_is_old_or_new(model_file, recording):
+    for kill in range(KILLS):
+        with running({**FAST, 'model_file': model_file}) as (node, probe):
             assert probe.report('model').level == b'\x00'
-            field = Range(probe, recording, load_model(path))
+            field = Range(node, probe, recording, model_file)
             field.answered()
             for _ in range(20):
                 probe.ask('save_model')
-            probe.spin(0.002 * (1 + 3 * round_))
+            probe.spin(0.002 * (1 + 3 * kill))
             node.process.kill()
-        load_model(path)
-    folder_full(path, recording)
+        load_model(model_file)
+    folder_gone(model_file, recording)
 
 
-def folder_full(path, recording):
+def folder_gone(path, recording):
     """Save into a folder that is gone: that is told, and the file stays as it was."""
     before = path.read_bytes()
     for left in path.parent.glob('.model.json.*'):
         left.unlink()
-    with running({**FAST, 'model_file': path}) as (_, probe):
+    with running({**FAST, 'model_file': path}) as (node, probe):
         probe.report('model')
         path.parent.rename(path.parent.with_suffix('.away'))
         answer = probe.call('save_model')
         path.parent.with_suffix('.away').rename(path.parent)
         assert not answer.success and 'nothing was changed' in answer.message
+        assert node.process.poll() is None
     assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
+
+
+def test_the_campaign_is_as_large_as_it_says():
+    # Besides those in tables: a burst, a gap from either publisher, three calls without
+    # anything to go by, two kills while idle, a foreign model, a folder that is gone.
+    counted = [*INPUT_FAULTS, *CLOCK_FAULTS, *SIMULATED, *WRONG_PARAMETERS, *STORMS,
+               *PROCESS_FAULTS, *WRONG_FILES, *range(KILLS + 1 + 2 + 3 + 2 + 1 + 1)]
+    assert len(counted) >= 70

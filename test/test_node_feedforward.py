@@ -206,3 +206,9 @@ def test_effects_end_beyond_the_margin_and_never_break_limits():
     assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
     assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
     assert feed.update(0.3, Q, np.array([np.nan])) == pytest.approx(10.0)
+
+
+def test_a_clock_that_is_set_back_does_not_blind_the_watchdog():
+    feed, t = started()
+    assert feed.watch(t - 1000.0) is None
+    assert feed.watch(t - 999.0) is not None and feed.state(t - 999.0) in (ff.HOLDING, ff.FADING)

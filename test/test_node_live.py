@@ -159,3 +159,40 @@ def test_close_answers_those_who_wait(live, model_file):
     node.refit(0.0, lambda *answer: answers.append(answer))
     node.close()
     assert answers == [(False, 'the node shuts down')]
+
+
+def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
+    node = live(model_file=str(model_file), settle_time=1.0)
+    now = feed(node, 20, start=5000.0)
+    node.payload_changed(now)
+    feed(node, 20, start=10.0)
+    assert node.arm.epoch.n_samples > 10
+
+
+def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
+    feed(node, 80)
+    until(node, 0.0, lambda: node.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    node.tick(20.0, time.monotonic())
+    node.tick(1e6, time.monotonic())
+    assert node.fits.state == 'fitting' and not answers
+    end = time.monotonic() + 30.0
+    while not answers:
+        assert time.monotonic() < end
+        node.tick(3.0, time.monotonic())
+    assert answers[0][1].count('N·m') >= 2
+
+
+def test_a_machine_that_is_too_slow_is_told(live, model_file):
+    node = live(model_file=str(model_file))
+    now = feed(node, 20)
+    node.late = 3
+    assert status(node, 'input', now).level == OK
+    feed(node, 20, now + 0.2)
+    node.late = 60
+    found = status(node, 'input', now + 4.0)
+    assert found.level == WARN and 'the torque is late' in found.message
+    feed(node, 20, now + 4.2)
+    assert status(node, 'input', now + 8.0).level == OK

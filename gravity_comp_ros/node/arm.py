@@ -112,6 +112,13 @@ class Arm:
         if wanted and not sent.targets:
             self.effects_problem = 'the model has none of the effects to compensate'
 
+    def is_settled(self, now: float) -> bool:
+        """Return whether messages of the new payload have come since it changed."""
+        if self.learn_from - now > cast(float, self._settings['settle_time']) + 0.1:
+            # The clock was set back; nobody waits for that hour to pass again.
+            self.learn_from = now
+        return now >= self.learn_from
+
     def new_epoch(self, settings: Mapping[str, Value], now: float, has_base: bool) -> None:
         """Forget all samples and start to collect, once old messages have passed."""
         self.learn_from = now + cast(float, settings['settle_time'])
@@ -120,8 +127,8 @@ class Arm:
         self.residual[:] = 0.0
         self.n_residual = 0
 
-    def input_status(self, topic: str, now: float) -> diagnostics.Status:
-        """Return the state of the input since the last call."""
+    def input_status(self, topic: str, now: float, late: int = 0) -> diagnostics.Status:
+        """Return the state of the input since the last call; `late` as `diagnostics`."""
         counts = self.reader.counts
         age = None if self.last_seen is None else now - self.last_seen
         new = self.reader.received - self._reported_received
@@ -129,7 +136,7 @@ class Arm:
         self._reported, self._reported_received = counts.copy(), self.reader.received
         stale = age is not None and age > self.feed.options.stale_after
         return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
-                                        fresh)
+                                        fresh, late)
 
     def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
         """Return the state of the feed-forward and of every joint."""

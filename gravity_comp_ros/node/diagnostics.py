@@ -12,6 +12,9 @@ import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)
 
+# One pause of the machine is no news; so many bursts in one report are a queue that stays.
+LATE = 10
+
 # A residual so many times that of the training says that the payload is another.
 CHANGED = 5.0
 
@@ -27,16 +30,19 @@ class Status:
 
 
 def input_status(topic: str, received: int, new: int, age: float | None, stale: bool,
-                 counts: Mapping[str, int], fresh: Mapping[str, int]) -> Status:
+                 counts: Mapping[str, int], fresh: Mapping[str, int], late: int = 0) -> Status:
     """
     Return the state of the input.
 
     :param received: messages since the start; `new` of them since the last report.
     :param age: s since the last usable message, None before the first.
     :param counts: drops by reason since the start; `fresh` of them since the last report.
+    :param late: how often messages waited for those before them since the last report.
     """
     values = {'topic': topic, 'messages': str(received), 'messages since last report': str(new),
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
+    if late:
+        values['bursts since last report'] = str(late)
     for reason in (*FAULTS, *HANDLED):
         if counts.get(reason):
             values[f'count {reason}'] = str(counts[reason])
@@ -50,6 +56,9 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
     elif named:
         level = ERROR if age is None else WARN
         message = f'dropped: {named}'
+    elif late >= LATE:
+        level, message = WARN, ('messages come faster than they are handled: the torque is late; '
+                                'give this process more of the machine, or lower the rate')
     elif age is None:
         level, message = WARN, f'none of our joints in the messages on {topic}'
     else:

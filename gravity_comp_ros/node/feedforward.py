@@ -153,6 +153,8 @@ class FeedForward:
         """Return the torque to publish although no input came, None if none is due."""
         if self._fresh is None or self._source is None:
             return None
+        # A clock that was set back must not make old input young for as long as that.
+        self._fresh = min(self._fresh, now)
         age = now - self._fresh
         if age <= self.options.stale_after or self._is_at_rest():
             return None

@@ -121,7 +121,10 @@ def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...
 
     :raises OptionError: if an effect is unknown, or not one to compensate.
     """
-    wanted = requests(texts, joints)
+    try:
+        wanted = requests(texts, joints)
+    except OptionError as problem:
+        raise OptionError(f'parameter compensate: {problem}') from problem
     for request in wanted:
         if request.effect.name not in SAFE:
             raise OptionError(

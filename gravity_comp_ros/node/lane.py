@@ -50,6 +50,8 @@ class InputFirstExecutor(SingleThreadedExecutor):
 
     def __init__(self, subscription: Callable[[], Subscription | None]) -> None:
         super().__init__()
+        # How often a burst ended with messages still waiting, since the start.
+        self.full_bursts = 0
         self._find = subscription
         self._served: Subscription | None = None
         self._wait_set: Any = None
@@ -89,6 +91,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
                 if taken is None:
                     return
                 subscription.callback(taken[0])
+        self.full_bursts += 1
 
     def _turn(self, until: float) -> None:
         """Run everything else that is ready, as long as the turn lasts."""

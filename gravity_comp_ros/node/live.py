@@ -40,6 +40,8 @@ class Live:
         self.settings = dict(settings)
         self.problem = ''
         self.wants_save = False
+        # How often messages came faster than they could be handled, since the start.
+        self.late = self._late_reported = 0
         self._topic = topic
         self._settings_checked(None)
         self.models = Models(str(settings['model_file']), cast(int, settings['history']))
@@ -103,7 +105,7 @@ class Live:
         arm.last_seen, arm.pose = now, reading.q
         if reading.new_run:
             arm.gate.reset()
-        if reading.qd is not None and reading.tau is not None and now >= arm.learn_from:
+        if reading.qd is not None and reading.tau is not None and arm.is_settled(now):
             self._learn(arm, reading)
         return reading, tau
 
@@ -139,9 +141,15 @@ class Live:
             arm.residual += error * error
             arm.n_residual += 1
 
-    def tick(self, now: float) -> FloatArray | None:
-        """Look after fits and the watchdog; return the torque to publish without input."""
-        for event in self.fits.poll(now):
+    def tick(self, now: float, wall: float | None = None) -> FloatArray | None:
+        """
+        Look after fits and the watchdog; return the torque to publish without input.
+
+        :param wall: the time for fits and calls where `now` is that of a simulation, whose
+            pauses and leaps are no reason to give up a fit, or to wait for one for ever.
+        """
+        wall = now if wall is None else wall
+        for event in self.fits.poll(wall):
             if isinstance(event, Outcome):
                 self._finish(event, now)
             elif isinstance(event, Findings):
@@ -151,16 +159,16 @@ class Live:
         arm = self.arm
         if arm is None:
             return None
-        self._expire(now)
+        self._expire(wall)
         if self.fits.state == 'ready':
             if self._wanted is not None:
                 reply, until, is_question = self._wanted
                 self._wanted = None
-                number = self._submit_question(arm, now) if is_question \
-                    else self._submit(arm, now, asked=True)
+                number = self._submit_question(arm, wall) if is_question \
+                    else self._submit(arm, wall, asked=True)
                 self._waiting = (number, reply, until)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
-                self._submit(arm, now)
+                self._submit(arm, wall)
         return arm.feed.watch(now)
 
     def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
@@ -243,25 +251,25 @@ class Live:
         return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
                       'a better one is learned: move the arm slowly through its range')
 
-    def refit(self, now: float, reply: Reply) -> None:
+    def refit(self, wall: float, reply: Reply) -> None:
         """Fit what was collected; `reply` is called once, now or when the fit has ended."""
-        self._want(now, reply, is_question=False)
+        self._want(wall, reply, is_question=False)
 
-    def diagnose(self, now: float, reply: Reply) -> None:
+    def diagnose(self, wall: float, reply: Reply) -> None:
         """Ask which effect the model lacks; `reply` as for `refit`."""
-        self._want(now, reply, is_question=True)
+        self._want(wall, reply, is_question=True)
 
-    def _want(self, now: float, reply: Reply, is_question: bool) -> None:
+    def _want(self, wall: float, reply: Reply, is_question: bool) -> None:
         arm = self.arm
         if arm is None:
             reply(False, NO_JOINTS)
         elif self._wanted is not None or self._waiting is not None or self.fits.job is not None:
-            reply(False, f'a fit is running already ({self.fits.seconds(now):.1f} s); its '
+            reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
                   'outcome will be in /diagnostics')
         elif (lack := arm.epoch.can_fit()) is not None:
             reply(False, lack)
         else:
-            until = now + cast(float, self.settings['refit_timeout'])
+            until = wall + cast(float, self.settings['refit_timeout'])
             self._wanted = (reply, until, is_question)
 
     def rollback(self, now: float) -> Answer:
@@ -304,14 +312,15 @@ class Live:
         """Return what to publish on /diagnostics; counts since the last call start again."""
         entry = self.models.entry
         model = diagnostics.model_status(
-            entry.describe() if entry else None, now - entry.since if entry else 0.0,
+            entry.describe() if entry else None, max(0.0, now - entry.since) if entry else 0.0,
             self.models.n_past, self.problem)
         arm = self.arm
         if arm is None:
             received = sum(self._unnamed.values())
             return [diagnostics.input_status(self._topic, received, received, None, False,
                                              self._unnamed, self._unnamed), model]
-        return [arm.input_status(self._topic, now), model,
+        late, self._late_reported = self.late - self._late_reported, self.late
+        return [arm.input_status(self._topic, now, late), model,
                 diagnostics.learning_status(self._learning(arm)),
                 *arm.statuses(self.models.model, now)]
 
@@ -329,7 +338,10 @@ def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> Non
 
     :raises OptionError: if not, or if one to be compensated is not fit for that.
     """
-    requests(cast(tuple[str, ...], settings['effects']), joints)
+    try:
+        requests(cast(tuple[str, ...], settings['effects']), joints)
+    except OptionError as problem:
+        raise OptionError(f'parameter effects: {problem}') from problem
     compensable(cast(tuple[str, ...], settings['compensate']), joints)
 
 

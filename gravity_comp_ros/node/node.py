@@ -24,8 +24,9 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 
-# Matches every publisher; deep enough for a second at 1 kHz in which this process got no turn.
-INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
+# Matches every publisher. Deep enough for a tenth of a second at 1 kHz in which this process got
+# no turn; no deeper, because on a machine that is too slow the queue is the torque's delay.
+INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
 # By default the eleventh of many calls at once would be lost without an answer.
 SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
@@ -96,7 +97,7 @@ class GravityCompNode(LifecycleNode):
         report = 1.0 / cast(float, self.settings.values['diagnostics_rate'])
         self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
                              self.create_timer(report, self._on_report, clock=self._steady)]
-        self._live.fits.start(self.now())
+        self._live.fits.start(time.monotonic())
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -176,7 +177,7 @@ class GravityCompNode(LifecycleNode):
             if self._live is None or not self._active:
                 future.set_result((False, INACTIVE))
             else:
-                start(self._live, self.now(), lambda *answer: _settle(future, answer))
+                start(self._live, time.monotonic(), lambda *answer: _settle(future, answer))
             response.success, response.message = await future
             self._log(response.success, response.message)
             return response
@@ -233,7 +234,7 @@ class GravityCompNode(LifecycleNode):
         if live is None or outputs is None:
             return
         outputs.look_around()
-        tau = live.tick(self.now())
+        tau = live.tick(self.now(), time.monotonic())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
@@ -248,6 +249,7 @@ class GravityCompNode(LifecycleNode):
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._live is not None and self._outputs is not None:
+            self._live.late = getattr(self.executor, 'full_bursts', 0)
             self._outputs.diagnostics(self._live.statuses(self.now()))
 
     def _log(self, success: bool, text: str) -> None:
