@@ -7,14 +7,10 @@ motion of Eq. (17) with 0.1 N·m noise, tested later on the same motion and over
 of the joints. `pytest -rP` prints the worst figures.
 """
 
-from dataclasses import dataclass
-
+from bench import accuracy
 from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.gravity.fit import fit
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 import pytest
 
@@ -22,37 +18,21 @@ ARM = arms.iiwa7()
 SEEDS = range(10)
 FORMULATIONS = ('potential', 'per_joint')
 BOTH = pytest.mark.parametrize('formulation', FORMULATIONS)
-LATER = motions.eq17(start=100.0)
-ANYWHERE = motions.random_poses(ARM.lower, ARM.upper, 1000, seed=1234)
-
-
-def random_poses(seed: int) -> JointSamples:
-    motion = motions.random_poses(ARM.lower, ARM.upper, 1000, seed)
-    return synthesise(ARM, motion, SynthesisOptions(static=True, seed=seed,
-                                                    noise=NoiseOptions(relative=0.01)))
-
-
-def small_motion(seed: int, static: bool = True) -> JointSamples:
-    return synthesise(ARM, motions.eq17(), SynthesisOptions(
-        static=static, seed=seed, noise=NoiseOptions(absolute=0.1)))
-
-
-def rmse(result: FitResult, motion: motions.Motion, static: bool = True) -> np.ndarray:
-    """Return the RMSE (N,) in N·m against the exact torque of a motion."""
-    exact = synthesise(ARM, motion, SynthesisOptions(static=static)).tau
-    return np.sqrt(((result.model.predict(motion.q) - exact) ** 2).mean(axis=0))
 
 
 @pytest.fixture(scope='module')
 def truth() -> np.ndarray:
-    """Return the exact weights (3^7, 7) of gravity, from three angles a joint."""
-    angles = np.array([0.0, 2.0, 4.0])
-    grid = np.stack(np.meshgrid(*[angles] * 7, indexing='ij'), axis=-1).reshape(-1, 7)
-    weights = arms.gravity_torque(ARM, grid).reshape(*[3] * 7, 7)
-    inverse = np.linalg.inv(np.column_stack([np.ones(3), np.sin(angles), np.cos(angles)]))
-    for axis in range(7):
-        weights = np.moveaxis(np.tensordot(inverse, weights, axes=(1, axis)), 0, axis)
-    return weights.reshape(3 ** 7, 7)
+    return accuracy.exact_weights()
+
+
+@pytest.fixture(scope='module')
+def table3() -> dict[str, accuracy.Figures]:
+    return {name: accuracy.table3(name, SEEDS) for name in FORMULATIONS}
+
+
+@pytest.fixture(scope='module')
+def eq17() -> dict[str, accuracy.Figures]:
+    return {name: accuracy.eq17(name, SEEDS) for name in FORMULATIONS}
 
 
 def test_gravity_lies_in_the_dictionary(truth):
@@ -63,41 +43,6 @@ def test_gravity_lies_in_the_dictionary(truth):
     # From 59 N·m down to the few millinewton metres of a link's skew centre of mass.
     sizes = np.abs(truth[np.abs(truth) > 1e-6])
     assert 58 < sizes.max() < 60 and sizes.min() < 0.01
-
-
-@dataclass(frozen=True)
-class Figures:
-    """The fits of one formulation over all seeds, and their errors (seeds, N)."""
-
-    fits: list[FitResult]
-    errors: dict[str, np.ndarray]
-
-    def worst(self, which: str) -> np.ndarray:
-        return self.errors[which].max(axis=0)
-
-
-@pytest.fixture(scope='module')
-def table3() -> dict[str, Figures]:
-    """Return the errors on Eq. (15) after random poses, as nRMSE (Yu 2022, Eq. 16)."""
-    test, found = motions.eq15(), {}
-    spread = np.ptp(arms.gravity_torque(ARM, test.q), axis=0)
-    for formulation in FORMULATIONS:
-        fits = [fit(random_poses(seed), FitOptions(formulation)) for seed in SEEDS]
-        found[formulation] = Figures(fits, {'nrmse': np.array(
-            [rmse(one, test) / np.maximum(spread, 1e-9) for one in fits])})
-    return found
-
-
-@pytest.fixture(scope='module')
-def eq17() -> dict[str, Figures]:
-    """Return the errors after the small slow motion, in N·m."""
-    found = {}
-    for formulation in FORMULATIONS:
-        fits = [fit(small_motion(seed), FitOptions(formulation)) for seed in SEEDS]
-        found[formulation] = Figures(fits, {
-            'later': np.array([rmse(one, LATER) for one in fits]),
-            'anywhere': np.array([rmse(one, ANYWHERE) for one in fits])})
-    return found
 
 
 @BOTH
@@ -112,13 +57,13 @@ def test_random_poses_as_in_table_3(table3, formulation):
 @BOTH
 def test_features_are_few_and_the_true_ones_among_them(table3, truth, formulation):
     figures = table3[formulation]
-    counts = np.array([one.model.n_features() for one in figures.fits])
-    print(f'{formulation}: most features of J1 to J7:', counts.max(axis=0))
-    assert counts.max() <= 20
+    most = accuracy.most_features(figures)
+    print(f'{formulation}: most features of J1 to J7:', most)
+    assert most.max() <= 20
+    assert accuracy.missing(figures, truth) == 0
     for one in figures.fits:
         for joint, torque in enumerate(one.model.torques):
             large = np.flatnonzero(np.abs(truth[:, joint]) > 0.1)
-            assert np.isin(large, torque.indices).all()
             found = torque.weights[np.searchsorted(torque.indices, large)]
             np.testing.assert_allclose(found, truth[large, joint], atol=0.2)
 
@@ -147,6 +92,6 @@ def test_the_small_motion_joint_by_joint_is_no_guide_outside(eq17):
 def test_the_small_motion_with_the_inertia_it_really_has(seed):
     # Trained on the moving arm's torque, and judged on it; what it says of gravity anywhere is
     # not spoilt by what inertia it took for gravity.
-    result = fit(small_motion(seed, static=False))
-    assert rmse(result, LATER, static=False).max() <= 0.05
-    assert rmse(result, ANYWHERE).max() <= 1.0
+    result = fit(accuracy.small_motion(seed, static=False))
+    assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.05
+    assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0
