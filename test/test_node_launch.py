@@ -59,3 +59,23 @@ def test_examples_of_parameters_are_accepted():
         values = {**defaults(), **{k: BY_NAME[k].parse(v) for k, v in chosen.items()}}
         check_together(values)
         assert values['max_torque'] and values['joints'], path.name
+
+
+READ = """
+import sys, rclpy
+from rclpy.node import Node
+rclpy.init(args=['x', '--ros-args', '--params-file', sys.argv[1]])
+for name in sys.argv[2:]:
+    node = Node(name, automatically_declare_parameters_from_overrides=True)
+    assert len(node.get_parameters_by_prefix('')) > 1, name
+"""
+
+
+def test_ros_itself_reads_the_examples():
+    import yaml
+    for path in sorted((ROOT / 'config').glob('*.yaml')):
+        # The parser of ROS takes no aliases, and no list of mixed types.
+        nodes = yaml.safe_load(path.read_text())
+        done = subprocess.run([sys.executable, '-c', READ, path, *nodes], cwd=ROOT,
+                              capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, f'{path.name}: {done.stderr}'
