@@ -54,7 +54,7 @@ def _axes_scale(model: GravityModel, size: int) -> FloatArray:
     if model.uncertainty is None:
         return np.full(size, _AXES)
     std = np.sqrt(np.maximum(np.diag(model.uncertainty.covariance)[:size], 0.0))
-    return np.where(std < _TAKEN * TOLERANCE, np.maximum(std, _SMALLEST * TOLERANCE), _AXES)
+    return np.where((std > 0.0) & (std < _TAKEN * TOLERANCE), std, _AXES)
 
 
 def step_from(origin: GravityModel, model: GravityModel) -> FloatArray:
@@ -70,6 +70,8 @@ def step_columns(model: GravityModel, q: FloatArray) -> list[Part]:
     n = model.n_joints
     if model.chain is not None:
         jacobian = model.chain.jacobian(q)
+        # Left out rather than held by its scale, so that the chain prints as short as it was.
+        jacobian[:2 * n][_axes_scale(model, 2 * n) < _AXES] = 0.0
         return [_nonzero(jacobian[:, joint].T) for joint in range(n)]
     if model.energy is not None:
         flat = EnergyDesign(q, np.ones(q.shape)).columns(model.energy.indices)

@@ -194,7 +194,7 @@ def _rounds(work: Workplace, terms: tuple[Term, ...]) -> Workplace:
     k, q = step_size(work.model), work.motion.samples.q
     for _ in range(_ROUNDS):
         x = work.system(terms).solve()
-        model = moved(work.model, x[:k], np.zeros((k, k)))
+        model = moved(work.model, x[:k], _kept_covariance(work.model, k))
         gravity = model.predict(q)
         change = (gravity - work.motion.gravity)[work.rows] / work.sigma
         if float(np.sqrt((change ** 2).mean())) < _SETTLED:
@@ -203,6 +203,13 @@ def _rounds(work: Workplace, terms: tuple[Term, ...]) -> Workplace:
                          model=model)
         work = work.at(motion, model, work.origin)
     return work
+
+
+def _kept_covariance(model: GravityModel, size: int) -> FloatArray:
+    """Return the covariance (K, K) on the way; that of a chain tells which angles are right."""
+    if model.chain is None or model.uncertainty is None:
+        return np.zeros((size, size))
+    return model.uncertainty.covariance
 
 
 def _left_out(work: Workplace, settled: list[tuple[Term, ...]]) -> FloatArray:
