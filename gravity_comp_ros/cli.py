@@ -19,7 +19,7 @@ from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
 VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'update',
-         'replay', 'workbench')
+         'replay', 'fleet', 'workbench')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -49,14 +49,16 @@ With GRAVITY_COMP_DEBUG=1 a failure also shows its traceback.
 PACKAGES = {
     'bokeh': "pip install 'gravity_comp_ros[report]'",
     'defusedxml': 'pip install defusedxml (in a ROS workspace: python3-defusedxml)',
+    'lz4': 'pip install lz4 (in a ROS workspace: python3-lz4)',
+    'dask': "pip install 'gravity_comp_ros[fleet]'",
+    'distributed': "pip install 'gravity_comp_ros[fleet]'",
     'mcap': "pip install 'gravity_comp_ros[bags]'",
-    'mcap_ros2': "pip install 'gravity_comp_ros[bags]'",
     'pinocchio': "pip install 'gravity_comp_ros[sim]' (in a ROS workspace: ros-jazzy-pinocchio)",
     'rclpy': "pip install 'gravity_comp_ros[ros]', or source ROS 2 Jazzy",
     'rich': 'pip install rich',
-    'rosbags': "pip install 'gravity_comp_ros[bags]'",
     'scipy': 'pip install scipy',
     'yaml': 'pip install PyYAML',
+    'zstandard': "pip install 'gravity_comp_ros[bags]'",
 }
 
 # The problems here are too small for threads: on a busy machine, threads that wait for each
