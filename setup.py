@@ -22,6 +22,7 @@ def files(folder):
 SIM = ['pin>=2.7']
 BAGS = ['mcap>=1.1', 'zstandard>=0.21']
 REPORT = ['bokeh>=3.4']
+FLEET = ['dask>=2024.1', 'distributed>=2024.1']
 ROS = [
     'ros-jazzy-rclpy>=7.1',
     'ros-jazzy-rmw-fastrtps-cpp>=8.4',
@@ -53,7 +54,7 @@ setup(
     ],
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
                       'rich>=13.3', 'defusedxml>=0.7'],
-    extras_require={'bags': BAGS, 'report': REPORT, 'ros': ROS, 'sim': SIM,
+    extras_require={'bags': BAGS, 'fleet': FLEET, 'report': REPORT, 'ros': ROS, 'sim': SIM,
                     'test': TEST + BAGS + REPORT + SIM},
     zip_safe=False,
     entry_points={

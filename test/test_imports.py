@@ -18,7 +18,7 @@ LAYERS = (
     ('samples', 'gate', 'gate_blocks', 'buffer', 'holdout', 'velocity'),
     ('gravity', 'effects'),
     ('diagnosis',),
-    ('bag', 'table', 'modelfile', 'urdf', 'simulation', 'report'),
+    ('bag', 'table', 'modelfile', 'urdf', 'simulation', 'report', 'fleet'),
     ('node', 'commands', 'cli', 'workbench'),
 )
 LAYER_OF = {name: level for level, names in enumerate(LAYERS) for name in names}

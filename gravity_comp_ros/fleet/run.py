@@ -1,0 +1,187 @@
+"""Fit or diagnose every robot of a fleet; what was done already is not done again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+from gravity_comp_ros.atomic import write_atomically
+from gravity_comp_ros.bag import ReadOptions
+from gravity_comp_ros.bag_gated import GatedRecording
+from gravity_comp_ros.errors import BagError, GravityCompError
+from gravity_comp_ros.fleet.engine import Engine, Failure
+from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
+from gravity_comp_ros.fleet.store import Store
+from gravity_comp_ros.fleet.tasks import (
+    diagnose_robot, DiagnoseTask, fit_robot, FitTask, read, ReadTask)
+from gravity_comp_ros.gate import GateOptions
+from gravity_comp_ros.gravity.fit import FitOptions, FitResult
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.modelfile import load_model, save_model
+
+Progress = Callable[[str, float], None]
+KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use
+
+
+@dataclass
+class Outcome:
+    """
+    What became of a fleet: per robot what it has now, and what failed.
+
+    `robots` maps names to a few figures; `failed_bags` and `failed_robots` say why. `resumed`
+    counts the bags and robots that an earlier run had done.
+    """
+
+    robots: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failed_bags: dict[str, str] = field(default_factory=dict)
+    failed_robots: dict[str, str] = field(default_factory=dict)
+    resumed: int = 0
+
+
+@dataclass(frozen=True)
+class FleetRun:
+    """A fleet, where its results go, and where the work is done."""
+
+    robots: Sequence[Robot]
+    output: Path
+    engine: Engine
+    reading: ReadOptions = ReadOptions()
+    gate: GateOptions = GateOptions()
+    progress: Progress = lambda word, share: None
+
+    def fit(self, options: FitOptions = FitOptions()) -> Outcome:
+        """
+        Fit each robot to all its bags that can be read; OUTPUT/ROBOT.json has the model.
+
+        :raises BagError: if nothing can be written.
+        """
+        outcome, store = Outcome(), Store(self.output / KEPT)
+        recordings = self._read(outcome, store)
+        waiting = {}
+        for robot in self.robots:
+            found = [recordings[bag] for bag in robot.bags if bag in recordings]
+            key = _key('fit', robot.name, [r.report.sha256 for r in found], options,
+                       self.reading, self.gate)
+            done = store.note(key)
+            if done is not None and _holds_model(self._model_file(robot)):
+                outcome.robots[robot.name] = done
+                outcome.resumed += 1
+            else:
+                waiting[robot.name] = (robot, key, found)
+        names = list(waiting)
+        tasks = [FitTask(tuple(r.samples for r in waiting[name][2]), options) for name in names]
+        for count, (number, result) in enumerate(self.engine.run(fit_robot, tasks)):
+            robot, key, found = waiting[names[number]]
+            self.progress('fit', (count + 1) / len(names))
+            if isinstance(result, Failure):
+                outcome.failed_robots[robot.name] = result.reason
+                continue
+            outcome.robots[robot.name] = self._save(robot, found, result)
+            store.keep_note(key, outcome.robots[robot.name])
+        return outcome
+
+    def diagnose(self, models: Path | None = None,
+                 effects: tuple[str, ...] | None = None) -> Outcome:
+        """
+        Diagnose each robot on all its bags; OUTPUT/ROBOT.diagnosis.json has the findings.
+
+        :param models: folder with ROBOT.json for each robot; None fits one on the spot.
+        :raises BagError: if nothing can be written.
+        """
+        outcome, store = Outcome(), Store(self.output / KEPT)
+        waiting: list[tuple[Robot, str, DiagnoseTask]] = []
+        for robot in self.robots:
+            try:
+                model = load_model(models / f'{robot.name}.json') if models else None
+            except GravityCompError as error:
+                outcome.failed_robots[robot.name] = str(error)
+                continue
+            key = _key('diagnose', robot.name, [fingerprint_of(bag) for bag in robot.bags],
+                       self.reading, effects, _told(model))
+            done = store.note(key)
+            if done is None:
+                waiting.append((robot, key, DiagnoseTask(robot.bags, self.reading, model,
+                                                         effects)))
+                continue
+            outcome.resumed += 1
+            self._tell(outcome, robot, done)
+        tasks = [task for _, _, task in waiting]
+        for count, (number, result) in enumerate(self.engine.run(diagnose_robot, tasks)):
+            robot, key, _ = waiting[number]
+            self.progress('diagnose', (count + 1) / len(tasks))
+            if isinstance(result, Failure):
+                outcome.failed_robots[robot.name] = result.reason
+                continue
+            found, failed = result
+            done = {'diagnosis': found, 'failed': {b: f.reason for b, f in failed.items()}}
+            store.keep_note(key, done)
+            self._tell(outcome, robot, done)
+        return outcome
+
+    def _read(self, outcome: Outcome, store: Store) -> dict[Path, GatedRecording]:
+        """Return what was read of every bag, kept from earlier or read now."""
+        found, waiting = {}, []
+        for bag in (bag for robot in self.robots for bag in robot.bags):
+            key = fingerprint_of(bag, self.reading, self.gate)
+            before = store.recording(key)
+            if before is None:
+                waiting.append((key, ReadTask(bag, self.reading, self.gate)))
+            else:
+                found[bag] = before
+                outcome.resumed += 1
+        tasks = [task for _, task in waiting]
+        for count, (number, result) in enumerate(self.engine.run(read, tasks)):
+            key, task = waiting[number]
+            self.progress('read', (count + 1) / len(tasks))
+            if isinstance(result, Failure):
+                outcome.failed_bags[str(task.bag)] = result.reason
+            else:
+                store.keep(key, result)
+                found[task.bag] = result
+        return found
+
+    def _model_file(self, robot: Robot) -> Path:
+        return self.output / f'{robot.name}.json'
+
+    def _save(self, robot: Robot, found: list[GatedRecording],
+              result: FitResult) -> dict[str, Any]:
+        bags = [{'name': r.report.path.name, 'sha256': r.report.sha256,
+                 'n_samples': r.report.n_samples, 'effort_scale': dict(r.report.effort_scale)}
+                for r in found]
+        model = replace(result.model, provenance={**result.model.provenance, 'bags': bags})
+        save_model(self._model_file(robot), model)
+        return {'model': self._model_file(robot).name, 'bags': len(found),
+                'samples': model.coverage.n_samples, 'converged': result.converged,
+                'rmse': dict(result.report['rmse']), 'warnings': result.report['warnings']}
+
+    def _tell(self, outcome: Outcome, robot: Robot, done: dict[str, Any]) -> None:
+        outcome.failed_bags.update(done['failed'])
+        file = self.output / f'{robot.name}.diagnosis.json'
+        write_atomically(file, (json.dumps(done['diagnosis'], indent=2) + '\n').encode(),
+                         BagError)
+        outcome.robots[robot.name] = {'diagnosis': file.name,
+                                      'findings': done['diagnosis']['findings']}
+
+
+def _holds_model(path: Path) -> bool:
+    try:
+        load_model(path)
+    except GravityCompError:
+        return False
+    return True
+
+
+def _told(model: GravityModel | None) -> object:
+    if model is None:
+        return None
+    return [(t.indices.tolist(), t.weights.tolist()) for t in model.torques], repr(model.applied)
+
+
+def _key(*parts: object) -> str:
+    plain = [asdict(part) if hasattr(part, '__dataclass_fields__') else part  # type: ignore
+             for part in parts]
+    return hashlib.sha256(repr(plain).encode()).hexdigest()[:32]

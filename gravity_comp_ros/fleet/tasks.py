@@ -1,0 +1,88 @@
+"""What workers do: read a bag, fit a robot, diagnose a robot. They write nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from gravity_comp_ros.bag import read_bag, ReadOptions
+from gravity_comp_ros.bag_gated import GatedRecording, read_gated
+from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.errors import BagError, FitError, GravityCompError
+from gravity_comp_ros.fleet.engine import Failure
+from gravity_comp_ros.gate import GateOptions
+from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.samples import concatenate, JointSamples
+
+
+@dataclass(frozen=True)
+class ReadTask:
+    """A bag to be read and gated."""
+
+    bag: Path
+    options: ReadOptions
+    gate: GateOptions
+
+
+@dataclass(frozen=True)
+class FitTask:
+    """The gated samples of one robot's bags, to be fitted."""
+
+    parts: tuple[JointSamples, ...]
+    options: FitOptions
+
+
+@dataclass(frozen=True)
+class DiagnoseTask:
+    """The bags of one robot, to be diagnosed beside a model, or beside one fitted on the spot."""
+
+    bags: tuple[Path, ...]
+    options: ReadOptions
+    model: GravityModel | None
+    effects: tuple[str, ...] | None
+
+
+def read(task: ReadTask) -> GatedRecording:
+    """
+    Return the slow samples of a bag.
+
+    :raises BagError: if it cannot be read or nothing in it is slow.
+    """
+    found = read_gated(task.bag, task.options, task.gate)
+    if not found.samples.n_samples:
+        raise BagError(f'{task.bag}: none of {found.report.n_samples} samples is slow')
+    return found
+
+
+def fit_robot(task: FitTask) -> FitResult:
+    """
+    Return the fit of one robot.
+
+    :raises FitError: if its samples do not do.
+    """
+    if not task.parts:
+        raise FitError('none of its bags could be read')
+    return fit(concatenate(task.parts), task.options)
+
+
+def diagnose_robot(task: DiagnoseTask) -> tuple[dict[str, Any], dict[str, Failure]]:
+    """
+    Return the diagnosis of one robot as `diagnose --json` prints it, and the bags left out.
+
+    :raises FitError: if none of its bags can be read.
+    """
+    options, parts, failed = task.options, [], {}
+    if task.model is not None and options.joints is None:
+        options = replace(options, joints=task.model.joints)
+    for bag in task.bags:
+        try:
+            parts.append(read_bag(bag, options).samples)
+        except GravityCompError as error:
+            failed[str(bag)] = Failure(str(error))
+    if not parts:
+        raise FitError('none of its bags could be read: '
+                       + '; '.join(failure.reason for failure in failed.values()))
+    found = diagnose(concatenate(parts), task.model, DiagnosisOptions(effects=task.effects))
+    return found.to_json(), failed

@@ -1,0 +1,228 @@
+"""Fleets: one process, several, and a real Dask cluster of which a worker is killed."""
+
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+from gravity_comp_ros import cli
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.errors import BagError, DataError
+from gravity_comp_ros.fleet.engine import Engine, Failure
+from gravity_comp_ros.fleet.folder import find_robots, Robot
+from gravity_comp_ros.fleet.run import FleetRun, KEPT
+from gravity_comp_ros.fleet.tasks import FitTask
+from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.simulation.arms import gravity_torque
+import numpy as np
+import pytest
+from serial_arms import poses, samples_of, serial_arm
+
+ROOT = Path(__file__).resolve().parent.parent
+DEADLINE = 120.0
+
+
+@pytest.fixture
+def fleet(tmp_path):
+    """Return a folder of two robots with three bags each, one of them damaged."""
+    folder = tmp_path / 'fleet'
+    for seed, robot in enumerate(('anna', 'bert')):
+        arm = serial_arm(3, seed=seed)
+        (folder / robot).mkdir(parents=True)
+        for run in range(3):
+            q = poses(60, 3, seed=10 * seed + run)
+            write_bag(folder / robot / f'run{run}.mcap',
+                      [joint_states(samples_of(q, gravity_torque(arm, q), 0.05))])
+    (folder / 'bert' / 'run1.mcap').write_bytes(b'\x89MCAP0\r\nno more')
+    return folder
+
+
+def weights(folder: Path) -> dict:
+    return {path.name: [(t.indices.tolist(), t.weights.tolist()) for t in
+                        load_model(path).torques] for path in sorted(folder.glob('*.json'))}
+
+
+def run(fleet, output, engine=Engine()):
+    return FleetRun(find_robots(fleet), output, engine).fit()
+
+
+def test_a_folder_is_robots_and_their_bags(fleet, tmp_path):
+    robots = find_robots(fleet)
+    assert [(robot.name, [bag.name for bag in robot.bags]) for robot in robots] == [
+        (name, ['run0.mcap', 'run1.mcap', 'run2.mcap']) for name in ('anna', 'bert')]
+    assert find_robots(fleet / 'anna') == [Robot('anna', robots[0].bags)]
+    (tmp_path / 'empty').mkdir()
+    with pytest.raises(BagError, match='holds no recording'):
+        find_robots(tmp_path / 'empty')
+    with pytest.raises(BagError, match='cannot read the fleet'):
+        find_robots(tmp_path / 'nowhere')
+
+
+def test_a_failed_bag_is_reported_and_skipped(fleet, tmp_path):
+    outcome = run(fleet, tmp_path / 'out')
+    assert set(outcome.robots) == {'anna', 'bert'}
+    (bag,) = outcome.failed_bags
+    assert bag.endswith('bert/run1.mcap') and 'truncated' in outcome.failed_bags[bag]
+    assert [outcome.robots[name]['bags'] for name in ('anna', 'bert')] == [3, 2]
+    arm, q = serial_arm(3, seed=0), poses(100, 3, seed=99)
+    model = load_model(tmp_path / 'out' / 'anna.json')
+    assert np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max() < 0.05
+    assert [bag['name'] for bag in model.provenance['bags']] == [
+        'run0.mcap', 'run1.mcap', 'run2.mcap']
+
+
+def test_processes_give_what_one_process_gives(fleet, tmp_path):
+    run(fleet, tmp_path / 'one')
+    run(fleet, tmp_path / 'two', Engine(workers=2))
+    assert weights(tmp_path / 'two') == weights(tmp_path / 'one')
+
+
+def test_what_is_done_is_not_done_again(fleet, tmp_path):
+    first = run(fleet, tmp_path / 'out')
+    assert first.resumed == 0
+    second = run(fleet, tmp_path / 'out')
+    assert second.resumed == 5 + 2 and second.robots == first.robots
+    assert len(second.failed_bags) == 1            # a failure is tried again
+    (tmp_path / 'out' / 'anna.json').write_text('damaged')
+    q = poses(60, 3, seed=7)
+    write_bag(fleet / 'bert' / 'run3.mcap', [joint_states(samples_of(
+        q, gravity_torque(serial_arm(3, seed=1), q), 0.05))])
+    third = run(fleet, tmp_path / 'out')
+    assert third.resumed == 5 and third.robots['bert']['bags'] == 3
+    assert weights(tmp_path / 'out')['anna.json']
+
+
+def test_what_was_kept_and_is_damaged_is_read_again(fleet, tmp_path):
+    run(fleet, tmp_path / 'out')
+    before = weights(tmp_path / 'out')
+    for file in (tmp_path / 'out' / KEPT).iterdir():
+        file.write_bytes(file.read_bytes()[:100])
+    assert run(fleet, tmp_path / 'out').resumed == 0
+    assert weights(tmp_path / 'out') == before
+
+
+def die_once(path: str) -> str:
+    """Kill the worker unless the file is there; one more attempt then succeeds."""
+    if path and not os.path.exists(path):
+        Path(path).write_text('died')
+        os.kill(os.getpid(), signal.SIGKILL)
+    return path
+
+
+def die_of(word: str) -> str:
+    if word == 'kill':
+        os.kill(os.getpid(), signal.SIGKILL)
+    return word
+
+
+def test_a_worker_that_dies_loses_nothing(tmp_path):
+    items = ['', str(tmp_path / 'died'), '', '']
+    assert dict(Engine(workers=2).run(die_once, items)) == dict(enumerate(items))
+
+
+def test_a_task_that_kills_every_worker_is_given_up():
+    found = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
+    assert (found[0], found[2]) == ('x', 'y')
+    assert isinstance(found[1], Failure) and 'died 3 times' in found[1].reason
+
+
+def test_an_error_in_a_task_ends_no_other():
+    found = dict(Engine().run(int, ['1', 'x', '3']))
+    assert (found[0], found[2]) == (1, 3) and 'ValueError' in found[1].reason
+    (failure,) = dict(Engine().run(FitTask, [None])).values()
+    assert isinstance(failure, Failure)
+
+
+# A cluster, its parts as processes of their own.
+
+def start(*command: str) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, '-m', *command], stdout=subprocess.DEVNULL,
+                            stderr=subprocess.PIPE, text=True,
+                            env={**os.environ, 'PYTHONPATH': f'{ROOT}{os.pathsep}{ROOT / "test"}',
+                                 'OPENBLAS_NUM_THREADS': '1',
+                                 'DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL': '60s'})
+
+
+@pytest.fixture
+def cluster():
+    """Yield the address of a scheduler with two workers, and the workers' processes."""
+    distributed = pytest.importorskip('distributed')
+    scheduler = start('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
+                      '--no-dashboard')
+    processes = [scheduler]
+    try:
+        address = next(line.rsplit(' ', 1)[-1].strip() for line in scheduler.stderr
+                       if 'Scheduler at:' in line)
+        workers = [start('distributed.cli.dask_worker', address, '--nthreads', '1', '--no-nanny',
+                         '--no-dashboard', '--name', f'worker{k}') for k in range(2)]
+        processes += workers
+        with distributed.Client(address, timeout=DEADLINE, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=DEADLINE)
+        yield address, workers
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+            process.stderr.close()
+
+
+def slow_read(path: str) -> int:
+    """Say which process works, then work for a while; long enough to be killed."""
+    with open(path, 'a') as file:
+        file.write(f'{os.getpid()}\n')
+    end = time.monotonic() + 0.4
+    while time.monotonic() < end:
+        pass
+    return os.getpid()
+
+
+def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
+    address, _ = cluster
+    run(fleet, tmp_path / 'one')
+    outcome = run(fleet, tmp_path / 'dask', Engine(scheduler=address))
+    assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
+    assert len(outcome.failed_bags) == 1 and not outcome.failed_robots
+
+
+def test_a_dask_worker_killed_in_mid_run(tmp_path, cluster):
+    import test_fleet
+    address, workers = cluster
+    log = str(tmp_path / 'log')
+    found, killed = {}, False
+    for number, result in Engine(scheduler=address).run(test_fleet.slow_read, [log] * 20):
+        found[number] = result
+        if not killed:
+            workers[0].send_signal(signal.SIGKILL)
+            killed = True
+    assert workers[0].wait(timeout=DEADLINE) == -signal.SIGKILL
+    seen = {int(line) for line in Path(log).read_text().split()}
+    assert len(found) == 20 and workers[0].pid in seen
+    assert sum(pid == workers[1].pid for pid in found.values()) >= 15
+
+
+def test_no_scheduler_is_one_line(fleet, tmp_path, monkeypatch):
+    pytest.importorskip('distributed')
+    from gravity_comp_ros.fleet import engine
+    monkeypatch.setattr(engine, '_CONNECT', 1.0)
+    with pytest.raises(DataError, match='no Dask scheduler answers') as error:
+        run(fleet, tmp_path / 'out', Engine(scheduler='tcp://127.0.0.1:1'))
+    assert '\n' not in str(error.value)
+
+
+def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):
+    models = tmp_path / 'models'
+    assert cli.main(['fleet', 'fit', str(fleet), '-o', str(models), '--workers', '1',
+                     '--json']) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told['robots']) == {'anna', 'bert'} and len(told['failed_bags']) == 1
+    assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
+                     '--models', str(models), '--workers', '1']) == 0
+    assert 'anna.diagnosis.json' in capsys.readouterr().out
+    found = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
+    assert {'findings', 'joints'} <= set(found)
+    assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
+                     '--models', str(models), '--workers', '1', '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['resumed'] == 1
