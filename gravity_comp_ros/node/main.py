@@ -10,6 +10,8 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
     try:
         from gravity_comp_ros.node.run import run
+    except KeyboardInterrupt:
+        return 0
     except ImportError as problem:
         print(f'gravity_comp_node: {problem}. The node needs ROS 2 Jazzy: run '
               '`source /opt/ros/jazzy/setup.bash` first, or install its wheels with '

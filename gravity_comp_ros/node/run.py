@@ -17,15 +17,23 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 def run(args: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
-    rclpy.init(args=list(args) if args is not None else None)
     try:
+        rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
+    except KeyboardInterrupt:
+        rclpy.try_shutdown()
+        return 0
     except (GravityCompError, InvalidParameterTypeException,
             InvalidParameterValueException) as problem:
         reason = str(problem).rpartition('Reason: ')[2]
         print(f'gravity_comp_node: {reason}', file=sys.stderr)
         rclpy.try_shutdown()
         return 1
+    except Exception:
+        # A signal that comes while the node is made invalidates what it is made of.
+        if rclpy.ok():
+            raise
+        return 0
     try:
         _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
