@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     show(f'wrote {safe(args.output)}: {len(topic.t)} samples over {topic.t[-1]:.4g} s, joints '
          f'{safe(names_shown(topic.joints))}')
     if converted.dropped:
-        warn(f'{converted.dropped} bad rows left out')
+        warn(f'{converted.dropped} bad row{"s" if converted.dropped > 1 else ""} left out')
     for note in converted.notes:
         warn(note)
     return 0
