@@ -23,6 +23,11 @@ from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
 
 _ROUNDS = 6
+# Of fewer samples than this a wrong chain leaves what looks like noise, so others are sought.
+_FEW = 150
+_SEARCHES = 3
+# A rival whose cost is less by this share is another minimum, not the same one again.
+_BETTER = 1e-3
 # The first guess of the noise, as a share of the largest torque: it matters little.
 _FIRST = 1e-2
 # Shorter correlation times than this are what chance makes of white noise.
@@ -74,10 +79,13 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     problem, solution, model, inflation = _settle_noise(problem, found.solution, samples)
     tidied = tidy(problem, solution)
     covariance, rivals = tidied.covariance(), 0
-    sigma = 1.0 / problem.weights.mean(axis=0)
-    if unsure_joint(tidied.solution.chain, covariance, sigma) is not None:
-        others = find_rivals(problem, solution, options.seed)
-        if others[0].solution.cost < solution.cost:
+    sigma = _typical(model, tidied.solution.chain.torque(q))
+    if samples.n_samples < _FEW or unsure_joint(tidied.solution.chain, covariance,
+                                                sigma) is not None:
+        for _ in range(_SEARCHES):
+            others = find_rivals(problem, solution, options.seed)
+            if others[0].solution.cost >= (1.0 - _BETTER) * solution.cost:
+                break
             problem, solution, model, inflation = _settle_noise(problem, others[0].solution,
                                                                 samples)
         tidied, rivals = tidy(problem, solution), len(others) - 1
@@ -86,6 +94,11 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     return ChainFit(tidied.solution.chain, covariance, model, inflation, found.starts,
                     solution.steps, left, found.clean or left <= LIMIT, tidied.square,
                     rivals=rivals)
+
+
+def _typical(model: noise.NoiseModel, predicted: FloatArray) -> FloatArray:
+    """Return each joint's noise (N,), root mean square over the samples."""
+    return np.asarray(np.sqrt((model.sigma(predicted) ** 2).mean(axis=0)))
 
 
 def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray) -> ChainFit:

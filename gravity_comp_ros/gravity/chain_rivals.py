@@ -21,7 +21,7 @@ import numpy as np
 # Below this share of the noise a standard deviation anywhere leaves a fit sure.
 _UNSURE = 0.67
 # Starts that are tried for rivals.
-_STARTS = 24
+_STARTS = 16
 _ROUGH = SolveOptions(max_steps=60, tolerance=1e-4)
 # Minima whose log evidence is this much less count for nothing.
 _NEGLIGIBLE = 12.0

@@ -188,9 +188,10 @@ def _per_joint(joints: tuple[str, ...], models: list[NoiseModel],
     return dict(zip(joints, values.tolist()))
 
 
-def _unsure(model: GravityModel, chain: ChainFit) -> list[str]:
+def _unsure(samples: JointSamples, model: GravityModel, chain: ChainFit) -> list[str]:
     """Say how far a chain may be off away from where it was trained, if that is much."""
-    joint = unsure_joint(chain.chain, chain.covariance, np.maximum(chain.noise.absolute, 1e-9))
+    sigma = np.sqrt((chain.noise.sigma(chain.chain.torque(samples.q)) ** 2).mean(axis=0))
+    joint = unsure_joint(chain.chain, chain.covariance, np.maximum(sigma, 1e-9))
     if joint is None:
         return []
     std = std_anywhere(chain.chain, chain.covariance)[joint]
@@ -236,7 +237,7 @@ def _warnings(samples: JointSamples, model: GravityModel, fits: list[SparseFit],
                      f'deviations): friction or another effect, or a wrong chain. Compare with '
                      f'potential')
     if chain:
-        words += _unsure(model, chain)
+        words += _unsure(samples, model, chain)
     if not all(found.lasso.converged for found in fits):
         words.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)

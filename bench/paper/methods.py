@@ -1,0 +1,92 @@
+"""The formulations of this package, as the bench calls them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+import time
+
+from bench.paper.scenes import FloatArray, Scene
+from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.gravity.fit import fit, FitOptions
+from gravity_comp_ros.gravity.geometry import Geometry
+from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.gravity.update import update
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.urdf import read_urdf
+import numpy as np
+
+URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """
+    What a method learned.
+
+    `features` counts the numbers that each joint's torque is made of (for a kernel, its support
+    vectors), None where nothing was fitted; `n_samples` is what it was learned from.
+    """
+
+    predict: Callable[[FloatArray], FloatArray]
+    features: list[int] | None
+    n_samples: int
+    seconds: float
+
+
+Method = Callable[[Scene], Fitted]
+_KNOWN: dict[bytes, GravityModel] = {}
+
+
+def formulation(name: str, friction: bool = False) -> Method:
+    """Return the fit of a formulation, with Coulomb friction as an effect if wanted."""
+    def method(scene: Scene) -> Fitted:
+        start = time.perf_counter()
+        options = FitOptions(name)
+        model = _with_friction(scene.train, options) if friction else \
+            fit(scene.train, options).model
+        return _fitted(model, scene.train.n_samples, start)
+    return method
+
+
+def updated(urdf: bool) -> Method:
+    """Return the update of a chain from the first seconds with a payload."""
+    def method(scene: Scene) -> Fitted:
+        assert scene.before is not None and scene.few is not None
+        geometry = read_urdf(URDF, scene.before.names) if urdf else None
+        old = _before(scene, geometry)
+        start = time.perf_counter()
+        gravity = JointSamples.single_run(
+            scene.few.names, scene.few.t, scene.few.q, scene.few.qd,
+            scene.few.tau - effect_torque(old, scene.few))
+        model = update(old, gravity, geometry=geometry).model
+        return _fitted(model, scene.few.n_samples, start)
+    return method
+
+
+def stale(scene: Scene) -> Fitted:
+    """Return the chain of the arm before it had its payload."""
+    model = _before(scene)
+    return Fitted(model.predict, model.n_features().tolist(), 0, 0.0)
+
+
+def _before(scene: Scene, geometry: Geometry | None = None) -> GravityModel:
+    """Return the chain of the arm before its payload; several methods start from the same."""
+    assert scene.before is not None
+    key = scene.before.tau.tobytes() + (b'u' if geometry else b'')
+    if key not in _KNOWN:
+        _KNOWN[key] = _with_friction(scene.before, FitOptions('chain', geometry=geometry))
+    return _KNOWN[key]
+
+
+def _with_friction(samples: JointSamples, options: FitOptions) -> GravityModel:
+    wanted = requests(['coulomb_friction'], samples.names)
+    return fit_with_effects(samples, samples, wanted, options).joint.model
+
+
+def _fitted(model: GravityModel, count: int, start: float) -> Fitted:
+    seconds = time.perf_counter() - start
+    return Fitted(model.predict, np.asarray(model.n_features()).tolist(), count, seconds)

@@ -1,0 +1,129 @@
+"""The page that the bench writes: tables and figures of Yu 2022, and what they show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bench.paper.friction import Check
+from bench.paper.recordings import Judged
+from bench.paper.score import Row
+from bench.paper.solvers import Solved
+import numpy as np
+
+PAPER_3 = '| Yu 2022, Table 3 | 1000 | 246, 76, 171 | 0.28 to 0.44 a joint | 0.43 | 0.48 | 0.57 ' \
+    '| – | – | – |'
+PAPER_4 = '| Yu 2022, Tables 4 and 8 (their arm) | 500 | 55, 39, 45, 57 | 0.29 a joint | 0.87 ' \
+    '| 1.75 | 1.99 | 1.35 | – | – | – | – |'
+PAPER_8 = '| Yu 2022, Table 8: KRR with known D-H (their arm) | 500 | – | 4.09 a joint | 2.39 ' \
+    '| 1.73 | 6.30 | 1.49 | – | – | – | – |'
+PAPER_5 = {
+    '1.8': (1.08, 1.16, 0.64, 0.71, 0.26, 0.41, 0.22, 0.37),
+    '2': (1.23, 1.14, 0.72, 0.73, 0.32, 0.53, 0.22, 0.29),
+    '4': (1.08, 1.32, 0.50, 0.84, 0.37, 0.41, 0.32, 0.41)}
+
+
+def table(head: Sequence[str], rows: Sequence[str]) -> str:
+    """Return a table in Markdown; rows are ready."""
+    return '\n'.join([f'| {" | ".join(head)} |', f'|{"---|" * len(head)}', *rows])
+
+
+def row(*cells: object) -> str:
+    """Return a row of a table."""
+    return f'| {" | ".join(map(str, cells))} |'
+
+
+def table_3(rows: Sequence[Row]) -> str:
+    """Return features, errors on Eq. (15) and over the whole range, and times of J2 to J4."""
+    joints = (1, 2, 3)
+    body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
+                *(_percent(r.nrmse_inside[k]) for k in joints), _torque(r.inside.max()),
+                *_outer(r, joints))
+            for r in rows]
+    return table(['method', 'samples', 'features J2, J3, J4', 'time s', 'J2 nRMSE %', 'J3', 'J4',
+                  'worst joint N·m', 'other poses: nRMSE % J2, J3, J4', 'worst joint N·m'],
+                 [*body, PAPER_3])
+
+
+def table_4(rows: Sequence[Row]) -> str:
+    """Return what Tables 4 and 8 have of J1 to J4, and errors against gravity alone."""
+    joints = (0, 1, 2, 3)
+    body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
+                *(_percent(r.nrmse[k]) for k in joints), _torque(r.measured.max()),
+                _torque(r.inside.max()), *_outer(r, (1, 2, 3)))
+            for r in rows]
+    return table(['method', 'samples', 'features J1 to J4', 'time s', 'J1 nRMSE %', 'J2', 'J3',
+                  'J4', 'RMSE, worst joint', 'against gravity alone',
+                  'anywhere: nRMSE % J2, J3, J4', 'anywhere: worst joint'],
+                 [*body, PAPER_4, PAPER_8])
+
+
+def table_5(payload: str, rows: Sequence[Row]) -> str:
+    """Return RMSE of every joint with a payload, as measured, and against gravity alone."""
+    body = [row(r.name, r.n_samples or '–', _sum(r), _seconds(r.seconds),
+                *(_torque(x) for x in r.measured), _torque(r.inside.max()),
+                _percent(np.nanmax(r.nrmse_inside[[1, 2, 3, 4, 5]])),
+                _torque(r.anywhere.max()), _percent(np.nanmax(r.nrmse_anywhere[[1, 2, 3, 4, 5]])))
+            for r in rows]
+    *theirs, seconds = PAPER_5[payload.split()[0]]
+    body.append(row('Yu 2022, Table 5 (their arm)', 500, '32 to 88 a joint', f'{seconds} a joint',
+                    *theirs, '–', '–', '–', '–'))
+    return table(['method', 'samples', 'features, all joints', 'time s',
+                  *(f'J{n}' for n in range(1, 8)), 'gravity alone: worst', 'nRMSE %, J2 to J6',
+                  'anywhere: worst', 'nRMSE %, J2 to J6'], body)
+
+
+def friction_table(checks: Sequence[Check]) -> str:
+    """Return Eq. (18) for joints that were swept."""
+    return table(['joint', 'RSE forward %', 'RSE reverse %'],
+                 [row(f'J{c.joint + 1}', *(f'{100 * x:.3f}' for x in c.rse)) for c in checks])
+
+
+def solver_table(solved: Sequence[Solved]) -> str:
+    """Return objective, features and time of each solver."""
+    return table(['solver', 'objective', 'features', 'time s'],
+                 [row(s.name, f'{s.objective:.4f}', s.features, _seconds(s.seconds))
+                  for s in solved])
+
+
+def recordings_table(rows: Sequence[Judged]) -> str:
+    """Return every formulation on every recording, held out by blocks."""
+    body = []
+    for r in rows:
+        share = r.rmse / np.maximum(r.constant, 1e-9)
+        body.append(row(r.recording, r.method, f'{r.n_samples} / {r.n_held_out}',
+                        sum(r.features), _seconds(r.seconds),
+                        ', '.join(f'{x:.2f}' for x in r.rmse),
+                        ', '.join(f'{100 * x:.1f}' for x in r.nrmse),
+                        f'{100 * float(np.median(share)):.0f}',
+                        '–' if r.band is None else f'{100 * r.band:.0f}'))
+    return table(['recording', 'method', 'samples / held out', 'features', 'time s',
+                  'held-out RMSE N·m, each joint', 'nRMSE %', 'median joint: % of std',
+                  'in 95 % band, %'], body)
+
+
+def _features(found: Row, joints: Sequence[int]) -> str:
+    if found.features is None:
+        return '–'
+    return ', '.join(str(found.features[k]) for k in joints)
+
+
+def _sum(found: Row) -> str:
+    return '–' if found.features is None else str(sum(found.features))
+
+
+def _outer(found: Row, joints: Sequence[int]) -> tuple[str, str]:
+    shares = ', '.join(_percent(found.nrmse_anywhere[k]) for k in joints)
+    return shares, _torque(found.anywhere.max())
+
+
+def _percent(share: float) -> str:
+    return '–' if not np.isfinite(share) else f'{100 * share:.2g}' if share < 0.1 \
+        else f'{100 * share:.0f}'
+
+
+def _torque(value: float) -> str:
+    return f'{value:.3f}' if value < 1.0 else f'{value:.2f}' if value < 10.0 else f'{value:.0f}'
+
+
+def _seconds(value: float) -> str:
+    return '–' if value == 0.0 else f'{value:.2f}'

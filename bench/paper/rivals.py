@@ -1,0 +1,131 @@
+"""
+What else there is: known kinematics, kernels, explicit formulas, a nominal URDF.
+
+- regression: with the kinematics known every torque is linear in the masses and first moments of
+  the links (Yu 2022, Eq. (19)); least squares on Pinocchio's regressor.
+- kernel ridge and SVR: one for each joint, on that joint's row of the same regressor (physical) or
+  on joint angles as they are (raw). Hyper-parameters by cross-validation over blocks of
+  time; the search counts in the time.
+- EFD: the explicit formula from D-H parameters, with lengths off by up to 5 mm, masses by 5 % and
+  centres by 1 cm, as a data sheet and a scale give them.
+- nominal: Pinocchio with the URDF, which knows nothing of a payload.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from bench.paper.methods import Fitted, Method
+from bench.paper.scenes import FloatArray, Scene
+from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.chain_expand import expand
+from gravity_comp_ros.gravity.geometry import STANDARD_GRAVITY
+from gravity_comp_ros.simulation import arms
+import numpy as np
+import pinocchio as pin
+
+# Of the ten inertial numbers of a link the first four (m, m c) make gravity.
+_STATIC, _ALL = 4, 10
+
+
+def regressors(arm: arms.Arm, q: FloatArray) -> FloatArray:
+    """Return d tau / d (m, m c of every link), shape (M, N, 4 N)."""
+    data, zero = arm.model.createData(), np.zeros(arm.n_joints)
+    rows = [pin.computeJointTorqueRegressor(arm.model, data, pose, zero, zero) for pose in q]
+    each = np.array(rows).reshape(len(q), arm.n_joints, arm.n_joints, _ALL)
+    return np.ascontiguousarray(each[..., :_STATIC]).reshape(len(q), arm.n_joints, -1)
+
+
+def regression(scene: Scene) -> Fitted:
+    """Fit masses and first moments by least squares; what no torque shows stays small."""
+    start = time.perf_counter()
+    rows = regressors(scene.nominal, scene.train.q)
+    x = rows.reshape(-1, rows.shape[-1])
+    found = np.linalg.lstsq(x, scene.train.tau.ravel(), rcond=1e-8)[0]
+    seconds = time.perf_counter() - start
+    counts = [int(row.any(axis=0).sum()) for row in rows.transpose(1, 0, 2)]
+    return Fitted(lambda q: regressors(scene.nominal, q) @ found, counts,
+                  scene.train.n_samples, seconds)
+
+
+def kernel(kind: str, physical: bool, quick: bool = False) -> Method:
+    """Return kernel ridge ('krr') or support vector regression ('svr')."""
+    def method(scene: Scene) -> Fitted:
+        start = time.perf_counter()
+        inputs = _inputs(scene, scene.train.q, physical)
+        fits = [_search(kind, quick).fit(x, tau) for x, tau in zip(inputs, scene.train.tau.T)]
+        seconds = time.perf_counter() - start
+
+        def predict(q: FloatArray) -> FloatArray:
+            return np.column_stack([found.predict(x) for found, x in zip(
+                fits, _inputs(scene, q, physical))])
+        counts = [_size(found, scene.train.n_samples) for found in fits]
+        return Fitted(predict, counts, scene.train.n_samples, seconds)
+    return method
+
+
+def _inputs(scene: Scene, q: FloatArray, physical: bool) -> list[FloatArray]:
+    """Return each joint's inputs (M, K)."""
+    if not physical:
+        return [q] * q.shape[1]
+    rows = regressors(scene.nominal, q)
+    return [rows[:, n][:, _seen(scene, n)] for n in range(q.shape[1])]
+
+
+def _seen(scene: Scene, joint: int) -> FloatArray:
+    """Return which of the regressor's columns a joint's torque has: links beyond it."""
+    return np.arange(scene.nominal.n_joints * _STATIC) >= joint * _STATIC
+
+
+def _search(kind: str, quick: bool) -> Any:
+    from sklearn.compose import TransformedTargetRegressor
+    from sklearn.kernel_ridge import KernelRidge
+    from sklearn.model_selection import GridSearchCV, KFold
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+    from sklearn.svm import SVR
+    gammas = [0.1] if quick else [0.01, 0.1]
+    if kind == 'krr':
+        name, model = 'kernelridge', KernelRidge(kernel='rbf')
+        grid = {'alpha': [0.1] if quick else [1e-3, 1e-1, 10.0], 'gamma': gammas}
+    else:
+        name, model = 'svr', SVR(epsilon=0.01)
+        grid = {'C': [10.0] if quick else [1.0, 10.0], 'gamma': gammas}
+    scaled = TransformedTargetRegressor(make_pipeline(StandardScaler(), model),
+                                        transformer=StandardScaler())
+    # Blocks of time: neighbouring samples are alike and would flatter a narrow kernel.
+    return GridSearchCV(scaled, {f'regressor__{name}__{key}': values
+                                 for key, values in grid.items()}, cv=KFold(3))
+
+
+def _size(found: Any, n_samples: int) -> int:
+    last = found.best_estimator_.regressor_[-1]
+    return int(len(last.support_)) if hasattr(last, 'support_') else n_samples
+
+
+def explicit(scene: Scene) -> Fitted:
+    """Return the sum over links with wrong lengths, masses and centres."""
+    rng = np.random.default_rng(18)
+    model = scene.nominal.model
+    n = scene.nominal.n_joints
+    axes = np.array([placement.rotation for placement in list(model.jointPlacements)[1:]])
+    origins = np.array([placement.translation for placement in list(model.jointPlacements)[1:]])
+    origins = origins + rng.uniform(-0.005, 0.005, origins.shape)
+    masses = np.array([body.mass for body in list(model.inertias)[1:]])
+    masses = masses * (1.0 + rng.uniform(-0.05, 0.05, n))
+    centres = np.array([body.lever for body in list(model.inertias)[1:]])
+    moments = masses[:, None] * (centres + rng.uniform(-0.01, 0.01, centres.shape))
+    carried = np.cumsum(masses[::-1])[::-1]
+    moments[:-1] += carried[1:, None] * origins[1:]
+    for i in range(n - 1, 0, -1):
+        moments[i - 1] += moments[i, 2] * axes[i][:, 2]
+    chain = Chain(axes, STANDARD_GRAVITY * moments[:, :2])
+    energy = expand(chain)
+    counts = [len(energy.gradient(n, joint).indices) for joint in range(n)]
+    return Fitted(chain.torque, counts, 0, 0.0)
+
+
+def nominal(scene: Scene) -> Fitted:
+    """Return Pinocchio's gravity of the arm as described."""
+    return Fitted(lambda q: arms.gravity_torque(scene.nominal, q), None, 0, 0.0)

@@ -1,0 +1,130 @@
+"""
+What the methods are trained and judged on: the arm of Yu 2022, Table 1, and a "real" one.
+
+The paper's real arm is not public and its Table 6 partly illegible. In its place stands the iiwa
+with masses and centres that differ from the tables (by up to 3 % and 5 mm), inertia, Coulomb
+friction and noise of 0.3 N·m. Payloads of 1.8, 2 and 4 kg hang on its last link.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.simulation import arms, motions
+import numpy as np
+from numpy.typing import NDArray
+import pinocchio as pin
+
+FloatArray = NDArray[np.float64]
+
+FRICTION = NOISE = 0.3
+# rad/s: where Coulomb friction turns its sign.
+_WIDTH = 0.002
+PAYLOADS = {'1.8 kg, off the axis (a polishing tool)': (1.8, (0.03, 0.02, 0.12)),
+            '2 kg (counterweight)': (2.0, (0.0, 0.0, 0.1)),
+            '4 kg (counterweights)': (4.0, (0.0, 0.0, 0.1))}
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many samples are learned from and judged on; tiny ones for a test of the bench."""
+
+    poses: int = 1000
+    motion: int = 500
+    test: int = 200
+    few: int = 50
+    anywhere: int = 1000
+
+
+TINY = Sizes(60, 80, 20, 25, 50)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Poses `q` (M, N) with their exact gravity `truth` and the `measured` torque in N·m."""
+
+    q: FloatArray
+    truth: FloatArray
+    measured: FloatArray
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    Samples to learn from, poses `inside` the trained range and `anywhere` to be judged on.
+
+    `nominal` is the arm as its description has it. `before` holds samples of the arm before a
+    payload was attached, `few` the first seconds with it.
+    """
+
+    title: str
+    nominal: arms.Arm
+    train: JointSamples
+    inside: Judged
+    anywhere: Judged
+    before: JointSamples | None = None
+    few: JointSamples | None = None
+
+
+def simulated(seed: int, sizes: Sizes = Sizes()) -> Scene:
+    """Return Table 3: random poses with 1 % noise, judged on Eq. (15)."""
+    arm = arms.iiwa7()
+    rng = np.random.default_rng([seed, 3])
+    q = motions.random_poses(arm.lower, arm.upper, sizes.poses, seed).q
+    tau = arms.gravity_torque(arm, q)
+    train = JointSamples.single_run(arm.joints, 2.0 * np.arange(len(q)), q, np.zeros_like(q),
+                                    tau * (1.0 + 0.01 * rng.normal(size=tau.shape)))
+    test = motions.eq15().q[:sizes.test]
+    return Scene('Table 3: 1000 random poses, 1 % noise; judged on Eq. (15)', arm, train,
+                 _exact(arm, test), _anywhere(arm, sizes))
+
+
+def real_arm() -> arms.Arm:
+    """Return the iiwa as it was built rather than drawn."""
+    arm = arms.iiwa7()
+    rng = np.random.default_rng(2022)
+    model = arm.model.copy()
+    for body in range(1, model.njoints):
+        old = model.inertias[body]
+        model.inertias[body] = pin.Inertia(old.mass * (1.0 + rng.uniform(-0.03, 0.03)),
+                                           old.lever + rng.uniform(-0.005, 0.005, 3), old.inertia)
+    return arms.Arm('built', arm.joints, model, arm.lower, arm.upper, arm.max_speed)
+
+
+def real(seed: int, payload: str | None = None, sizes: Sizes = Sizes()) -> Scene:
+    """Return Tables 4 and 8, or with a payload Table 5: 100 s of Eq. (17), later more of it."""
+    bare = real_arm()
+    arm = bare if payload is None else arms.with_payload(bare, arms.Payload(*PAYLOADS[payload]))
+    train = _recorded(arm, [seed, 4], 0.0, sizes.motion)
+    later = motions.eq17(start=300.0, duration=sizes.test / 5)
+    # Of a joint that later turns a little further the trained range is left; those poses count
+    # as elsewhere.
+    low, high = train.q.min(axis=0), train.q.max(axis=0)
+    within = ((later.q >= low) & (later.q <= high)).all(axis=1)
+    if within.mean() < 0.5:  # a tiny motion covers no later one
+        within[:] = True
+    measured = _recorded(arm, [seed, 5], 300.0, sizes.test).tau
+    inside = Judged(later.q[within], arms.gravity_torque(arm, later.q[within]), measured[within])
+    title = 'Tables 4 and 8: 100 s of Eq. (17), no payload' if payload is None else payload
+    return Scene(title, arms.iiwa7(), train, inside, _anywhere(arm, sizes),
+                 None if payload is None else _recorded(bare, [seed, 6], 0.0, sizes.motion),
+                 None if payload is None else _recorded(arm, [seed, 7], 100.0, sizes.few))
+
+
+def _recorded(arm: arms.Arm, seed: list[int], start: float, count: int) -> JointSamples:
+    motion = motions.eq17(start=start, duration=count / 5)
+    tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
+    tau += FRICTION * np.tanh(motion.qd / _WIDTH)
+    tau += NOISE * np.random.default_rng(seed).normal(size=tau.shape)
+    return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
+
+
+def _anywhere(arm: arms.Arm, sizes: Sizes) -> Judged:
+    return _exact(arm, np.random.default_rng(1234).uniform(
+        arm.lower, arm.upper, (sizes.anywhere, arm.n_joints)))
+
+
+def _exact(arm: arms.Arm, q: FloatArray) -> Judged:
+    truth = arms.gravity_torque(arm, q)
+    return Judged(q, truth, truth)
