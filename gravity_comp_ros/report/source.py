@@ -37,6 +37,8 @@ class Table:
                                    ('r', contents.residual[:, n]), ('d', direction)):
                 data[f'{letter}{n}'] = self.column(values)
         self.source = ColumnDataSource(data)
+        # A box that touches a line would select all of it, so lines have a table of their own.
+        self.lines = ColumnDataSource({k: v for k, v in data.items() if k[0] in 'tmpr'})
 
     def column(self, values: FloatArray | IntArray) -> NDArray[np.float32]:
         """Return values (M,) at the drawn rows; not a number at breaks."""

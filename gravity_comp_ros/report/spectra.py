@@ -62,8 +62,8 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
     rows = np.arange(0, len(q), max(1, len(q) // _MOST_ROWS))
     q, residual = q[rows], residual[rows] - residual[rows].mean()
     lowest = 2.0 * np.pi / travel
-    orders: FloatArray = np.arange(2, int(_HIGHEST_ORDER / (_FINE * lowest)) + 1) * _FINE * lowest
-    orders = orders[orders >= lowest][:_MOST_POINTS]
+    count = int(_HIGHEST_ORDER / (_FINE * lowest)) + 1
+    orders = (_FINE * lowest * np.arange(2.0, count))[:_MOST_POINTS]
     amplitudes = np.zeros(len(orders))
     for k, order in enumerate(orders):
         sine, cosine = np.sin(order * q), np.cos(order * q)

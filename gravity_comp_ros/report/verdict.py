@@ -19,15 +19,20 @@ def verdict(contents: Contents) -> str:
     if 2 * len(useless) > len(found):
         return (f'The model is worse than a constant on {", ".join(useless)}: it is of another '
                 f'arm, the signs or units of the effort differ, or the payload does.')
-    worst = contents.worst
-    told = (f'The error is largest on {worst}: {found[worst].rmse:.3g} N·m RMSE, '
-            f'{words.percent(found[worst].nrmse)} of the range of its torque')
+    told = largest(contents)
     worse = [name for name, joint in found.items()
              if joint.rmse > _WORSE * _noise(contents, name)]
     if not worse:
-        return f'The model holds: {told[0].lower()}{told[1:]}, and no joint is worse than in ' \
-               'training by more than chance.'
+        return f'No joint is much worse than in training; {told[0].lower()}{told[1:]}.'
     return f'{told}; worse than twice the error of training: {", ".join(worse)}.'
+
+
+def largest(contents: Contents) -> str:
+    """Return where the error is largest, without a full stop."""
+    worst = contents.worst
+    found = contents.comparison.joints[worst]
+    return (f'The error is largest on {worst}: {found.rmse:.3g} N·m RMSE, '
+            f'{words.percent(found.nrmse)} of the range of its torque')
 
 
 def _noise(contents: Contents, name: str) -> float:

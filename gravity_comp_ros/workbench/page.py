@@ -14,7 +14,7 @@ from gravity_comp_ros.gravity.fit import CHOICES
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
-from gravity_comp_ros.report.verdict import verdict
+from gravity_comp_ros.report.verdict import largest, verdict
 from gravity_comp_ros.report.views.effects import coefficients, label
 from gravity_comp_ros.workbench import compare_view, history_view, looks, widgets
 from gravity_comp_ros.workbench.downloads import Downloads, model_text
@@ -262,7 +262,8 @@ class Page:
             self.verdict.text = '<h1>Gravity is being learned. So far the views compare with a ' \
                 'constant torque.</h1>'
             return
-        told = verdict(self.views.contents)
+        found = self.views.contents
+        told = verdict(found) if found.diagnosis else f'{largest(found)}.'
         self.verdict.text = f'<h1 id="verdict">{markup.text(told)}</h1>'
 
     def _show_missing(self) -> None:

@@ -37,7 +37,9 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead = markup.paragraph(
         'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
         'range of the measured torque.', 'quiet') + findings_table(findings)
-    parts: list[UIElement] = [bars(findings[:_MOST_BARS], style)]
+    # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
+    parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
+                                       sizing_mode='stretch_width', toolbar_location=None)]
     drawn = _added(contents, table, style)
     if drawn is not None:
         parts.append(drawn)
@@ -91,7 +93,6 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
     made.hover.tooltips = [('without', '@before{0.00} %'), ('with', '@after{0.00} %')]
     made.add_layout(made.legend[0], 'right')
     dress_legend(made, style)
-    made.toolbar_location = None
     return made
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bokeh.layouts import gridplot
-from bokeh.models import ColumnDataSource, UIElement
+from bokeh.models import BasicTickFormatter, ColumnDataSource, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.words import plus_minus
@@ -111,4 +111,5 @@ def _stems(contents: Contents, n: int, style: Style) -> figure:
     made.hover.renderers = [dots]
     made.hover.tooltips = [('feature', '@name'), ('weight', '@y{0.0000} N·m')]
     made.xaxis.ticker.desired_num_ticks = 3
+    made.yaxis.formatter = BasicTickFormatter(use_scientific=False)
     return made

@@ -20,40 +20,44 @@ _GAP = 0.06
 _TOOLS = 'tap,box_select,reset,save'
 
 # Cells that are chosen mark the samples in them, and samples the cells that they lie in.
+# Such code runs later than the change that it answers, so each side remembers what it was told.
 _CELLS_TO_SAMPLES = """
-if (samples.busy) return
-samples.busy = true
 const chosen = cells.selected.indices, found = []
+if (String(chosen) == cells.told) return
 if (chosen.length) {
-  const d = cells.data, s = samples.data
-  const wanted = chosen.map(k => [s['c' + d.i[k]], d.a[k], s['c' + d.j[k]], d.b[k]])
-  for (let row = 0; row < s.t.length; row++)
+  const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
+  const place = (joint) => samples.get_column('c' + joint)
+  const wanted = chosen.map(k => [place(first[k]), a[k], place(second[k]), b[k]])
+  for (let row = 0; row < samples.get_column('t').length; row++)
     if (wanted.some(([p, a, q, b]) => p[row] == a && q[row] == b)) found.push(row)
 }
+samples.told = String(found)
 samples.selected.indices = found
-samples.busy = false
 """
 _SAMPLES_TO_CELLS = """
-if (samples.busy) return
-samples.busy = true
 const chosen = samples.selected.indices, found = []
+if (String(chosen) == samples.told) return
 if (chosen.length) {
-  const d = cells.data, s = samples.data, seen = new Set()
+  const seen = new Set(), place = []
+  const [first, second, a, b] = ['i', 'j', 'a', 'b'].map(name => cells.get_column(name))
+  for (let joint = 0; joint < n; joint++) place.push(samples.get_column('c' + joint))
   for (const row of chosen)
     for (let i = 0; i < n; i++)
       for (let j = i; j < n; j++)
-        seen.add(((i * n + j) * size + s['c' + i][row]) * size + s['c' + j][row])
-  for (let k = 0; k < d.i.length; k++)
-    if (seen.has(((d.i[k] * n + d.j[k]) * size + d.a[k]) * size + d.b[k])) found.push(k)
+        seen.add(((i * n + j) * size + place[i][row]) * size + place[j][row])
+  for (let k = 0; k < first.length; k++)
+    if (seen.has(((first[k] * n + second[k]) * size + a[k]) * size + b[k])) found.push(k)
 }
+cells.told = String(found)
 cells.selected.indices = found
-samples.busy = false
 """
 _SHOW_JOINT = """
-const rms = cells.data['e' + this.value]
-cells.data.shown = rms
+const rms = cells.get_column('e' + this.value), shown = cells.get_column('shown')
 let high = 0
-for (const x of rms) high = Math.max(high, x)
+for (let k = 0; k < rms.length; k++) {
+  shown[k] = rms[k]
+  high = Math.max(high, rms[k])
+}
 colours.high = high
 cells.change.emit()
 """

@@ -14,7 +14,8 @@ import numpy as np
 def section(contents: Contents) -> Section:
     """Return command, version, files with their hashes, and the model's history."""
     origin, model = contents.origin, contents.model
-    html = f'<pre tabindex="0">{markup.text(origin.command)}</pre>'
+    lines = '\n'.join(markup.text(line) for line in origin.command.splitlines())
+    html = f'<pre tabindex="0">{lines}</pre>'
     rows = [['made', origin.when], ['gravity_comp_ros', __version__], ['numpy', np.__version__],
             ['model', origin.model_file or 'fitted for this report'],
             ['formulation', model.formulation],

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bokeh.layouts import gridplot
 from bokeh.models import Label, Range1d, Span
 from bokeh.plotting import figure
+from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
@@ -44,9 +45,8 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
             first: bool) -> figure:
     name = contents.model.joints[n]
     made = plot(style, name, '', 'N·m', _TALL, x_range=time)
-    made.line('t', f'm{n}', source=table.source, color=style.measured, line_width=1.2,
-              nonselection_line_alpha=1.0)
-    made.line('t', f'p{n}', source=table.source, color=style.predicted, line_width=1.4,
+    made.line('t', f'm{n}', source=table.lines, color=style.measured, line_width=1.2)
+    made.line('t', f'p{n}', source=table.lines, color=style.predicted, line_width=1.4,
               line_dash=[6, 3], nonselection_line_alpha=1.0)
     _marks(made, table, style, f'm{n}')
     made.xaxis.visible = False
@@ -58,8 +58,7 @@ def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> 
     made = plot(style, '', 'time in s' if last else '', 'residual, N·m', _LOW + _AXIS * last,
                 x_range=time)
     made.title.visible = False
-    made.line('t', f'r{n}', source=table.source, color=style.residual, line_width=1.0,
-              nonselection_line_alpha=1.0)
+    made.line('t', f'r{n}', source=table.lines, color=style.residual, line_width=1.0)
     _marks(made, table, style, f'r{n}')
     made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
     made.xaxis.visible = last
@@ -85,5 +84,7 @@ def _runs(made: figure, table: Table, style: Style, labelled: bool) -> None:
         if labelled and len(table.starts) > 1 and len(table.starts) <= _MOST_LABELS:
             room = 110 // len(table.starts)
             shown = name if len(name) <= room else f'{name[:max(room - 1, 3)]}…'
-            made.add_layout(Label(x=start, y=4, y_units='screen', text=canvas_text(shown),
-                                  text_font_size='11px', text_color=style.faint, x_offset=3))
+            made.add_layout(Label(
+                x=start, y=_TALL - 42, y_units='screen', text=canvas_text(printable(shown)),
+                text_font_size='11px', text_color=style.faint, x_offset=3,
+                background_fill_color=style.background, background_fill_alpha=0.75))

@@ -1,0 +1,106 @@
+"""Headless Chromium for tests of pages: what it shows, what it asks for, what it complains of."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import shutil
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / 'test-artifacts'
+NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+OPTIONS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
+           '--disable-background-networking', '--disable-component-update', '--disable-sync']
+WAIT = 90_000
+
+# Every plot of a page whose frame is drawn: its title and size in pixels.
+PLOTS = """() => {
+  const found = []
+  const walk = (view) => {
+    if (view.model.type == 'Figure' && view.el.isConnected && view.el.offsetParent !== null)
+      found.push([view.model.title ? view.model.title.text : '', view.frame.bbox.width,
+                  view.frame.bbox.height])
+    for (const child of view.child_views || []) walk(child)
+  }
+  for (const view of Bokeh.index.roots) walk(view)
+  return found
+}"""
+# Of the table that all plots share: how many rows are selected, and how many glyphs draw it.
+SELECTED = """() => {
+  const sources = new Set(), glyphs = []
+  for (const document of Bokeh.documents)
+    for (const model of document._all_models.values()) {
+      if (model.type == 'ColumnDataSource' && model.get_column('q0') != null)
+        sources.add(model)
+      if (model.type == 'GlyphRenderer') glyphs.push(model)
+    }
+  const [source] = sources
+  return [source.selected.indices.length,
+          glyphs.filter((glyph) => glyph.data_source === source).length]
+}"""
+
+
+def chromium() -> str:
+    """Return the browser's path; skip without one, or fail where it is required."""
+    found = next((path for path in map(shutil.which, NAMES) if path), None)
+    if found is None:
+        why = 'no Chromium on this machine (tools/get_browser.sh installs one)'
+        if os.environ.get('GRAVITY_COMP_BROWSER') == 'required':
+            pytest.fail(why)
+        pytest.skip(why)
+    return found
+
+
+class Watched:
+    """A page, and all that it printed, complained of and asked for from elsewhere."""
+
+    def __init__(self, page, home: str) -> None:
+        self.page, self.complaints, self.requests, self.dialogs = page, [], [], []
+        page.set_default_timeout(WAIT)
+        page.on('console', self._printed)
+        page.on('pageerror', lambda error: self.complaints.append(str(error)))
+        page.on('dialog', self._asked)
+        page.on('request', lambda request: self.requests.append(request.url)
+                if not request.url.startswith((home, 'data:', 'blob:')) else None)
+
+    def open(self, url: str) -> None:
+        """Open a page and wait until its plots are drawn."""
+        self.page.goto(url)
+        self.page.wait_for_selector('html[data-ready=yes]')
+
+    def picture(self, name: str) -> None:
+        """Keep what is on the screen as an artefact of the test run."""
+        PICTURES.mkdir(exist_ok=True)
+        self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
+
+    def plots(self) -> list:
+        """Return title, width and height of every plot that is on the page."""
+        return self.page.evaluate(PLOTS)
+
+    def selected(self) -> list[int]:
+        """Return how many rows are selected, and how many glyphs draw the table they are of."""
+        return self.page.evaluate(SELECTED)
+
+    def _printed(self, message) -> None:
+        if message.type in ('error', 'warning'):
+            self.complaints.append(message.text)
+
+    def _asked(self, dialog) -> None:
+        self.dialogs.append(dialog.message)
+        dialog.dismiss()
+
+
+@contextmanager
+def watched(home: str, **options) -> Iterator[Watched]:
+    """Yield a new page; `home` is what its own requests begin with."""
+    path = chromium()
+    from playwright.sync_api import sync_playwright
+    with sync_playwright() as play:
+        browser = play.chromium.launch(executable_path=path, args=OPTIONS)
+        try:
+            yield Watched(browser.new_page(viewport={'width': 1280, 'height': 860}, **options),
+                          home)
+        finally:
+            browser.close()

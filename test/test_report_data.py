@@ -1,0 +1,128 @@
+"""What reports draw, computed without Bokeh, against numbers made by hand."""
+
+from dataclasses import replace
+
+from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.added_variable import added_variable
+from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.report.pairs import pair_grid, places
+from gravity_comp_ros.report.spectra import over_angle, over_time
+from gravity_comp_ros.samples import concatenate, JointSamples
+from hypothesis import given, settings, strategies as st
+import numpy as np
+from rough_links import COULOMB, two_links
+
+
+def test_few_samples_are_all_drawn():
+    assert keep_extremes(np.zeros(5, dtype=int), np.ones((5, 2)), 10).tolist() == [0, 1, 2, 3, 4]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2 ** 32 - 1), st.integers(500, 5000), st.integers(1, 6))
+def test_no_peak_is_lost(seed, m, k):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(m, k))
+    peaks = rng.integers(0, m, k)
+    values[peaks, np.arange(k)] = rng.choice([-50.0, 50.0], k)
+    runs = np.sort(rng.integers(0, 3, m))
+    rows = keep_extremes(runs, values, 200)
+    assert (np.diff(rows) > 0).all() and len(rows) <= 320
+    assert set(peaks) <= set(rows)
+    for run in np.unique(runs):
+        here = np.flatnonzero(runs == run)
+        assert here[0] in rows and here[-1] in rows
+
+
+def test_an_hour_is_drawn_with_few_rows():
+    m = 360_000
+    values = np.zeros((m, 14))
+    values[123_457, 3] = 9.0
+    rows = keep_extremes(np.zeros(m, dtype=int), values)
+    assert len(rows) < 12_000 and 123_457 in rows
+
+
+def test_pairs_of_joints_by_hand():
+    q = np.array([[0.0, 0.0], [0.1, 0.1], [0.9, 1.0], [1.0, 0.9]])
+    residual = np.array([[1.0, 0.0], [3.0, 0.0], [2.0, 0.0], [2.0, 4.0]])
+    grid = pair_grid(q, residual, cells=2)
+    both = (grid.first == 0) & (grid.second == 1)
+    assert grid.column[both].tolist() == [0, 1] and grid.row[both].tolist() == [0, 1]
+    assert grid.count[both].tolist() == [2, 2]
+    np.testing.assert_allclose(grid.rms[both, 0], [np.sqrt(5.0), 2.0])
+    np.testing.assert_allclose(grid.rms[both, 1], [0.0, np.sqrt(8.0)])
+    # Two of four cells of the pair, both halves of each joint.
+    assert grid.visited[0, 1] == grid.visited[1, 0] == 0.5 and grid.visited[0, 0] == 1.0
+    assert places(q, grid.edges).tolist() == [[0, 0], [0, 0], [1, 1], [1, 1]]
+
+
+def test_a_joint_that_stands_still_has_one_cell():
+    grid = pair_grid(np.column_stack([np.linspace(0, 1, 50), np.full(50, 0.3)]), np.ones((50, 2)))
+    own = (grid.first == 1) & (grid.second == 1)
+    assert own.sum() == 1 and grid.count[own].tolist() == [50]
+
+
+def test_a_hum_is_found_at_its_frequency():
+    t = np.arange(0, 40, 0.01)
+    residual = 0.5 * np.sin(2 * np.pi * 12.5 * t)
+    zero = np.zeros((len(t), 1))
+    samples = JointSamples.single_run(('a',), t, zero, zero, residual[:, None])
+    frequency, density = over_time(samples, residual)
+    assert abs(frequency[np.argmax(density)] - 12.5) < 0.1
+    assert len(frequency) <= 400
+
+
+def test_a_ripple_is_found_at_its_order_and_size():
+    rng = np.random.default_rng(1)
+    q = rng.uniform(-1.5, 1.5, 4000)
+    order, amplitude = over_angle(q, 0.2 * np.sin(24 * q + 1.0) + rng.normal(0, 0.02, 4000))
+    place = np.argmax(amplitude)
+    assert abs(order[place] - 24.0) < 1.1 and 0.17 < amplitude[place] < 0.21
+
+
+def test_no_spectrum_where_there_is_nothing():
+    short = two_links(count=10)
+    assert len(over_time(short, short.tau[:, 0])[0]) == 0
+    assert len(over_angle(np.full(100, 0.4), np.ones(100))[0]) == 0
+
+
+def _finding(effect, joint):
+    return Finding(joint, effect, 'established', (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
+
+
+def test_friction_lies_on_the_line_of_its_added_variable_plot():
+    samples = concatenate([two_links(1), two_links(2)])
+    model = fit(samples).model
+    rows = np.arange(0, samples.n_samples, 3)
+    motion = build_motion(samples, model)
+    friction = _finding('coulomb_friction', 'shoulder')
+    viscous = _finding('viscous_friction', 'shoulder')
+    found = added_variable(motion, model, friction, [viscous], rows)
+    assert found.joint == 'shoulder' and found.x.shape == rows.shape
+    # What friction explains has about the size of the friction, and little else is left.
+    assert found.share > 0.85 and 0.2 * COULOMB < found.x.std() < COULOMB
+    nothing = added_variable(motion, model, _finding('coulomb_friction', 'elbow'), [], rows)
+    assert nothing.share < 0.1
+
+
+def test_something_unexplained_is_shown_over_the_angle():
+    samples = two_links(1)
+    model = fit(samples).model
+    rows = np.arange(0, len(samples), 5)
+    motion = build_motion(samples, model)
+    found = added_variable(motion, model, _finding(None, 'elbow'), [], rows)
+    assert found.is_angle
+    np.testing.assert_array_equal(found.x, samples.q[rows, 1])
+    unknown = replace(_finding('no_such_effect', 'elbow'))
+    assert added_variable(motion, model, unknown, [], rows) is None
+
+
+def test_text_from_files_never_is_markup():
+    bad = '<script>alert(1)</script>"&\x1b[31m\n'
+    for html in (markup.text(bad), markup.paragraph(bad), markup.bullets([bad]),
+                 markup.table([bad, 'b'], [[bad, bad]], caption=bad), markup.folded(bad, ''),
+                 markup.key([('red"><b>', bad)])):
+        assert '<script' not in html and '\x1b' not in html and '"&' not in html
+        assert '&lt;script&gt;' in html

@@ -1,0 +1,148 @@
+"""`--html` of `compare` and `diagnose`: one file with everything in it, or words that say why."""
+
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+from browser import watched
+from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.cli import main
+import pytest
+from rough_links import two_links
+
+EVIL = ('<img src=x onerror=alert(1)>', '</script><script>alert(2)</script>')
+ORDER = ['joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model', 'quality',
+         'provenance']
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('report')
+    for number in (1, 2, 3):
+        write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
+    write_bag(folder / 'other.mcap', [joint_states(two_links(1, names=('a', 'b')))])
+    write_bag(folder / 'evil.mcap', [joint_states(two_links(1, names=EVIL))])
+    assert main(['fit', str(folder / 'run1.mcap'), str(folder / 'run2.mcap'), '-o',
+                 str(folder / 'arm.json')]) == 0
+    return folder
+
+
+@pytest.fixture(scope='module')
+def diagnosed(folder):
+    page = folder / 'diagnosed.html'
+    assert main(['diagnose', str(folder / 'run1.mcap'), str(folder / 'run2.mcap'), '--model',
+                 str(folder / 'arm.json'), '--html', str(page)]) == 0
+    return page
+
+
+def text_of(page: Path) -> str:
+    return page.read_text()
+
+
+def test_a_report_is_one_file_in_the_order_of_a_readers_questions(diagnosed):
+    html = text_of(diagnosed)
+    assert re.findall(r'<section id="(\w+)">', html) == ORDER
+    verdict = re.search(r'<h1[^>]*id="verdict">(.*?)</h1>', html)[1]
+    assert 'Coulomb friction on joint shoulder' in verdict
+    assert not re.search(r'<(script|link|img|iframe)[^>]*(src|href)=["\']?(https?:)?//', html)
+    assert len(html) < 15e6
+    for fact in ('coulomb_friction', 'run1.mcap', 'SHA-256', 'gravity_comp diagnose', '3.98 s1'):
+        assert fact in html or fact == '3.98 s1'
+    # Hash, version and command stand in it.
+    assert re.search(r'[0-9a-f]{64}', html) and '0.1.0' in html
+
+
+def test_compare_has_the_previous_model_beside(folder, capsys):
+    model, page = folder / 'added.json', folder / 'compared.html'
+    model.write_bytes((folder / 'arm.json').read_bytes())
+    assert main(['add', 'coulomb_friction:shoulder', '--model', str(model),
+                 str(folder / 'run1.mcap'), str(folder / 'run2.mcap')]) == 0
+    assert main(['compare', str(folder / 'run3.mcap'), '--model', str(model), '--html',
+                 str(page)]) == 0
+    capsys.readouterr()
+    html = text_of(page)
+    assert 'before coulomb_friction:shoulder N·m' in html and 'a constant N·m' in html
+    row = re.search(r'<th scope="row">shoulder</th>(.*?)</tr>', html)[1]
+    cells = [float(x) for x in re.findall(r'<td class="number">([\d.]+)</td>', row)]
+    # n, RMSE, std, largest, in training, before, a constant
+    rmse, before, constant = cells[1], cells[-2], cells[-1]
+    assert rmse < 0.5 * before < 0.5 * constant
+
+
+@pytest.mark.parametrize('bag, words', [('other.mcap', 'shoulder'), ('none.mcap', 'none.mcap')])
+def test_a_failure_is_told_in_the_page_too(folder, capsys, bag, words):
+    page = folder / 'failed.html'
+    assert main(['compare', str(folder / bag), '--model', str(folder / 'arm.json'), '--html',
+                 str(page)]) == 1
+    message = capsys.readouterr().err.split(': ', 1)[1].strip()
+    html = text_of(page)
+    assert words in html and '<h1' in html and 'Traceback' not in html
+    assert message.split('<')[0].split('"')[0].split("'")[0][:40] in html
+
+
+@pytest.mark.parametrize('name', ['run1.mcap', 'report'])
+def test_no_bag_is_taken_for_the_page(folder, capsys, name):
+    before = (folder / 'run1.mcap').read_bytes()
+    assert main(['compare', str(folder / 'run1.mcap'), '--model', str(folder / 'arm.json'),
+                 '--html', str(folder / name)]) == 2
+    assert 'does not end in .html' in capsys.readouterr().err
+    assert (folder / 'run1.mcap').read_bytes() == before
+
+
+def test_without_bokeh_one_line_says_what_to_install(folder):
+    program = ('import sys; sys.modules["bokeh"] = None\n'
+               'from gravity_comp_ros.cli import main\nsys.exit(main(sys.argv[1:]))')
+    for argv in (['compare', str(folder / 'run1.mcap'), '--model', str(folder / 'arm.json'),
+                  '--html', str(folder / 'x.html')], ['workbench', str(folder / 'run1.mcap')]):
+        done = subprocess.run([sys.executable, '-c', program, *argv], capture_output=True,
+                              text=True, timeout=120)
+        assert done.returncode == 1
+        assert done.stderr.count('\n') == 1 and "gravity_comp_ros[report]" in done.stderr
+
+
+def test_the_report_in_a_browser(diagnosed):
+    with watched(diagnosed.as_uri()) as tab:
+        page = tab.page
+        tab.open(diagnosed.as_uri())
+        plots = tab.plots()
+        # Two a joint over time, four residuals, two spectra; two heat maps; bars and more.
+        assert len(plots) >= 2 * 8 + 3
+        assert all(width > 60 and height > 25 for _, width, height in plots), plots
+        assert tab.selected()[0] == 0
+        box = page.locator('#time .bk-Figure').first.bounding_box()
+        page.mouse.move(box['x'] + 200, box['y'] + 40)
+        page.mouse.down()
+        page.mouse.move(box['x'] + 420, box['y'] + 120, steps=4)
+        page.mouse.up()
+        page.wait_for_function(f'({_selected_count}) > 0')
+        rows, glyphs = tab.selected()
+        # One table behind every plot, so what is selected is marked in all of them.
+        assert 20 < rows < 1200 and glyphs >= 2 * (2 + 4)
+        marked = page.evaluate(_chosen_cells)
+        assert 0 < marked[0] < marked[1], marked
+        tab.picture('report')
+        assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
+
+
+def test_names_that_are_markup_stay_text(folder):
+    page = folder / 'evil.html'
+    assert main(['diagnose', str(folder / 'evil.mcap'), '--html', str(page)]) == 0
+    with watched(page.as_uri()) as tab:
+        tab.open(page.as_uri())
+        tab.page.wait_for_timeout(500)
+        assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
+        assert tab.page.locator('img[src=x]').count() == 0
+        assert tab.page.locator('#joints th[scope=row]').first.inner_text() == EVIL[0]
+
+
+_selected_count = """(() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'ColumnDataSource' && model.get_column('q0') != null)
+      return model.selected.indices.length
+})()"""
+_chosen_cells = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'ColumnDataSource' && model.get_column('e0') != null)
+      return [model.selected.indices.length, model.get_column('e0').length]
+}"""
