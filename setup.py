@@ -55,7 +55,7 @@ setup(
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
                       'rich>=13.3', 'defusedxml>=0.7'],
     extras_require={'bags': BAGS, 'fleet': FLEET, 'report': REPORT, 'ros': ROS, 'sim': SIM,
-                    'test': TEST + BAGS + REPORT + SIM},
+                    'test': TEST + BAGS + FLEET + REPORT + SIM},
     zip_safe=False,
     entry_points={
         'console_scripts': [

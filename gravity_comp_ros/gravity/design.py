@@ -38,6 +38,10 @@ class Design(Protocol):
     def reweighted(self, row_weights: FloatArray) -> Design:
         """Return the design of the same poses with other weights of the rows."""
 
+    @property
+    def precise(self) -> Design:
+        """The same design with products in float64."""
+
 
 class TorqueDesign:
     """
@@ -53,16 +57,24 @@ class TorqueDesign:
         self.row_weights = row_weights[:, 0]
         self.n_rows = q.shape[0]
         self.n_columns = dictionary.n_features(q.shape[1])
-        self._halves = halves or dictionary.Halves(q)
+        self.halves = halves or dictionary.Halves(q)
+
+    @property
+    def precise(self) -> TorqueDesign:
+        return self
 
     def reweighted(self, row_weights: FloatArray) -> TorqueDesign:
-        return TorqueDesign(self.q, row_weights, self._halves)
+        return TorqueDesign(self.q, row_weights, self.halves)
+
+    def weighted_rows(self, r: FloatArray) -> FloatArray:
+        """Return r (R,) times the weights, a row for each torque: (1, M)."""
+        return (self.row_weights * r)[None]
 
     def columns(self, indices: IntArray) -> FloatArray:
-        return (self._halves.columns(indices) * self.row_weights).T
+        return (self.halves.columns(indices) * self.row_weights).T
 
     def correlate(self, r: FloatArray) -> FloatArray:
-        return self._halves.correlate(self.row_weights * r)
+        return self.halves.correlate(self.row_weights * r)
 
     def correlate_many(self, r: FloatArray) -> FloatArray:
         return _stacked([self.correlate(one) for one in r.T], self.n_columns)
@@ -72,7 +84,7 @@ class TorqueDesign:
 
     @cached_property
     def _squared_norms(self) -> FloatArray:
-        return self._halves.correlate_squares(self.row_weights ** 2)
+        return self.halves.correlate_squares(self.row_weights ** 2)
 
 
 class EnergyDesign:
@@ -100,22 +112,30 @@ class EnergyDesign:
         self.n_joints = q.shape[1]
         self.n_rows = q.size
         self.n_columns = dictionary.n_features(self.n_joints)
-        self._halves = halves or dictionary.Halves(q)
+        self.halves = halves or dictionary.Halves(q)
+
+    @property
+    def precise(self) -> EnergyDesign:
+        return self
 
     def reweighted(self, row_weights: FloatArray) -> EnergyDesign:
-        return EnergyDesign(self.q, row_weights, self._halves)
+        return EnergyDesign(self.q, row_weights, self.halves)
+
+    def weighted_rows(self, r: FloatArray) -> FloatArray:
+        """Return r (R,) times the weights, a row for each torque: (N, M)."""
+        return r.reshape(self.n_joints, -1) * self.row_weights.T
 
     def columns(self, indices: IntArray) -> FloatArray:
         columns = np.zeros((len(indices), self.n_joints, len(self.q)))
         for n in range(self.n_joints):
             features, signs = dictionary.derivative(indices, self.n_joints, n)
             present = np.flatnonzero(signs)
-            columns[present, n] = (self._halves.columns(features[present])
+            columns[present, n] = (self.halves.columns(features[present])
                                    * (signs[present, None] * self.row_weights[:, n]))
         return columns.reshape(len(indices), self.n_rows).T
 
     def correlate(self, r: FloatArray) -> FloatArray:
-        halves, weighted = self._halves, r.reshape(self.n_joints, -1) * self.row_weights.T
+        halves, weighted = self.halves, self.weighted_rows(r)
         left, right, scratch = halves.scratch
         left[:] = 0.0
         right[:] = 0.0
@@ -137,7 +157,7 @@ class EnergyDesign:
 
     @cached_property
     def _squared_norms(self) -> FloatArray:
-        halves, weights = self._halves, self.row_weights.T ** 2
+        halves, weights = self.halves, self.row_weights.T ** 2
         left, right = np.zeros_like(halves.left), np.zeros_like(halves.right)
         squares = halves.left ** 2, halves.right ** 2
         for n in range(self.n_joints):

@@ -24,6 +24,8 @@ import numpy as np
 _BATCH, _LARGE_BATCH = 10, 40
 _LARGE = 3 ** 9
 _MAX_ROUNDS = 100
+# How far a path is followed with products that are not precise.
+_ROUGH = 1e-4
 # A column shorter than this, relative to the longest, is what rounding left of a structural 0.
 _NEGLIGIBLE = 1e-9
 
@@ -91,7 +93,8 @@ class LassoProblem:
         lengths = column_lengths(self.design)
         usable = self.usable & has_length(lengths)
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
-        self._c = self.design.correlate(self.b) * self._inverse_lengths
+        self._precise = self.design.precise
+        self._c = self._precise.correlate(self.b) * self._inverse_lengths
         self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
         self._set = np.zeros(0, dtype=np.int64)
         self._columns = np.zeros((0, self.design.n_rows))
@@ -105,14 +108,18 @@ class LassoProblem:
 
     def solve(self, lam: float) -> LassoSolution:
         """Return the solution for `lam` > 0, started from the last one, with its certificate."""
-        inner, iterations, rounds = self._run(lam, self.options)
-        return self._solution(lam, inner, iterations, rounds)
+        before = (0, 0)
+        if self._precise is not self.design:
+            before = self._run(lam, replace(self.options, tolerance=_ROUGH), self.design)[1:]
+        inner, iterations, rounds = self._run(lam, self.options, self._precise)
+        return self._solution(lam, inner, iterations + before[0], rounds + before[1])
 
     def approach(self, lam: float, tolerance: float) -> None:
         """Move to a rough solution for `lam`: a step of a path that ends elsewhere."""
-        self._run(lam, replace(self.options, tolerance=tolerance))
+        self._run(lam, replace(self.options, tolerance=tolerance), self.design)
 
-    def _run(self, lam: float, options: admm.AdmmOptions) -> tuple[admm.AdmmResult, int, int]:
+    def _run(self, lam: float, options: admm.AdmmOptions,
+             design: Design) -> tuple[admm.AdmmResult, int, int]:
         """Solve on the working set and enlarge it until no other column violates anything."""
         iterations, rounds = 0, 0
         while True:
@@ -121,7 +128,7 @@ class LassoProblem:
                                self._state, options)
             self._state = inner.state
             iterations += inner.iterations
-            correlation = self._residual_correlation(inner.state.z)
+            correlation = self._residual_correlation(inner.state.z, design)
             excess = np.abs(correlation) - lam
             excess[self._set] = -np.inf
             violators = np.flatnonzero(excess > options.tolerance * lam)
@@ -130,10 +137,10 @@ class LassoProblem:
             worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
             self._enlarge(worst, correlation[worst])
 
-    def _residual_correlation(self, z: FloatArray) -> FloatArray:
+    def _residual_correlation(self, z: FloatArray, design: Design) -> FloatArray:
         active = np.flatnonzero(z)
         residual = self.b - z[active] @ self._columns[active]
-        return self.design.correlate(residual) * self._inverse_lengths
+        return design.correlate(residual) * self._inverse_lengths
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
         """Add columns, leaving out what has been 0 for long if the set has grown large."""
@@ -165,7 +172,7 @@ class LassoProblem:
         """Compute the certificate from A, b and z alone."""
         unit_columns = self.design.columns(indices) * self._inverse_lengths[indices]
         residual = self.b - unit_columns @ z
-        correlation = self.design.correlate(residual) * self._inverse_lengths
+        correlation = self._precise.correlate(residual) * self._inverse_lengths
         full = np.zeros(self.design.n_columns)
         full[indices] = z
         objective = 0.5 * float(residual @ residual) + lam * float(np.abs(z).sum())

@@ -24,7 +24,8 @@ def fit_per_joint(samples: JointSamples,
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
-    problems = [SparseProblem(TorqueDesign, samples.q, samples.tau[:, [joint]], samples.runs,
+    design_type = options.arrays.design_type(TorqueDesign)
+    problems = [SparseProblem(design_type, samples.q, samples.tau[:, [joint]], samples.runs,
                               usable) for joint in range(samples.n_joints)]
     fits = [fit_sparse(problem, options) for problem in problems]
     return tuple(Expansion(found.indices, found.x) for found in fits), fits

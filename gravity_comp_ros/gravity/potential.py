@@ -24,7 +24,7 @@ def fit_potential(samples: JointSamples,
     :return: the energy in J, and the one sparse fit behind it.
     :raises FitError: if there are no samples.
     """
-    problem = SparseProblem(EnergyDesign, samples.q, samples.tau, samples.runs,
-                            usable_for_energy(samples.q))
+    problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
+                            samples.runs, usable_for_energy(samples.q))
     found = fit_sparse(problem, options)
     return Expansion(found.indices, found.x), [found]

@@ -22,6 +22,7 @@ from functools import cached_property
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.gravity import admm, noise, support
 from gravity_comp_ros.gravity.design import Design
+from gravity_comp_ros.gravity.device import Arrays
 from gravity_comp_ros.gravity.lasso import LassoProblem, LassoSolution
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray
 import numpy as np
@@ -40,7 +41,8 @@ class SparseOptions:
 
     `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
     `inflation` says how many samples count as one, at least 1, or None to choose it by
-    cross-validation where the residual is correlated.
+    cross-validation where the residual is correlated; `arrays` say on which processor and in
+    which precision the large products are made.
 
     :raises OptionError: if a value is out of range.
     """
@@ -48,6 +50,7 @@ class SparseOptions:
     lam: float | None = None
     inflation: float | None = None
     admm: admm.AdmmOptions = admm.AdmmOptions()
+    arrays: Arrays = Arrays()
 
     def __post_init__(self) -> None:
         if self.lam is not None and not 0.0 < self.lam < np.inf:
@@ -186,7 +189,11 @@ def propose(design: Design, b: FloatArray, problem: SparseProblem,
             options: SparseOptions) -> LassoSolution:
     """Solve the L1 problem by ADMM, along a falling lambda that ends at the wanted one."""
     lam = options.lam or float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
-    lasso = LassoProblem(design, b, problem.usable, options.admm)
+    return follow_path(LassoProblem(design, b, problem.usable, options.admm), lam)
+
+
+def follow_path(lasso: LassoProblem, lam: float) -> LassoSolution:
+    """Return the solution for `lam`, reached along a falling lambda that shares all factors."""
     top = 0.5 * lasso.lambda_max
     path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
     for step in path:

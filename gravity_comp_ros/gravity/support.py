@@ -102,7 +102,7 @@ def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
 def gram_of(design: Design, usable: BoolArray) -> Gram:
     """Return products of columns for searches of one design to share."""
     lengths = column_lengths(design)
-    return Gram(design, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
+    return Gram(design.precise, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
 
 
 def settle(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
