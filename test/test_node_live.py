@@ -196,3 +196,15 @@ def test_a_machine_that_is_too_slow_is_told(live, model_file):
     assert found.level == WARN and 'the torque is late' in found.message
     feed(node, 20, now + 4.2)
     assert status(node, 'input', now + 8.0).level == OK
+
+
+def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False)
+    now = feed(node, 80)
+    until(node, now, lambda: node.fits.state == 'ready')
+    answers = []
+    node.refit(time.monotonic(), lambda *answer: answers.append(answer))
+    assert node.payload_changed(now)[0] and not answers
+    node.tick(time.monotonic())
+    assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
+    assert node.fits.state == 'ready' and status(node, 'learning').level == OK

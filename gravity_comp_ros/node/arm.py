@@ -87,7 +87,7 @@ class Arm:
             return None
         try:
             std = self._model.predict_std(self.pose)[0]
-        except DataError:
+        except (DataError, np.linalg.LinAlgError):
             std = np.zeros(0)
         return self._model.coverage.distance(self.pose), std
 

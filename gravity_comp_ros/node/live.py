@@ -162,14 +162,22 @@ class Live:
         self._expire(wall)
         if self.fits.state == 'ready':
             if self._wanted is not None:
-                reply, until, is_question = self._wanted
-                self._wanted = None
-                number = self._submit_question(arm, wall) if is_question \
-                    else self._submit(arm, wall, asked=True)
-                self._waiting = (number, reply, until)
+                self._serve(arm, wall)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
                 self._submit(arm, wall)
         return arm.feed.watch(now)
+
+    def _serve(self, arm: Arm, wall: float) -> None:
+        """Start what somebody waits for."""
+        reply, until, is_question = cast(tuple[Reply, float, bool], self._wanted)
+        self._wanted = None
+        if (lack := arm.epoch.can_fit()) is not None:
+            # The payload has changed since it was asked for.
+            reply(False, lack)
+            return
+        number = self._submit_question(arm, wall) if is_question \
+            else self._submit(arm, wall, asked=True)
+        self._waiting = (number, reply, until)
 
     def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
         self._jobs += 1
