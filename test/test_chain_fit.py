@@ -211,6 +211,8 @@ def test_an_unsure_arm_says_so():
 def test_search_options_are_checked():
     with pytest.raises(OptionError, match='starts'):
         SearchOptions(starts=0)
+    with pytest.raises(OptionError, match='rivals'):
+        SearchOptions(rivals=-1)
 
 
 def test_upright_and_common_frames_keep_the_torque():

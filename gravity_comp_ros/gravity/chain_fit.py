@@ -80,10 +80,11 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     tidied = tidy(problem, solution)
     covariance, rivals = tidied.covariance(), 0
     sigma = _typical(model, tidied.solution.chain.torque(q))
-    if samples.n_samples < _FEW or unsure_joint(tidied.solution.chain, covariance,
-                                                sigma) is not None:
+    unsure = samples.n_samples < _FEW or unsure_joint(tidied.solution.chain, covariance,
+                                                      sigma) is not None
+    if unsure and options.rivals:
         for _ in range(_SEARCHES):
-            others = find_rivals(problem, solution, options.seed)
+            others = find_rivals(problem, solution, options)
             if others[0].solution.cost >= (1.0 - _BETTER) * solution.cost:
                 break
             problem, solution, model, inflation = _settle_noise(problem, others[0].solution,

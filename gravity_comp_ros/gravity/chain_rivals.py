@@ -13,15 +13,13 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.gravity.chain import Chain
 from gravity_comp_ros.gravity.chain_solve import ChainProblem, Solution, solve, SolveOptions
-from gravity_comp_ros.gravity.chain_start import next_axes, thinned
+from gravity_comp_ros.gravity.chain_start import next_axes, SearchOptions, thinned
 from gravity_comp_ros.gravity.uncertainty import ChainUncertainty
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 # Below this share of the noise a standard deviation anywhere leaves a fit sure.
 _UNSURE = 0.67
-# Starts that are tried for rivals.
-_STARTS = 16
 _ROUGH = SolveOptions(max_steps=60, tolerance=1e-4)
 # Minima whose log evidence is this much less count for nothing.
 _NEGLIGIBLE = 12.0
@@ -72,15 +70,16 @@ def unsure_joint(chain: Chain, covariance: FloatArray, noise: FloatArray) -> int
     return None if is_sure else worst
 
 
-def find_rivals(problem: ChainProblem, first: Solution, seed: int = 0) -> list[Rival]:
+def find_rivals(problem: ChainProblem, first: Solution,
+                options: SearchOptions = SearchOptions()) -> list[Rival]:
     """Return the minima that count, `first` among them, the likeliest first."""
     few = thinned(problem)
     share = problem.tau.size / few.tau.size
-    rng = np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([options.seed, 1])
     sigma = 1.0 / problem.weights.mean(axis=0)
     found = [_rival(solve(problem, first.chain.axes))]
     best = solve(few, found[0].solution.chain.axes, options=_ROUGH)
-    for count in range(1, _STARTS + 1):
+    for count in range(1, options.rivals + 1):
         rough = solve(few, next_axes(rng, problem.n_joints, count, best), options=_ROUGH)
         if 0.5 * share * (rough.cost - best.cost) > _MAY_FALL:
             continue

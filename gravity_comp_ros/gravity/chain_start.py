@@ -43,15 +43,21 @@ class SearchOptions:
     """
     How long to search: at most `starts`, drawn from `seed`.
 
-    :raises OptionError: if there are no starts.
+    Where the end is unsure, `rivals` more starts look for other chains (`chain_rivals`); 0 for a
+    fit whose uncertainty nobody asks for.
+
+    :raises OptionError: if there are no starts, or fewer than no rivals.
     """
 
     starts: int = 40
     seed: int = 0
+    rivals: int = 16
 
     def __post_init__(self) -> None:
         if self.starts < 1:
             raise OptionError(f'chain: {self.starts} starts; there must be at least 1')
+        if self.rivals < 0:
+            raise OptionError(f'chain: {self.rivals} starts for rivals; there must be 0 or more')
 
 
 @dataclass(frozen=True)

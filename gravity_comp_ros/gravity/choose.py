@@ -25,7 +25,7 @@ import numpy as np
 
 # With fewer samples than this a clean residual may be an over-fitted one.
 _ENOUGH = 100
-_WARM = SearchOptions(starts=1)
+_WARM = SearchOptions(starts=1, rivals=0)
 
 
 @dataclass(frozen=True)
