@@ -24,8 +24,10 @@ help:
 demo: venv
 	@$(VENV)/bin/python examples/demo.py
 
-test: lint
-	$(VENV)/bin/python -m pytest $(PYTEST_ARGS)
+# Lint that fails fails the whole, but keeps nobody from seeing what the tests say.
+test: venv
+	@lint=0; $(MAKE) --no-print-directory lint || lint=$$?; \
+	$(VENV)/bin/python -m pytest $(PYTEST_ARGS) && exit $$lint
 
 test-oldest:
 	@tools/make_venv.sh $(VENV_OLDEST) oldest
