@@ -110,6 +110,13 @@ def test_update_of_an_arm_without_right_angles():
     assert rmse(result.model, loaded, new) <= 0.2 < rmse(model, loaded, new)
 
 
+def test_an_update_says_how_unsure_it_is(old):
+    loaded = arms.with_payload(old[0], arms.Payload(2.0, (0.02, 0.03, 0.1)))
+    few = update(old[1], after(loaded, LATER[:12]))
+    assert any('may be off by' in words for words in few.report['warnings'])
+    assert update(old[1], after(loaded, LATER[:100])).report['warnings'] == []
+
+
 def test_update_of_a_potential(old):
     arm, q = old[0], motions.eq17().q
     model = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)).model

@@ -56,7 +56,10 @@ def std_of_moments(chain: Chain, covariance: FloatArray) -> FloatArray:
     """Return the same as `std_anywhere`, if somebody told the axes."""
     half = 2 * chain.n_joints
     known = np.zeros_like(covariance)
-    known[half:, half:] = np.linalg.inv(np.linalg.inv(covariance)[half:, half:])
+    # Conditioned on the axes; after an update the covariance may be singular.
+    axes, cross, moments = covariance[:half, :half], covariance[:half, half:], \
+        covariance[half:, half:]
+    known[half:, half:] = moments - cross.T @ np.linalg.pinv(axes, hermitian=True) @ cross
     return std_anywhere(chain, known)
 
 

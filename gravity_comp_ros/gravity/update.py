@@ -15,6 +15,7 @@ from typing import Any
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.gravity import noise
 from gravity_comp_ros.gravity.chain_expand import expand
+from gravity_comp_ros.gravity.chain_rivals import std_anywhere, unsure_joint
 from gravity_comp_ros.gravity.chain_update import NewSamples, update_chain
 from gravity_comp_ros.gravity.change import average_change, Change, ChangeProblem
 from gravity_comp_ros.gravity.design import EnergyDesign
@@ -247,12 +248,25 @@ def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatA
                    ('iterations', 'primal_residual', 'dual_residual', 'converged')},
         'warnings': [],
     }
+    report['warnings'] += _unsure(found.model, sigma)
     if found.tool is not None:
         report['payload'] = _payload_json(found.tool)
         if not found.is_tool:
             report['warnings'] += ['a rigid body on the last link does not explain what changed; '
                                    'the mass and centre told here are only the nearest to it']
     return report
+
+
+def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
+    """Say how far a chain may be off away from the samples, if that is much."""
+    if model.chain is None or model.uncertainty is None:
+        return []
+    joint = unsure_joint(model.chain, model.uncertainty.covariance, sigma)
+    if joint is None:
+        return []
+    std = std_anywhere(model.chain, model.uncertainty.covariance)[joint]
+    return [f'away from these poses the torque of {model.joints[joint]} may be off by '
+            f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']
 
 
 def _payload_json(tool: Weighed) -> dict[str, Any]:
