@@ -171,7 +171,7 @@ def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
     for _ in range(3 * len(z) + 10):
         active = np.flatnonzero(signs)
         signed = penalties[active] * signs[active]
-        target = _minimiser(gram[np.ix_(active, active)], correlation[active] - signed,
+        target = _minimiser(gram[active[:, None], active], correlation[active] - signed,
                             signed, z[active])
         turned = (target * signs[active] < 0.0) & (z[active] != target)
         if turned.any():
@@ -206,11 +206,15 @@ def _rebalance(primal: float, dual: float) -> float:
 
 
 def _inverse(gram: FloatArray, rho: float) -> FloatArray:
-    factor = linalg.cholesky(gram + rho * np.eye(len(gram)), lower=True, check_finite=False)
-    inverse, failed = linalg.lapack.dpotri(factor, lower=True)
-    if failed:
+    shifted = gram.copy()
+    shifted.ravel()[::len(gram) + 1] += rho
+    factor, failed = linalg.lapack.dpotrf(shifted, lower=True)
+    inverse, failed_too = linalg.lapack.dpotri(factor, lower=True)
+    if failed or failed_too:
         raise FitError('admm: the regressor cannot be factorised')
-    return np.tril(inverse) + np.tril(inverse, -1).T
+    lower = np.tril(inverse)
+    lower += np.tril(inverse, -1).T
+    return lower
 
 
 def _minimiser(gram: FloatArray, right: FloatArray, signed: FloatArray,
@@ -223,11 +227,10 @@ def _minimiser(gram: FloatArray, right: FloatArray, signed: FloatArray,
     """
     if not right.size:
         return right  # which the LAPACK of SciPy 1.11 refuses to solve
-    try:
-        return linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), right,
-                                check_finite=False)
-    except linalg.LinAlgError:
-        pass
+    # LAPACK itself: SciPy's wrappers take longer than the ten unknowns here.
+    _, x, failed = linalg.lapack.dposv(gram, right)
+    if not failed:
+        return np.asarray(x)
     values, vectors = linalg.eigh(gram, check_finite=False)
     kept = values > _DEPENDENT * values[-1]
     still = vectors[:, ~kept]

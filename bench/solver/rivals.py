@@ -1,0 +1,125 @@
+"""
+Every L1 solver a user could pick, on the same matrix, brought to the same duality gap.
+
+Each takes a tolerance in its own terms; `tolerances` are tried from loose to tight, and only the
+run that is first good enough counts. The rivals get the matrix ready built, with columns of unit
+length; ours gets its halves and the lengths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import warnings
+
+from gravity_comp_ros.gravity.design import TorqueDesign
+from gravity_comp_ros.gravity.lasso import LassoProblem
+from gravity_comp_ros.gravity.sparse import follow_path
+import numpy as np
+from problems import Problem
+from scipy import linalg
+
+Answer = tuple[np.ndarray, int]     # x at columns of unit length, iterations
+
+
+@dataclass(frozen=True)
+class Solver:
+    """`solve(problem, a, tolerance)`; `slow` ones are repeated less often."""
+
+    name: str
+    solve: Callable[[Problem, np.ndarray, float], Answer]
+    tolerances: tuple[float, ...]
+    slow: bool = False
+
+
+def ours(problem: Problem, design: TorqueDesign, tolerance: float) -> Answer:
+    lasso = LassoProblem(design, problem.b, np.ones(design.n_columns, dtype=bool))
+    solution = follow_path(lasso, problem.lam)
+    if not solution.certificate.gap <= 1e-6:
+        raise RuntimeError(f'gap {solution.certificate.gap}')
+    x = np.zeros(design.n_columns)
+    x[solution.indices] = solution.x * np.sqrt(design.squared_norms()[solution.indices])
+    return x, solution.iterations
+
+
+def halves(problem: Problem) -> TorqueDesign:
+    """Return what stands for the matrix in our solver: its halves and its columns' lengths."""
+    design = TorqueDesign(problem.q, problem.weights[:, None])
+    design.squared_norms()
+    return design
+
+
+def scikit_learn(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    from sklearn.linear_model import Lasso
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
+                    max_iter=10 ** 6).fit(a, problem.b)
+    return fit.coef_, int(fit.n_iter_)
+
+
+def celer(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    from celer import Lasso
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
+                    max_iter=1000, max_epochs=10 ** 6).fit(a, problem.b)
+    return fit.coef_, int(fit.n_iter_)
+
+
+def skglm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    from skglm import Lasso
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
+                    max_iter=1000, max_epochs=10 ** 6).fit(a, problem.b)
+    return fit.coef_, int(fit.n_iter_)
+
+
+def _cvxpy(name: str, problem: Problem, a: np.ndarray, **options) -> Answer:
+    import cvxpy
+    x, r = cvxpy.Variable(a.shape[1]), cvxpy.Variable(len(problem.b))
+    program = cvxpy.Problem(
+        cvxpy.Minimize(0.5 * cvxpy.sum_squares(r) + problem.lam * cvxpy.norm1(x)),
+        [r == problem.b - a @ x])
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore')
+        program.solve(solver=name, **options)
+    iterations = program.solver_stats.num_iters
+    return np.asarray(x.value), int(iterations or 0)
+
+
+def osqp(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    return _cvxpy('OSQP', problem, a, eps_abs=tolerance, eps_rel=tolerance, max_iter=200000)
+
+
+def clarabel(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    return _cvxpy('CLARABEL', problem, a, tol_gap_rel=tolerance, tol_gap_abs=tolerance,
+                  tol_feas=tolerance)
+
+
+def dense_admm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    """ADMM as in Boyd et al. (2011), 6.4: rho 1, the factor of I + A A.T, residuals as the end."""
+    m, k = a.shape
+    factor = linalg.cho_factor(np.eye(m) + a @ a.T)
+    c, z, u = a.T @ problem.b, np.zeros(k), np.zeros(k)
+    for iteration in range(1, 200001):
+        v = c + z - u
+        x = v - a.T @ linalg.cho_solve(factor, a @ v)
+        old, moved = z, x + u
+        z = np.sign(moved) * np.maximum(np.abs(moved) - problem.lam, 0.0)
+        u = moved - z
+        if (np.linalg.norm(x - z) < tolerance * max(np.linalg.norm(z), 1.0)
+                and np.linalg.norm(z - old) < tolerance * max(np.linalg.norm(u), 1.0)):
+            break
+    return z, iteration
+
+
+OURS = Solver('gravity_comp_ros', ours, (1e-7,))
+RIVALS = (
+    Solver('scikit-learn', scikit_learn, (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)),
+    Solver('celer', celer, (1e-4, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)),
+    Solver('skglm', skglm, (1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)),
+    Solver('cvxpy with OSQP', osqp, (1e-5, 1e-7), slow=True),
+    Solver('cvxpy with Clarabel', clarabel, (1e-8, 1e-10), slow=True),
+    Solver('dense ADMM', dense_admm, (1e-4, 1e-5, 1e-6, 1e-7, 1e-8), slow=True))
