@@ -84,7 +84,7 @@ def _free(motion: Motion, model: GravityModel, joint: int, others: list[Finding]
     samples = motion.samples
     features = model.torques[joint].indices
     tau = samples.tau[rows, joint]
-    known = [np.ones((len(rows), 1))]
+    known = [np.zeros((len(rows), 0))]
     if len(features) <= min(_MOST_FEATURES, len(rows) // 4):
         known.append(dictionary.columns(samples.q[rows], features))
     else:
@@ -98,7 +98,7 @@ def _free(motion: Motion, model: GravityModel, joint: int, others: list[Finding]
             continue
         known.append((columns[:, joint] if columns.ndim == 3 else columns)[rows])
     basis, spread, _ = np.linalg.svd(np.hstack(known), full_matrices=False)
-    basis = basis[:, spread > 1e-9 * spread[0]]
+    basis = basis[:, spread > 1e-9 * max(spread, default=0.0)]
     return basis, tau - basis @ (basis.T @ tau)
 
 

@@ -158,6 +158,7 @@ def _plot(found: AddedVariable, table: Table, style: Style, k: int) -> figure:
                  fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
                  selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
                  nonselection_line_color=None, selection_line_color=None)
+    made.xaxis.ticker.desired_num_ticks = 4
     if not found.is_angle:
         made.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=style.predicted,
                               line_width=2))
