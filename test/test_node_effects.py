@@ -2,7 +2,7 @@
 
 import time
 
-from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.modelfile import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.live import Live
@@ -142,3 +142,23 @@ def test_what_the_model_does_not_have_cannot_be_sent(node):
     assert status.level == WARN and 'no effect to compensate' in status.message
     q, _ = motion(t - 0.2)
     np.testing.assert_allclose(tau, node.models.model.predict_one(q))
+
+
+def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
+    t = 0.2 * np.arange(400)
+    q, qd = motion(t)
+    tau = MASS * np.sin(q) + 0.02 * np.random.default_rng(0).standard_normal(q.shape)
+    path = tmp_path / 'model.json'
+    samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
+    save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
+    node = Live({**defaults(), 'model_file': str(path), 'ramp_time': 0.0,
+                 'max_torque_rate': ()}, '/joint_states', 0.0)
+    try:
+        far = q.max(axis=0) + 1.0
+        found = send(node, 1.0, far, 0 * far, 0 * far)
+        nearest = node.models.model.predict_one(q.max(axis=0) + 0.1)
+        np.testing.assert_allclose(found, nearest)
+        status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
+        assert status.level == WARN and 'outside the trained range' in status.message
+    finally:
+        node.close()

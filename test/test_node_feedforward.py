@@ -212,3 +212,12 @@ def test_a_clock_that_is_set_back_does_not_blind_the_watchdog():
     feed, t = started()
     assert feed.watch(t - 1000.0) is None
     assert feed.watch(t - 999.0) is not None and feed.state(t - 999.0) in (ff.HOLDING, ff.FADING)
+
+
+def test_a_model_that_reaches_no_further_is_held_there():
+    feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation='hold',
+                                  extrapolation_margin=1.0))
+    feed.use(Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
+    assert feed.margin == pytest.approx(0.1)
+    assert feed.update(0.0, Q + 1.05) == pytest.approx(10.5)
+    assert feed.update(0.1, Q + 1.9) == pytest.approx(11.0)

@@ -19,6 +19,10 @@ from gravity_comp_ros.node.parameters import Value
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
+# rad. Torques that share no energy are fitted joint by joint, and go astray at once where nothing
+# was learned: by hundreds of N·m, a radian away.
+PER_JOINT_REACH = 0.1
+
 
 class Arm:
     """The state that exists once the joints are known."""
@@ -151,7 +155,7 @@ class Arm:
             diagnostics.feedforward_status(
                 self.feed.state(now), self.feed.enabled,
                 0.0 if outside is None else float(outside.max()), bool(options.max_torque),
-                options.extrapolation_margin, self._sent.targets if self._sent else (),
+                self.feed.margin, self._sent.targets if self._sent else (),
                 self.effects_problem),
             *diagnostics.joint_statuses(
                 self.joints, self.epoch.coverage().span, residual,
@@ -189,4 +193,5 @@ def compensate_options(settings: Mapping[str, Value]) -> CompensateOptions:
 
 def source_of(model: GravityModel) -> Source:
     """Return the model as the feed-forward needs it."""
-    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max)
+    reach = PER_JOINT_REACH if model.formulation == 'per_joint' else np.inf
+    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)

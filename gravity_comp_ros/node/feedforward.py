@@ -63,11 +63,16 @@ class FeedForwardOptions:
 
 @dataclass(frozen=True)
 class Source:
-    """A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,)."""
+    """
+    A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
+
+    `reach` in rad bounds `extrapolation_margin` for a model that must not be used further out.
+    """
 
     predict: Predict
     q_min: FloatArray
     q_max: FloatArray
+    reach: float = math.inf
 
 
 class FeedForward:
@@ -122,6 +127,12 @@ class FeedForward:
     @property
     def enabled(self) -> bool:
         return self._enabled
+
+    @property
+    def margin(self) -> float:
+        """How far outside its trained range the model is used as it is, rad."""
+        reach = math.inf if self._source is None else self._source.reach
+        return min(self.options.extrapolation_margin, reach)
 
     def update(self, now: float, q: FloatArray,
                effects: FloatArray | None = None) -> FloatArray | None:
@@ -202,7 +213,7 @@ class FeedForward:
             self._effects[np.abs(self._effects) < LEAST_TORQUE] = 0.0
 
     def _is_near(self, source: Source, q: FloatArray) -> bool:
-        margin = self.options.extrapolation_margin
+        margin = min(self.options.extrapolation_margin, source.reach)
         return bool(((q >= source.q_min - margin) & (q <= source.q_max + margin)).all())
 
     def _is_at_rest(self) -> bool:
@@ -223,7 +234,7 @@ class FeedForward:
     def _torque(self, source: Source, q: FloatArray) -> FloatArray:
         if self.options.extrapolation == 'trust':
             return source.predict(q)
-        margin = self.options.extrapolation_margin
+        margin = min(self.options.extrapolation_margin, source.reach)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())
         if outside == 0.0:

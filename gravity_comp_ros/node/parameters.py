@@ -217,8 +217,8 @@ TABLE: tuple[Parameter, ...] = (
         choices=('hold', 'fade', 'trust')),
     Parameter(
         'extrapolation_margin', 'double', 1.0,
-        'Distance outside the trained range up to which the model is used as it is.', 'rad',
-        0.01, 10.0),
+        'Distance outside the trained range up to which the model is used as it is; at most '
+        '0.1 rad for a `per_joint` model, which is wrong by far out there.', 'rad', 0.01, 10.0),
     Parameter(
         'stale_after', 'double', 0.3,
         'Without a usable joint state for this long, input counts as stale. Above the period '
