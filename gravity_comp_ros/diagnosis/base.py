@@ -1,19 +1,24 @@
 """
 The gravity model that effects are judged beside.
 
-The base comes first: its support is chosen while friction, an offset and inertia are projected
-out of the torque, so that it does not grow features to imitate them. A nearly level arm is given
-no features of its first joint: gravity has none there, and what the first joint's angle does to
-the torque (a tilted base) is then left for an effect to explain.
+The base comes first: it is chosen while friction, an offset and inertia are projected out of the
+torque, so that it does not grow terms to imitate them. It has to hold all of gravity, or an
+effect will be found that stands in for a small term of it: so to the terms of the sparse energy
+come the directions in which a serial arm could still differ from the one that fits. A nearly
+level arm is not given terms of its first joint: gravity has none there, and what the first
+joint's angle does to the torque (a tilted base) is then left for an effect to explain.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.chain_fit import fit_chain
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
@@ -22,31 +27,114 @@ from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
 import numpy as np
 
 _SAMPLES = 1500
+_CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
 _CAUTIOUS = FitOptions(sparse=SparseOptions(inflation=4.0))
 # An arm whose first joint carries less than this share of the largest torque is level but for
 # a tilt; more is a wall or an incline, whose gravity the base must hold.
 _NEARLY_LEVEL = 0.15
+# Directions of the base that this motion excites less, next to the most excited, are left out.
+_EXCITED = 1e-3
+# Another base must take this part off some joint's error, or it is the same.
+_WORTHWHILE = 0.01
 
 
-def choose_base(samples: JointSamples, model: GravityModel | None
-                ) -> tuple[GravityModel, IntArray, Motion]:
+@dataclass(frozen=True)
+class Base:
     """
-    Return the gravity model, the energy features to refit with effects, and the motion.
+    The gravity model, the motion as effects see it, and gravity's columns (M, N, K).
+
+    The columns are combinations of terms, of about the same size and not alike.
+    """
+
+    model: GravityModel
+    motion: Motion
+    columns: FloatArray
+
+
+def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
+    """
+    Return the gravity to refit with effects.
 
     :param model: the user's model if there is one, and if it has an energy; else one is fitted.
     """
-    if model is None or model.energy is None:
-        few = samples.select(np.arange(samples.n_samples)
-                             % max(1, samples.n_samples // _SAMPLES) == 0)
-        rough = fit(few, _CAUTIOUS).model
-        motion = build_motion(samples, rough)
-        cleaned = replace(samples, tau=samples.tau - _nuisance(motion, _features(rough)))
-        kept = cleaned.select(np.arange(samples.n_samples)
-                              % max(1, samples.n_samples // _SAMPLES) == 0)
-        model = fit(kept, _CAUTIOUS).model
-    model = _level(model, samples.q)
-    return model, _features(model), build_motion(samples, model)
+    few = _thin(samples, _SAMPLES)
+    known = model is not None and model.energy is not None
+    rough = model if model is not None and known else fit(samples.select(few), _CAUTIOUS).model
+    motion = build_motion(samples, rough)
+    cleaned = replace(samples, tau=samples.tau - _nuisance(motion, _features(rough)))
+    kept = cleaned.select(few)
+    chosen = rough if known else fit(kept, _CAUTIOUS).model
+    chosen = _level(chosen, samples.q)
+    motion = build_motion(samples, chosen)
+    return Base(chosen, motion, _columns(chosen, cleaned))
+
+
+def refined(base: Base, effects: FloatArray) -> Base | None:
+    """
+    Return the base as it is once effects are taken off the torque; None if that is the same.
+
+    :param effects: (M, N) N·m, what was found beside gravity.
+    """
+    samples = base.motion.samples
+    cleaned = replace(samples, tau=samples.tau - effects)
+    columns = _columns(base.model, cleaned)
+    few = _thin(samples, _SAMPLES)
+    before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
+    if (after > (1.0 - _WORTHWHILE) * before).all():
+        return None
+    return replace(base, columns=columns)
+
+
+def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
+    """Return what columns (M, N, K) leave of each joint's mean squared torque: (N,)."""
+    flat = columns.reshape(tau.size, -1)
+    x = np.linalg.lstsq(flat, tau.ravel(), rcond=1e-10)[0]
+    return np.asarray(((tau - (flat @ x).reshape(tau.shape)) ** 2).mean(axis=0))
+
+
+def term_columns(q: FloatArray, features: IntArray) -> FloatArray:
+    """Return the torques (M, N, K) that energy features make."""
+    flat = EnergyDesign(q, np.ones(q.shape)).columns(features)
+    return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
+
+
+def _columns(model: GravityModel, cleaned: JointSamples) -> FloatArray:
+    return _reduced(np.concatenate(
+        [term_columns(cleaned.q, _features(model)), _tangent(cleaned)], axis=2))
+
+
+def _tangent(cleaned: JointSamples) -> FloatArray:
+    """Return how the torques (M, N, K) of the serial arm that fits change with its numbers."""
+    m, n = cleaned.q.shape
+    try:
+        chain = fit_chain(cleaned.select(_thin(cleaned, _CHAIN_SAMPLES))).chain
+    except GravityCompError:
+        return np.zeros((m, n, 0))
+    level = _is_level(chain.torque(cleaned.q))
+    if level and n > 1:
+        axes = chain.axes.copy()
+        axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
+        chain = Chain(axes, chain.moments)
+    columns = chain.jacobian(cleaned.q).transpose(2, 1, 0)
+    return columns[:, :, 2:] if level and n > 1 else columns
+
+
+def _reduced(columns: FloatArray) -> FloatArray:
+    """Return combinations (M, N, K') of columns that this motion tells apart."""
+    m, n, k = columns.shape
+    flat = columns.reshape(m * n, k)
+    size = np.sqrt((flat ** 2).mean(axis=0))
+    used = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
+    flat = flat[:, used] / size[used]
+    values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
+    excited = values > _EXCITED ** 2 * values.max(initial=0.0)
+    mixed = flat @ (vectors[:, excited] / np.sqrt(values[excited]))
+    return np.asarray(mixed.reshape(m, n, -1))
+
+
+def _thin(samples: JointSamples, count: int) -> FloatArray:
+    return np.arange(samples.n_samples) % max(1, samples.n_samples // count) == 0
 
 
 def _features(model: GravityModel) -> IntArray:
@@ -57,15 +145,20 @@ def _nuisance(motion: Motion, features: IntArray) -> FloatArray:
     """Return the torque (M, N) that friction, offset and inertia take beside the features."""
     samples = motion.samples
     m, n = samples.q.shape
-    base = EnergyDesign(samples.q, np.ones((m, n))).columns(features).reshape(n, m, -1)
+    base = term_columns(samples.q, features)
     taken = np.zeros((m, n))
     for joint in range(n):
         extra = np.column_stack([motion.direction(joint), samples.qd[:, joint],
                                  motion.qdd[:, joint], np.ones(m)])
-        x = np.linalg.lstsq(np.column_stack([base[joint], extra]), samples.tau[:, joint],
+        x = np.linalg.lstsq(np.column_stack([base[:, joint], extra]), samples.tau[:, joint],
                             rcond=1e-10)[0]
         taken[:, joint] = extra @ x[-extra.shape[1]:]
     return taken
+
+
+def _is_level(torque: FloatArray) -> bool:
+    rms = np.sqrt((torque ** 2).mean(axis=0))
+    return bool(rms[0] <= _NEARLY_LEVEL * rms.max())
 
 
 def _level(model: GravityModel, q: FloatArray) -> GravityModel:
@@ -74,8 +167,7 @@ def _level(model: GravityModel, q: FloatArray) -> GravityModel:
     if energy is None or n < 2:
         return model
     first = dictionary.digits(energy.indices, n)[:, 0] != dictionary.ONE
-    rms = np.sqrt((model.predict(q) ** 2).mean(axis=0))
-    if not first.any() or rms[0] > _NEARLY_LEVEL * rms.max():
+    if not first.any() or not _is_level(model.predict(q)):
         return model
     kept = Expansion(energy.indices[~first], energy.weights[~first])
     return GravityModel.from_energy(model.joints, model.formulation, kept, model.noise,

@@ -10,10 +10,9 @@ settings go on; the number tried is remembered, because the best of many is good
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.effects.effect import Effect, Motion, Setting
-from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 
@@ -64,10 +63,16 @@ class Columns:
         """Return a joint's columns: the shared ones, then its own."""
         return np.column_stack([self.shared[:, joint], self.own[joint]])
 
+    def with_base(self, base: FloatArray) -> Columns:
+        """Return these columns beside another gravity, base (M, N, K)."""
+        shift = base.shape[2] - self.n_base
+        shared = np.concatenate([base, self.shared[:, :, self.n_base:]], axis=2)
+        moved = [replace(c, columns=c.columns + shift) for c in self.candidates]
+        return Columns(base.shape[2], shared, self.own, moved, self.untestable)
 
-def build(motion: Motion, features: IntArray, effects: Mapping[str, Effect]) -> Columns:
-    """Compute the columns of the energy's `features` and of every testable effect."""
-    base = _base_columns(motion, features)
+
+def build(motion: Motion, base: FloatArray, effects: Mapping[str, Effect]) -> Columns:
+    """Compute the columns of every testable effect, beside those of gravity, (M, N, K)."""
     scan = _Scan(motion, base)
     untestable: dict[tuple[str, int | None], str] = {}
     shared = [base]
@@ -104,13 +109,6 @@ def build(motion: Motion, features: IntArray, effects: Mapping[str, Effect]) -> 
 def _joints(effect: Effect, motion: Motion) -> list[int | None]:
     whole_arm = effect.scope == 'arm' and not effect.per_joint
     return [None] if whole_arm else list(range(motion.samples.n_joints))
-
-
-def _base_columns(motion: Motion, features: IntArray) -> FloatArray:
-    """Return the energy features' torque columns (M, N, K)."""
-    q = motion.samples.q
-    flat = EnergyDesign(q, np.ones(q.shape)).columns(features)
-    return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
 
 
 class _Scan:

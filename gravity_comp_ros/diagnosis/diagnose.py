@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.diagnosis import laws, unknown as unknown_torque
-from gravity_comp_ros.diagnosis.base import choose_base
+from gravity_comp_ros.diagnosis.base import choose_base, refined
 from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
@@ -22,7 +22,7 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-_MOST_SAMPLES = 40000
+_MOST_SAMPLES = 25000
 
 
 @dataclass(frozen=True)
@@ -55,19 +55,17 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     samples = samples.select(
         np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
     tell('gravity model', 0.0)
-    model, features, motion = choose_base(samples, model)
+    base = choose_base(samples, model)
+    motion = base.motion
     tell('columns', 0.2)
-    columns = build(motion, features, _effects(options))
-    unknown, tests, columns.candidates = _split(columns.candidates)
-    blocks, grams = _evidence(motion, columns, [*unknown, *tests])
+    columns = build(motion, base.columns, _effects(options))
     tell('selection', 0.5)
-
-    def implausible(candidate: Candidate, values: FloatArray) -> str | None:
-        return candidate.effect.implausible(values, candidate.setting, motion,
-                                            candidate.joint or 0)
-
-    selection = Selection(grams, columns, blocks, implausible, options.selection)
-    selection.run()
+    selection, unknown, tests = _select(motion, columns, options.selection)
+    better = refined(base, selection.effect_torque()) if selection.chosen else None
+    if better is not None:
+        tell('selection', 0.7)
+        columns = columns.with_base(better.columns)
+        selection, unknown, tests = _select(motion, columns, options.selection)
     tell('verdicts', 0.8)
     diagnosis = Judge(selection, motion, unknown, span).diagnosis()
     diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
@@ -81,6 +79,21 @@ def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
         known = {name: known[name] for name in options.effects}
     return {**known, unknown_torque.NAME: unknown_torque.UNKNOWN,
             **{law.name: law for law in laws.LAWS}}
+
+
+def _select(motion: Motion, columns: Columns, options: SelectionOptions
+            ) -> tuple[Selection, list[Candidate], list[Candidate]]:
+    """Return the finished selection, what stands for the unknown, and what tests laws."""
+    unknown, tests, effects = _split(columns.candidates)
+    blocks, grams = _evidence(motion, columns, [*unknown, *tests])
+
+    def implausible(candidate: Candidate, values: FloatArray) -> str | None:
+        return candidate.effect.implausible(values, candidate.setting, motion,
+                                            candidate.joint or 0)
+
+    selection = Selection(grams, columns, effects, blocks, implausible, options)
+    selection.run()
+    return selection, unknown, tests
 
 
 def _split(candidates: list[Candidate]

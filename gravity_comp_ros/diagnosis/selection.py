@@ -95,13 +95,14 @@ def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:
 class Selection:
     """The effects chosen so far, and the errors with and without any other."""
 
-    def __init__(self, grams: list[JointGram], columns: Columns, blocks: Blocks,
-                 implausible: Implausible, options: SelectionOptions) -> None:
+    def __init__(self, grams: list[JointGram], columns: Columns, candidates: list[Candidate],
+                 blocks: Blocks, implausible: Implausible, options: SelectionOptions) -> None:
         self.grams, self.columns, self.blocks = grams, columns, blocks
+        self.candidates = candidates
         self.implausible, self.options = implausible, options
         self.chosen: list[Candidate] = []
         self.refused: dict[tuple[str, int | None], str] = {}
-        keys = {c.key for c in columns.candidates}
+        keys = {c.key for c in candidates}
         self._common = sum(name in COMMON for name, _ in keys)
         self._rare = len(keys) - self._common
         self._priors: dict[tuple[int, bytes, bytes], Prior] = {}
@@ -178,6 +179,17 @@ class Selection:
         here = np.isin(fit.columns, candidate.columns)
         return fit.all_data[here] / self.grams[joint].scale[fit.columns[here]]
 
+    def effect_torque(self) -> FloatArray:
+        """Return what the chosen effects make of the torque (M, N) in N·m."""
+        parts = []
+        for joint, gram in enumerate(self.grams):
+            fit = self.fit(joint, self.chosen)
+            here = fit.columns >= self.columns.n_base
+            used = fit.columns[here]
+            parts.append(self.columns.of_joint(joint)[:, used]
+                         @ (fit.all_data[here] / gram.scale[used]))
+        return np.column_stack(parts)
+
     # -- steps --------------------------------------------------------------------------
 
     def _add_best(self) -> bool:
@@ -250,7 +262,7 @@ class Selection:
     def replacements(self, candidate: Candidate) -> list[Candidate]:
         """Return what could stand in a chosen effect's place, on its joint or on the arm."""
         taken = {c.key for c in self.chosen if c is not candidate}
-        return [c for c in self.columns.candidates if c is not candidate
+        return [c for c in self.candidates if c is not candidate
                 and c.key not in taken and c.key not in self.refused
                 and self._has_parent(c, taken)
                 and (c.joint == candidate.joint or c.shared or candidate.shared)]
@@ -260,7 +272,7 @@ class Selection:
 
     def _open(self) -> list[Candidate]:
         taken = {c.key for c in self.chosen}
-        return [c for c in self.columns.candidates
+        return [c for c in self.candidates
                 if c.key not in taken and c.key not in self.refused
                 and self._has_parent(c, taken)]
 
@@ -297,6 +309,6 @@ class Selection:
             self._priors.clear()
             return
         joints = {c.joint for c in moved}
-        for c in self.columns.candidates:
+        for c in self.candidates:
             if c.shared or c.joint in joints:
                 self._gains.pop(id(c), None)

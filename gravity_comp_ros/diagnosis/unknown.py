@@ -14,7 +14,7 @@ import numpy as np
 
 NAME = FAMILY = 'unknown'
 # Coarse bumps find what is wide with little spent, fine ones a detent of a few degrees.
-_RESOLUTIONS = (10, 30, 90)
+_RESOLUTIONS = (15, 60)
 _BUMPS_BY_DIRECTION = 10
 # A bump is held near 0 as though it had been seen to be 0 for this share of a block.
 PRIOR_BLOCKS = 0.1

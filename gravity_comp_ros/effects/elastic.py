@@ -4,25 +4,55 @@ from __future__ import annotations
 
 from gravity_comp_ros.effects import motion_facts as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than
+from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 # Less travel leaves a spring, a ramp and gravity's sine alike.
 _LEAST_TRAVEL = 0.2
+# Over less of a turn overtones are a parabola, which much else is.
+_CRANK_TRAVEL = 1.5
 # Parts of the range at which a cable may become taut, and near whose ends a stop may begin.
 _CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
+_STIFFNESS = Coefficient('k', 'N·m/rad', 'stiffness')
 _PULLS = 'it would push the joint away instead of holding it back'
 
 
 def _spring(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.samples.q[:, [joint]] - setting['centre']
+    """
+    Return the angle of a spring of torsion, or the overtones of one that pulls on a crank.
+
+    A spring between two points goes through its torque once a turn: what gravity's own sine
+    does not hold of that are the overtones, and the first ones matter.
+    """
+    q = motion.samples.q[:, [joint]]
+    if not setting['overtones']:
+        return q - setting['centre']
+    orders = np.arange(2, int(setting['overtones']) + 2)
+    return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
 
 
-def _mean_angle(motion: Motion, joint: int) -> list[dict[str, float]]:
-    return [{'centre': float(motion.samples.q[:, joint].mean())}]
+def spring_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return a spring of torsion about the mean angle, and cranks of one and two overtones."""
+    orders = (0.0,) if facts.travel(motion, joint) < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
+    centre = float(motion.samples.q[:, joint].mean())
+    return [{'centre': centre, 'overtones': count} for count in orders]
+
+
+def _spring_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
+    if not setting['overtones']:
+        return (_STIFFNESS,)
+    orders = range(2, int(setting['overtones']) + 2)
+    return tuple(Coefficient(f'{symbol}_{order}', 'N·m', f'{wave} of {order} q_n')
+                 for symbol, wave in (('a', 'sine'), ('b', 'cosine')) for order in orders)
+
+
+def _spring_implausible(values: FloatArray, setting: Setting, motion: Motion,
+                        joint: int) -> str | None:
+    rule = not_negative(_spring, _PULLS) if not setting['overtones'] else within_torque(_spring)
+    return rule(values, setting, motion, joint)
 
 
 def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -119,10 +149,11 @@ EFFECTS = (
         name='joint_spring',
         title='Spring on the joint',
         family='elastic',
-        equation='tau_n = k (q_n - q_0), q_0 the mean of q_n',
-        description='A spring that pulls the joint to some angle, such as a balancer or a '
-                    'stiff hose.',
-        coefficients=(Coefficient('k', 'N·m/rad', 'stiffness'),),
+        equation='tau_n = k (q_n - q_0), q_0 the mean of q_n; or, on a crank, '
+                 'sum_m (a_m sin m q_n + b_m cos m q_n), m = 2, 3',
+        description='A spring that pulls the joint to some angle, such as a stiff hose; or one '
+                    'that pulls on a crank, as in a balancer.',
+        coefficients=(_STIFFNESS,),
         columns=_spring,
         confounders=('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
                      'torque_ripple', 'base_tilt', 'inertia'),
@@ -130,11 +161,12 @@ EFFECTS = (
                    'others still in a pose where it carries little',
         signature='position',
         source='V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016',
-        settings=_mean_angle,
+        settings=spring_settings,
         untestable=_needs_travel,
-        implausible=not_negative(_spring, _PULLS),
-        setting_units={'centre': 'rad'},
-        taken=('centre',)),
+        implausible=_spring_implausible,
+        symbols=_spring_symbols,
+        setting_units={'centre': 'rad', 'overtones': ''},
+        taken=('centre', 'overtones')),
     Effect(
         name='cable_stiffness',
         title='Cable or hose that tightens',

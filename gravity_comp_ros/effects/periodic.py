@@ -8,8 +8,8 @@ from gravity_comp_ros.effects.plausible import within_torque
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
-# Gravity itself goes once a turn.
-_LOWEST = 2
+# Gravity itself goes once a turn, and springs on cranks two or three times.
+_LOWEST = 4
 _HIGHEST = 320
 _LEAST_TRAVEL = 0.1
 
