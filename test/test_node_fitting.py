@@ -2,7 +2,9 @@
 
 from contextlib import contextmanager
 import os
+from pathlib import Path
 import signal
+import subprocess
 import sys
 import time
 
@@ -12,6 +14,8 @@ from gravity_comp_ros.node.job import Job, Outcome, work
 from gravity_comp_ros.samples import JointSamples
 import numpy as np
 import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
@@ -174,3 +178,30 @@ def test_few_samples_change_the_old_model_rather_than_start_again():
     for found, torque in zip(gradient, outcome.model.torques):
         np.testing.assert_array_equal(found.indices, torque.indices)
         np.testing.assert_allclose(found.weights, torque.weights)
+
+
+PRIORITY = """
+import os, sys, time
+from gravity_comp_ros.node.fitting import FitProcess, READY
+try:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+except PermissionError:
+    sys.exit(77)
+fits = FitProcess(30.0)
+fits.start(time.monotonic())
+end = time.monotonic() + 60.0
+while fits.state != READY and time.monotonic() < end:
+    fits.poll(time.monotonic())
+    time.sleep(0.01)
+print(fits.state, os.sched_getscheduler(0) == os.SCHED_FIFO,
+      os.sched_getscheduler(fits.pid) == os.SCHED_OTHER, os.getpriority(0, fits.pid))
+fits.stop()
+"""
+
+
+def test_it_does_not_take_the_priority_of_control():
+    done = subprocess.run([sys.executable, '-c', PRIORITY], cwd=ROOT, capture_output=True,
+                          text=True, timeout=120)
+    if done.returncode == 77:
+        pytest.skip('real-time priority is for the privileged')
+    assert done.stdout.split() == ['ready', 'True', 'True', '10'], done

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -75,9 +76,10 @@ class FitProcess:
         environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(p for p in sys.path if p),
                        'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
         try:
-            self._process = subprocess.Popen(
-                [*self._command, str(theirs.fileno())], pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL, env=environment, start_new_session=True)
+            with _plain_children():
+                self._process = subprocess.Popen(
+                    [*self._command, str(theirs.fileno())], pass_fds=[theirs.fileno()],
+                    stdin=subprocess.DEVNULL, env=environment, start_new_session=True)
         except OSError as problem:
             ours.close()
             self._fail(f'the fit process cannot be started: {problem}', now)
@@ -169,6 +171,22 @@ class FitProcess:
             except subprocess.TimeoutExpired:
                 return 'it closed its pipe'
         return f'signal {-code}' if code is not None and code < 0 else f'exit code {code}'
+
+
+@contextmanager
+def _plain_children() -> Iterator[None]:
+    """Let a child have the priority of any process, where this one has that of control."""
+    if not hasattr(os, 'SCHED_RESET_ON_FORK'):
+        yield
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+    try:
+        yield
+    finally:
+        # Only the privileged may take it back; for others it stays, which does no harm.
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, policy, parameters)
 
 
 def _send(connection: Connection, job: Job | Question) -> None:
