@@ -14,7 +14,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.refit import refit
 from gravity_comp_ros.diagnosis.refit_result import Refit
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.gate import slow_samples
 from gravity_comp_ros.gravity.applied import with_step
 from gravity_comp_ros.gravity.fit import fit, FitOptions
@@ -26,10 +26,15 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Read:
-    """Read recordings; the worker keeps them for the jobs that follow."""
+    """
+    Read recordings; the worker keeps them for the jobs that follow.
+
+    `model` names the model that says which joints there are, if one does.
+    """
 
     paths: tuple[Path, ...]
     options: ReadOptions
+    model: str = ''
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,13 @@ class Bench:
         found = []
         for number, path in enumerate(job.paths):
             progress(f'read {path.name}', number / len(job.paths))
-            found.append(read_bag(path, job.options))
+            try:
+                found.append(read_bag(path, job.options))
+            except ModelMismatchError as problem:
+                if not job.model:
+                    raise
+                raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
+                                         ) from problem
         self._read = WasRead(concatenate(r.samples for r in found),
                              tuple(r.report for r in found))
         return self._read

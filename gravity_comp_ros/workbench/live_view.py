@@ -90,18 +90,18 @@ class LiveView:
             return
         joints = self.follower.joints()
         if joints != self._joints:
-            self._joints, self._seen = joints, 0
-            self._draw()
-        if self._source is not None:
+            self._draw(joints)
+        elif self._source is not None:
             self._stream(self._source)
         _put(self._state, self._told())
         _put(self._events, _listed(self.follower.events()))
 
-    def _draw(self) -> None:
-        n = len(self._joints)
-        empty: dict[str, list[float]] = {
-            't': [], **{f'{letter}{k}': [] for k in range(n) for letter in 'mpr'}}
-        source = self._source = ColumnDataSource(empty)
+    def _draw(self, joints: tuple[str, ...]) -> None:
+        seen, t, measured, predicted = self.follower.rows(0)
+        if not len(t) or measured.shape[1] != len(joints):
+            return  # plots of nothing have no axes
+        self._joints, self._seen = joints, seen
+        source = self._source = ColumnDataSource(_columns(t, measured, predicted))
         time = DataRange1d(follow='end', follow_interval=60.0, range_padding=0.0)
         rows = [[_torque(name, k, source, time, self.style),
                  _residual(k, source, time, self.style)] for k, name in enumerate(self._joints)]
@@ -112,11 +112,8 @@ class LiveView:
         self._seen, t, measured, predicted = self.follower.rows(self._seen)
         if not len(t):
             return
-        new = {'t': t}
-        for k in range(measured.shape[1]):
-            new |= {f'm{k}': measured[:, k], f'p{k}': predicted[:, k],
-                    f'r{k}': measured[:, k] - predicted[:, k]}
-        source.stream(new, rollover=_SHOWN)
+        if measured.shape[1] == len(self._joints):
+            source.stream(_columns(t, measured, predicted), rollover=_SHOWN)
 
     def _told(self) -> str:
         node, statuses = self.follower.node, self.follower.statuses()
@@ -136,6 +133,15 @@ class LiveView:
         key = markup.key([(self.style.measured, 'measured'), (self.style.predicted, 'predicted'),
                           (self.style.residual, 'residual')])
         return head + table + markup.folded('Coverage', seen) + key
+
+
+def _columns(t: FloatArray, measured: FloatArray, predicted: FloatArray
+             ) -> dict[str, FloatArray]:
+    columns = {'t': t[-_SHOWN:]}
+    for k in range(measured.shape[1]):
+        m, p = measured[-_SHOWN:, k], predicted[-_SHOWN:, k]
+        columns |= {f'm{k}': m, f'p{k}': p, f'r{k}': m - p}
+    return columns
 
 
 def _torque(name: str, k: int, source: ColumnDataSource, time: DataRange1d,

@@ -57,7 +57,8 @@ def serve(options: ServeOptions) -> None:
     spare = [Worker()] if options.bags else []
 
     def start(document: Document) -> None:
-        read = Read(options.bags, _reading(options, models)) if options.bags else None
+        model = models[0][0] if models and options.reading.joints is None else ''
+        read = Read(options.bags, _reading(options, models), model) if options.bags else None
         worker = spare.pop() if spare else Worker()
         page = Page(document, Session(options.bags, options.formulation, models), worker, read,
                     follower)

@@ -1,0 +1,68 @@
+"""The workbench beside a running node: real DDS, a real browser."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+from browser import ROOT, watched
+from gravity_comp_ros.bag import read_bag
+from gravity_comp_ros.gate import slow_samples
+from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.modelfile import save_model
+import numpy as np
+from ros_harness import running
+
+PATIENCE = 60.0
+STREAMED = """() => {
+  let most = 0
+  for (const document of Bokeh.documents)
+    for (const model of document._all_models.values())
+      if (model.type == 'ColumnDataSource' && model.get_column('p6') != null)
+        most = Math.max(most, model.get_column('t').length)
+  return most
+}"""
+
+
+def test_a_node_is_followed(tmp_path):
+    samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
+    model = tmp_path / 'arm.json'
+    save_model(model, fit(slow_samples(samples).samples).model)
+    with running({'model_file': model, 'stale_after': 10.0}) as (_, probe):
+        domain = str(probe.context.get_domain_id())
+        process = subprocess.Popen(
+            [sys.executable, '-m', 'gravity_comp_ros.cli', 'workbench', '--live', '--port', '0',
+             '--no-browser'], stdout=subprocess.PIPE, text=True,
+            env={**os.environ, 'ROS_DOMAIN_ID': domain, 'PYTHONPATH': os.pathsep.join(
+                p for p in [str(ROOT), *sys.path] if p)})
+        try:
+            address = re.search(r'http://\S+/', process.stdout.readline())[0]
+            with watched(address) as tab:
+                tab.open(address)
+                heading = tab.page.get_by_role('heading', name='Node /gravity_comp')
+                heading.wait_for()
+                probe.until(lambda: _has(tab, 'feed-forward'), PATIENCE, 'the node\'s state')
+                start = 0.0
+
+                def followed() -> bool:
+                    nonlocal start
+                    probe.stream(samples.select(np.arange(100)), start)
+                    start += 200.0
+                    return tab.page.evaluate(STREAMED) > 90
+
+                probe.until(followed, PATIENCE, 'rows on the page')
+                assert tab.page.get_by_text('Events').count() and len(tab.plots()) == 14
+                assert all(width > 60 for _, width, _ in tab.plots())
+                tab.picture('workbench-live')
+                assert tab.complaints == []
+            process.send_signal(signal.SIGINT)
+            assert process.wait(PATIENCE) == 0
+        finally:
+            process.kill()
+            process.wait(PATIENCE)
+            process.stdout.close()
+
+
+def _has(tab, words):
+    return tab.page.get_by_role('row', name=re.compile(words)).count() > 0
