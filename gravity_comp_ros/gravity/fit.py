@@ -82,12 +82,14 @@ class FitResult:
 
 
 def fit(samples: JointSamples, options: FitOptions = FitOptions(),
-        progress: Progress | None = None) -> FitResult:
+        progress: Progress | None = None, old: GravityModel | None = None) -> FitResult:
     """
     Learn the gravity torque from slow-motion samples.
 
     :param samples: gated already: tau is gravity plus noise and whatever is not modelled.
     :param progress: called with a word and a share from 0 to 1.
+    :param old: a model of the same joints and formulation, `potential` or `per_joint`, to start
+        from; another one is of no use here and is left aside.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises ModelMismatchError: if the options know the axes of other joints.
     """
@@ -95,6 +97,8 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     if progress:
         progress('fit', 0.0)
     report: dict[str, Any] = {}
+    usable = (old is not None and old.joints == samples.names
+              and old.formulation == options.formulation)
     if options.formulation == 'auto':
         choice = choose(samples, options.sparse, options.known(samples))
         report['choice'] = {'formulation': choice.formulation, 'why': choice.why,
@@ -104,10 +108,12 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
         chain, fits = fit_chain(samples, known=options.known(samples)), []
         model = _chain_model(samples, chain)
     elif options.formulation == 'potential':
-        energy, fits = fit_potential(samples, options.sparse)
+        energy, fits = fit_potential(samples, options.sparse,
+                                     old.energy if usable and old else None)
         model, chain = _potential_model(samples, energy, fits), None
     else:
-        torques, fits = fit_per_joint(samples, options.sparse)
+        torques, fits = fit_per_joint(samples, options.sparse,
+                                      old.torques if usable and old else None)
         chain = None
         model = GravityModel(samples.names, 'per_joint', torques, None,
                              np.zeros(samples.n_joints), _coverage(samples))

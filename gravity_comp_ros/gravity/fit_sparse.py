@@ -6,26 +6,30 @@ from gravity_comp_ros.gravity.factors import AT_REST
 from gravity_comp_ros.gravity.inflation import choose_inflation, correlation_time
 from gravity_comp_ros.gravity.sparse import (
     finish, grow, prune, SparseFit, SparseOptions, SparseProblem, with_all_samples)
+from gravity_comp_ros.samples import IntArray
 
 # More samples than this, evenly spread over a motion, do not change the support.
 _ENOUGH = 1500
 
 
-def fit_sparse(problem: SparseProblem, options: SparseOptions) -> SparseFit:
+def fit_sparse(problem: SparseProblem, options: SparseOptions,
+               old: IntArray | None = None) -> SparseFit:
     """
     Return the sparse fit of `problem`: the support from part of the samples, the rest from all.
 
+    :param old: features of an old model to start from. They save a search, and bind nothing: the
+        L1 problem is solved from scratch at the end, and the better support is taken.
     :raises FitError: if there are no samples.
     """
     problem = problem.merged(AT_REST)
     few = problem.thinned(_ENOUGH)
     if options.inflation is None:
-        grown = grow(few, options)
+        grown = grow(few, options, old=old)
         inflation = choose_inflation(few, grown, options).inflation
         pruned = prune(few, grown, inflation)
     else:
         inflation = options.inflation
-        pruned = grow(few, options, inflation)
+        pruned = grow(few, options, inflation, old)
     if few is problem:
         return finish(problem, pruned, inflation, options)
     settled = with_all_samples(problem, pruned)

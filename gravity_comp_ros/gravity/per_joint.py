@@ -15,11 +15,13 @@ from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions, SparseProb
 from gravity_comp_ros.samples import JointSamples
 
 
-def fit_per_joint(samples: JointSamples,
-                  options: SparseOptions) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
+def fit_per_joint(samples: JointSamples, options: SparseOptions,
+                  old: tuple[Expansion, ...] | None = None
+                  ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
     Fit each joint's torque by itself.
 
+    :param old: the torques of an old model to start from.
     :return: one expansion per joint in N·m, and the sparse fits behind them.
     :raises FitError: if there are no samples.
     """
@@ -27,5 +29,6 @@ def fit_per_joint(samples: JointSamples,
     design_type = options.arrays.design_type(TorqueDesign)
     problems = [SparseProblem(design_type, samples.q, samples.tau[:, [joint]], samples.runs,
                               usable) for joint in range(samples.n_joints)]
-    fits = [fit_sparse(problem, options) for problem in problems]
+    fits = [fit_sparse(problem, options, old[joint].indices if old else None)
+            for joint, problem in enumerate(problems)]
     return tuple(Expansion(found.indices, found.x) for found in fits), fits

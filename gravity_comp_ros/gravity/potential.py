@@ -16,15 +16,16 @@ from gravity_comp_ros.gravity.sparse import SparseFit, SparseOptions, SparseProb
 from gravity_comp_ros.samples import JointSamples
 
 
-def fit_potential(samples: JointSamples,
-                  options: SparseOptions) -> tuple[Expansion, list[SparseFit]]:
+def fit_potential(samples: JointSamples, options: SparseOptions,
+                  old: Expansion | None = None) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
 
+    :param old: the energy of an old model to start from.
     :return: the energy in J, and the one sparse fit behind it.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
                             samples.runs, usable_for_energy(samples.q))
-    found = fit_sparse(problem, options)
+    found = fit_sparse(problem, options, None if old is None else old.indices)
     return Expansion(found.indices, found.x), [found]

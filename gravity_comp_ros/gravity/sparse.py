@@ -143,11 +143,14 @@ class SparseFit:
     ties: int
 
 
-def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0) -> Settled:
+def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
+         old: IntArray | None = None) -> Settled:
     """
-    Return the settled support, grown from nothing.
+    Return the settled support, grown from nothing or from that of an old model.
 
     :param inflation: how many samples count as one; 1 takes them as independent.
+    :param old: features to start with; what they leave over is the first guess of the noise, so
+        that nothing is taken for noise that they explain.
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
@@ -155,6 +158,9 @@ def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0)
     start = Settled(support.Refit.empty(), noise.first_guess(problem.tau),
                     np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
+    if old is not None and old.size:
+        kept = support.refit(design, b, old[problem.usable[old]])
+        return _settle(problem, _judged(problem, start, kept), inflation)
     proposal = propose(design, b, problem, options).indices
     return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)),
                    inflation)
@@ -203,19 +209,24 @@ def follow_path(lasso: LassoProblem, lam: float) -> LassoSolution:
 
 def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settled:
     """Settle the support and estimate the noise in turn, until neither changes."""
-    least = noise.floor(problem.tau)
     for rounds in range(1, _ROUNDS + 1):
         design, b = problem.weighted(settled.noise, settled.predicted, inflation)
         refit = support.settle(design, b, settled.refit.indices, problem.n_joints,
                                problem.usable)
-        predicted = problem.predict(refit.indices, refit.x)
-        model = noise.estimate(problem.tau - predicted, predicted, least,
-                               _spent(refit, problem))
-        last, settled = settled, Settled(refit, model, predicted, settled.rounds + 1)
+        last, settled = settled, _judged(problem, settled, refit)
         if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
-                and model.is_close_to(last.noise):
+                and settled.noise.is_close_to(last.noise):
             break
     return settled
+
+
+def _judged(problem: SparseProblem, last: Settled, refit: support.Refit) -> Settled:
+    """Return a refit with the torques that it predicts and the noise that it leaves."""
+    columns = problem.plain.columns(refit.indices)
+    predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
+    model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
+                           _spent(columns, problem))
+    return Settled(refit, model, predicted, last.rounds + 1)
 
 
 def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
@@ -231,10 +242,9 @@ def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
     return group
 
 
-def _spent(refit: support.Refit, problem: SparseProblem) -> FloatArray:
-    """Return the degrees of freedom that each of the J torques spent on the refit."""
+def _spent(columns: FloatArray, problem: SparseProblem) -> FloatArray:
+    """Return the degrees of freedom that each of the J torques spent on K columns (R, K)."""
     m, j = problem.tau.shape
-    blocks = problem.plain.columns(refit.indices).reshape(j, m, len(refit.indices))
-    touched = (blocks != 0.0).any(axis=1)
+    touched = (columns.reshape(j, m, columns.shape[1]) != 0.0).any(axis=1)
     sharing = np.maximum(touched.sum(axis=0), 1)
     return np.asarray((touched / sharing).sum(axis=1))
