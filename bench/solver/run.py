@@ -62,10 +62,12 @@ def good_enough(solver: Solver, problem: Problem, a: np.ndarray) -> tuple[float 
 
 
 def compare(name: str, problems: dict[str, Problem], repetitions: int, slow: bool) -> list[dict]:
-    """Return a row a solver, over all joints of a data set."""
+    """Return a row a solver, over all joints of a data set; of the slow ones, over one joint."""
     matrices = {joint: problem.matrix() for joint, problem in problems.items()}
-    solvers = [OURS, *(rival for rival in RIVALS if slow or not rival.slow)]
+    solvers = [OURS, *(rival for rival in RIVALS if rival.slow == slow)]
     first = next(iter(problems))
+    if slow:
+        problems = {first: problems[first]}
     for solver in solvers:
         if not solver.slow:        # compiles what is compiled on first use
             timed(solver, problems[first], matrices[first], solver.tolerances[0])
@@ -188,12 +190,15 @@ def main() -> None:
     results = {
         'machine': f'{os.cpu_count()} cores, {platform.machine()}',
         'python': platform.python_version(), 'numpy': np.__version__}
-    for name, part in (
-            ('refit', lambda: refit(args.repetitions)),
-            ('random', lambda: compare('random', random_poses(), args.repetitions,
-                                       not args.quick)),
-            ('eq17', lambda: compare('eq17', eq17(), args.repetitions, not args.quick)),
-            ('growth', lambda: growth(range(4, 13), min(args.repetitions, 3)))):
+    parts = [('refit', lambda: refit(args.repetitions)),
+             ('random', lambda: compare('random', random_poses(), args.repetitions, False)),
+             ('growth', lambda: growth(range(4, 13), min(args.repetitions, 3))),
+             ('eq17', lambda: compare('eq17', eq17(), args.repetitions, False)),
+             ('eq17_slow', lambda: compare('eq17', eq17(), args.repetitions, True)),
+             ('random_slow', lambda: compare('random', random_poses(), args.repetitions, True))]
+    for name, part in parts:
+        if args.quick and name.endswith('_slow'):
+            continue
         results[name] = part()
         args.output.write_text(json.dumps(results, indent=1) + '\n')
 
