@@ -23,7 +23,7 @@ from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import Expansion, GravityModel
 from gravity_comp_ros.gravity.sparse import SparseOptions
-from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
 import numpy as np
 
 _SAMPLES = 1500
@@ -62,10 +62,10 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     known = model is not None and model.energy is not None
     rough = model if model is not None and known else fit(samples.select(few), _CAUTIOUS).model
     motion = build_motion(samples, rough)
-    cleaned = replace(samples, tau=samples.tau - _nuisance(motion, _features(rough)))
+    cleaned = replace(samples, tau=samples.tau - _nuisance(motion, rough))
     kept = cleaned.select(few)
     chosen = rough if known else fit(kept, _CAUTIOUS).model
-    chosen = _level(chosen, samples.q)
+    chosen = levelled(chosen, samples.q)
     motion = build_motion(samples, chosen)
     return Base(chosen, motion, _columns(chosen, cleaned))
 
@@ -93,15 +93,20 @@ def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
     return np.asarray(((tau - (flat @ x).reshape(tau.shape)) ** 2).mean(axis=0))
 
 
-def term_columns(q: FloatArray, features: IntArray) -> FloatArray:
-    """Return the torques (M, N, K) that energy features make."""
+def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
+    """Return how a model's torques (M, N, K) change with its numbers."""
+    if model.chain is not None:
+        return model.chain.jacobian(q).transpose(2, 1, 0)
+    features = model.energy.indices if model.energy else np.zeros(0, dtype=np.int64)
     flat = EnergyDesign(q, np.ones(q.shape)).columns(features)
     return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
 
 
 def _columns(model: GravityModel, cleaned: JointSamples) -> FloatArray:
+    if model.chain is not None:
+        return _reduced(_tangent(cleaned))
     return _reduced(np.concatenate(
-        [term_columns(cleaned.q, _features(model)), _tangent(cleaned)], axis=2))
+        [_model_columns(model, cleaned.q), _tangent(cleaned)], axis=2))
 
 
 def _tangent(cleaned: JointSamples) -> FloatArray:
@@ -133,19 +138,15 @@ def _reduced(columns: FloatArray) -> FloatArray:
     return np.asarray(mixed.reshape(m, n, -1))
 
 
-def _thin(samples: JointSamples, count: int) -> FloatArray:
+def _thin(samples: JointSamples, count: int) -> BoolArray:
     return np.arange(samples.n_samples) % max(1, samples.n_samples // count) == 0
 
 
-def _features(model: GravityModel) -> IntArray:
-    return model.energy.indices if model.energy else np.zeros(0, dtype=np.int64)
-
-
-def _nuisance(motion: Motion, features: IntArray) -> FloatArray:
-    """Return the torque (M, N) that friction, offset and inertia take beside the features."""
+def _nuisance(motion: Motion, model: GravityModel) -> FloatArray:
+    """Return the torque (M, N) that friction, offset and inertia take beside gravity."""
     samples = motion.samples
     m, n = samples.q.shape
-    base = term_columns(samples.q, features)
+    base = _model_columns(model, samples.q)
     taken = np.zeros((m, n))
     for joint in range(n):
         extra = np.column_stack([motion.direction(joint), samples.qd[:, joint],
@@ -161,10 +162,10 @@ def _is_level(torque: FloatArray) -> bool:
     return bool(rms[0] <= _NEARLY_LEVEL * rms.max())
 
 
-def _level(model: GravityModel, q: FloatArray) -> GravityModel:
+def levelled(model: GravityModel, q: FloatArray) -> GravityModel:
     """Return the model without features of the first joint, if they are small."""
     energy, n = model.energy, model.n_joints
-    if energy is None or n < 2:
+    if energy is None or n < 2 or model.chain is not None:
         return model
     first = dictionary.digits(energy.indices, n)[:, 0] != dictionary.ONE
     if not first.any() or not _is_level(model.predict(q)):

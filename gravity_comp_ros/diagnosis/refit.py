@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.diagnosis.base import choose_base
+from gravity_comp_ros.diagnosis.base import levelled
 from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.gravity_step import moved, step_size
 from gravity_comp_ros.diagnosis.refit_result import chance, held_out, Refit
@@ -111,7 +111,7 @@ def _level(samples: JointSamples, model: GravityModel,
     if model.chain is not None:
         raise DataError(f'{_TILT} cannot be added: a chain holds the tilt of its base already, '
                         f'in its first axis')
-    return replace(choose_base(samples, model)[0], applied=model.applied)
+    return replace(levelled(model, samples.q), applied=model.applied)
 
 
 def _new_terms(motion: Motion, model: GravityModel,
