@@ -47,7 +47,7 @@ def _legend(panel: Panel) -> str:
 def _axes(panel: Panel, top: float, y_label: str) -> list[str]:
     x = np.concatenate([line[1] for line in panel.lines])
     y = np.concatenate([line[2] for line in panel.lines])
-    (x0, x1), (y0, y1) = _range(x), _range(y)
+    (x0, x1), (y0, y1) = (float(x.min()), float(x.max())), _range(y)
     right, bottom = _WIDTH - 12, top + _HEIGHT
 
     def across(values: FloatArray) -> FloatArray:

@@ -48,9 +48,9 @@ paper has 0.307 and 0.512 %):
 ## Tables 4 and 8: the "real" arm without payload
 
 500 samples of Eq. (17) at 5 Hz, judged on 200 later ones: RMSE and nRMSE (Eq. 16) against what the
-sensors say, friction and noise in it (no model of gravity can be below 0.42 N·m there); then
-against gravity alone, on the same poses and on 1000 poses over all joint limits. J1 carries next
-to no gravity, so its nRMSE is one of noise.
+sensors say, friction and noise in it (true gravity is 0.42 N·m off there; what is less has
+learned friction as though it were a pose); then against gravity alone, on the same poses and on
+1000 poses over all joint limits. J1 carries next to no gravity, so its nRMSE is one of noise.
 
 {table_4}
 

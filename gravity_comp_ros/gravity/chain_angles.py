@@ -24,6 +24,8 @@ import numpy as np
 
 # How exactly axes are machined and zeroed, rad: an axis taken as right-angled is known to this.
 TOLERANCE = 1e-3
+# An angle that is known to this many tolerances was taken as right.
+_TAKEN = 1.5
 # Axes further than this from a right angle are not asked, rad.
 _NEAR = 0.35
 # Twice the log likelihood that a moment must be worth.
@@ -67,6 +69,23 @@ def tidy(problem: ChainProblem, solution: Solution) -> Tidy:
     work.drop_last_links()
     square = [work.axis(j) for j in range(problem.n_joints)]
     return Tidy(drop_moments(problem, work.best), tuple(square), work.spread)
+
+
+def right_angles_kept(mean: FloatArray, covariance: FloatArray, before: FloatArray) -> FloatArray:
+    """
+    Return the mean of a step (K,), first angles (2N,), given that right angles stay right.
+
+    :param covariance: of the step, (K, K).
+    :param before: the covariance (K, K) that it had before the new data: it tells which angles
+        are right, by their being known to the exactness of an arm.
+    """
+    half = len(mean) // 2
+    spread = np.sqrt(np.maximum(np.diag(before)[:half], 0.0))
+    held = np.flatnonzero((spread > 0.0) & (spread < _TAKEN * TOLERANCE))
+    given = np.linalg.pinv(covariance[np.ix_(held, held)], hermitian=True) @ mean[held]
+    kept = mean - covariance[:, held] @ given
+    kept[held] = 0.0
+    return np.asarray(kept)
 
 
 def upright(chain: Chain) -> Chain:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import product
 
 from gravity_comp_ros.gravity.chain import aligned, Chain
-from gravity_comp_ros.gravity.chain_angles import TOLERANCE
+from gravity_comp_ros.gravity.chain_angles import right_angles_kept, TOLERANCE
 from gravity_comp_ros.gravity.change import average_change, Change, ChangeProblem, find_change
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
@@ -109,21 +109,25 @@ class _Hypothesis:
         for _ in range(_ROUNDS):
             problem = self._problem()
             change = find_change(problem)
-            if self._moved(change.mean, problem):
+            if self._moved(self._kept(change), problem):
                 break
         assert change is not None
         # Where the rounds ran out before the chain was straight enough, the evidence is of a
         # line that the chain does not follow; the true misfit counts.
-        straight = problem.residual - change.mean @ problem.columns
-        bent = new.residual(chain.moved(change.mean))
+        mean = self._kept(change)
+        straight = problem.residual - mean @ problem.columns
+        bent = new.residual(chain.moved(mean))
         self.log_evidence = change.log_evidence - 0.5 * float(bent @ bent - straight @ straight)
 
     def averaged(self) -> ChainChange:
         """Return the chain of the average over supports."""
         problem = self._problem()
         change = average_change(problem)
-        self._moved(change.mean, problem)
+        self._moved(self._kept(change), problem)
         return ChainChange(self.here, change.covariance, change)
+
+    def _kept(self, change: Change) -> FloatArray:
+        return right_angles_kept(change.mean, change.covariance, self.prior)
 
     def _problem(self) -> ChangeProblem:
         columns = self.new.columns(self.here)

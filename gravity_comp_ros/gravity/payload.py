@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.gravity.chain import Chain
+from gravity_comp_ros.gravity.chain_angles import right_angles_kept
 from gravity_comp_ros.gravity.chain_known import solve_known
 from gravity_comp_ros.gravity.chain_solve import ChainProblem
 from gravity_comp_ros.gravity.chain_update import NewSamples
@@ -82,9 +83,10 @@ def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geome
     residual = new.residual(chain)
     found = spread @ (every @ residual)
     onto_step = np.hstack([tool.T, np.eye(4 * n)])
-    loaded = chain.moved(onto_step @ found)
+    after = onto_step @ spread @ onto_step.T
+    loaded = chain.moved(right_angles_kept(onto_step @ found, after, covariance))
     left = new.residual(loaded)
-    return Tool(loaded, onto_step @ spread @ onto_step.T,
+    return Tool(loaded, after,
                 _weighed(found[:4], spread[:4, :4], geometry.link), float(left @ left))
 
 
