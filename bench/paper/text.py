@@ -77,7 +77,7 @@ experiments: simulation, friction, no payload, three payloads.)
 
 One L1 problem (Eqs. 8-9, J2 of the arm above, 2187 features, 500 samples, lambda
 sqrt(2 ln 3^7)); the objective is computed from the problem for both. cvxpy builds all columns, as
-it must. [solver.md](solver.md) has more.
+it must.
 
 {solvers}
 
