@@ -42,7 +42,7 @@ def test_a_node_is_followed(tmp_path):
                 tab.open(address)
                 heading = tab.page.get_by_role('heading', name='Node /gravity_comp')
                 heading.wait_for()
-                probe.until(lambda: _has(tab, 'feed-forward'), PATIENCE, 'the node\'s state')
+                probe.until(lambda: _has(tab, 'feed-forward'), PATIENCE, 'a status of the node')
                 start = 0.0
 
                 def followed() -> bool:
