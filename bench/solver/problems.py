@@ -56,12 +56,19 @@ def random_poses(seed: int = 0) -> dict[str, Problem]:
     return _loaded(samples, np.hypot(0.01 * samples.tau, floor))
 
 
-def long_arm(n_joints: int, seed: int = 0, count: int = 1000) -> Problem:
-    """Return the second joint of a generated arm in random poses, 0.1 N·m noise."""
-    arm = generated.generated_arm(seed, n_joints)
+def long_arm(n_joints: int, own: int = 6, seed: int = 0, count: int = 1000) -> Problem:
+    """
+    Return the most loaded joint of a drawn arm with right angles, 0.1 N·m noise.
+
+    Joints beyond `own` are those of a hand without weight: they move, and may explain nothing.
+    The gravity of a drawn arm of twelve weighty joints is not sparse in the dictionary.
+    """
+    own = min(own, n_joints)
+    arm = generated.generated_arm(seed, own, right_angles=True)
     rng = np.random.default_rng(seed)
     q = rng.uniform(-np.pi, np.pi, (count, n_joints))
-    b = arms.gravity_torque(arm, q)[:, 1] + 0.1 * rng.normal(size=count)
+    torque = arms.gravity_torque(arm, q[:, :own])
+    b = torque[:, np.argmax(torque.std(axis=0))] + 0.1 * rng.normal(size=count)
     return Problem(q, np.full(count, 10.0), 10.0 * b, _universal(n_joints))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from problems import Problem
 from scipy import linalg
 
-TIME_LIMIT = 100.0   # s, for the solvers that take one
+TIME_LIMIT = 50.0   # s, for the solvers that take one
 
 Answer = tuple[np.ndarray, int]     # x at columns of unit length, iterations
 

@@ -32,7 +32,7 @@ from problems import eq17, long_arm, Problem, random_poses, relative_gap
 from rivals import dense_admm, halves, OURS, RIVALS, Solver
 
 GAP = 1e-6
-PATIENCE = 20.0  # s for one run of one joint
+PATIENCE = 15.0  # s for one run of one joint
 
 
 def timed(solver: Solver, problem: Problem, a: np.ndarray, tolerance: float) -> dict:
@@ -184,6 +184,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--quick', action='store_true', help='without cvxpy and dense ADMM')
     parser.add_argument('--repetitions', type=int, default=5)
+    parser.add_argument('--only', nargs='*', default=None, help='these parts, the rest as it was')
     parser.add_argument('-o', '--output', type=Path,
                         default=Path(__file__).with_name('results.json'))
     args = parser.parse_args()
@@ -196,8 +197,10 @@ def main() -> None:
              ('eq17', lambda: compare('eq17', eq17(), args.repetitions, False)),
              ('eq17_slow', lambda: compare('eq17', eq17(), args.repetitions, True)),
              ('random_slow', lambda: compare('random', random_poses(), args.repetitions, True))]
+    if args.only is not None and args.output.exists():
+        results = json.loads(args.output.read_text())
     for name, part in parts:
-        if args.quick and name.endswith('_slow'):
+        if (args.quick and name.endswith('_slow')) or (args.only and name not in args.only):
             continue
         results[name] = part()
         args.output.write_text(json.dumps(results, indent=1) + '\n')

@@ -1,0 +1,111 @@
+"""
+Write the tables of docs/performance.md from the results of the benches.
+
+    python3 bench/solver/table.py [--solver FILE] [--scale FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+import re
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / 'docs' / 'performance.md'
+
+
+def solvers(parts: list[list[dict]]) -> str:
+    """Return the table of one data set."""
+    lines = ['| solver | joints | time | against ours | iterations | gap | support | memory |',
+             '|---|---|---|---|---|---|---|---|']
+    seen = set()
+    for row in (row for part in parts for row in part if 'solver' in row):
+        if row['solver'] in seen:
+            continue
+        seen.add(row['solver'])
+        missed = row.get('missed')
+        if missed:
+            lines.append(f'| {row["solver"]} | one | gave up after {seconds(missed["seconds"])} | '
+                         f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
+                         f'{missed["gap"]:.0e} | {missed["support"]} | |')
+            continue
+        lines.append(
+            f'| {row["solver"]} | {len(row["joints"])} | {seconds(row["seconds"])} | '
+            f'{number(row["ratio"])} × | {row["iterations"]} | {row["gap"]:.0e} | '
+            f'{", ".join(map(str, row["support"]))} | {row["megabytes"]:.0f} MB |')
+    built = parts[0][0]['build']
+    lines += ['', 'Building comes before: the matrix of the rivals takes '
+              f'{seconds(built["matrix"]["seconds"])} and {built["matrix"]["megabytes"]:.0f} MB a '
+              f'joint, our halves {seconds(built["halves"]["seconds"])} and '
+              f'{built["halves"]["megabytes"]:.0f} MB.']
+    return '\n'.join(lines)
+
+
+def growth(rows: list[dict]) -> str:
+    lines = ['| joints | features | L1 problem | support | whole fit of the joint | memory | '
+             'dense ADMM | its memory |', '|---|---|---|---|---|---|---|---|']
+    for row in rows:
+        dense = '' if row.get('dense_seconds') is None else seconds(row['dense_seconds'])
+        if dense and row['dense_gap'] > 1e-6:
+            dense += f' (gap {row["dense_gap"]:.0e})'
+        memory = f'{row["dense_megabytes"]:.0f} MB' if 'dense_megabytes' in row else \
+            f'{8e-6 * 1000 * row["features"]:.0f} MB for the matrix alone'
+        lines.append(f'| {row["joints"]} | {row["features"]} | {seconds(row["seconds"])} | '
+                     f'{row["l1_support"]} | {seconds(row["fit_seconds"])} | '
+                     f'{row["megabytes"]:.0f} MB | {dense} | {memory} |')
+    return '\n'.join(lines)
+
+
+def refit(row: dict) -> str:
+    return (f'| samples | time | processor time | memory |\n|---|---|---|---|\n'
+            f'| {row["samples"]} | {seconds(row["wall_seconds"])} | '
+            f'{seconds(row["processor_seconds"])} | {row["megabytes"]:.0f} MB |')
+
+
+def bags(found: dict) -> str:
+    read, minute, fit = found['read'], found['minute'], found['fit']
+    return ('| | |\n|---|---|\n'
+            f'| messages | {read["messages"]} |\n'
+            f'| decoded, a second of one core | {read["decode_per_s"]:.0f} |\n'
+            f'| decoded, checked, gated and hashed, a second of one core | {read["per_s"]:.0f} |\n'
+            f'| rosbags, each message, a second of one core | {minute["rosbags_per_s"]:.0f} |\n'
+            f'| ours beside it on the same minute | {minute["decode_per_s"]:.0f}, '
+            f'{minute["ratio"]:.0f} × |\n'
+            f'| `gravity_comp fit` of the hour | {fit["seconds"]:.0f} s, '
+            f'{fit["processor_seconds"]:.0f} s of processor time, {fit["megabytes"]:.0f} MB |')
+
+
+def seconds(value: float) -> str:
+    return f'{1e3 * value:.0f} ms' if value < 1 else f'{value:.1f} s'
+
+
+def number(value: float) -> str:
+    return f'{value:.1f}' if value < 20 else f'{value:.0f}'
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    parser.add_argument('--solver', type=Path, default=ROOT / 'bench/solver/results.json')
+    parser.add_argument('--scale', type=Path, default=ROOT / 'bench/scale/results.json')
+    args = parser.parse_args()
+    tables = {}
+    if args.solver.exists():
+        found = json.loads(args.solver.read_text())
+        for name in ('eq17', 'random'):
+            if name in found:
+                tables[name] = solvers([found[name], found.get(f'{name}_slow', [])])
+        if 'growth' in found:
+            tables['growth'] = growth(found['growth'])
+        tables['refit'] = refit(found['refit'])
+    if args.scale.exists():
+        tables['bags'] = bags(json.loads(args.scale.read_text()))
+    text = PAGE.read_text()
+    for name, table in tables.items():
+        text = re.sub(f'(<!-- {name} -->\n).*?(<!-- end -->)',
+                      lambda m, t=table: f'{m[1]}{t}\n{m[2]}', text, flags=re.S)
+    PAGE.write_text(text)
+
+
+if __name__ == '__main__':
+    main()
