@@ -9,7 +9,8 @@ import time
 from gravity_comp_ros.bag import ReadOptions
 from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Choice, chosen, Learn, Read
+from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Choice, chosen, Learn, Read, thinned
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Failed, Finished, Progressed, Worker
 import numpy as np
@@ -97,6 +98,17 @@ def test_a_model_of_another_robot_is_refused_in_words(paths, tmp_path):
     stranger = Session((other,), models=(('arm.json', session.stage.model),))
     with pytest.raises(ModelMismatchError, match='arm.json is of another robot'):
         stranger.take(bench.work(Read((other,), ReadOptions()), silent))
+
+
+def test_long_recordings_are_thinned_evenly_and_not_too_far():
+    def run(count, rate):
+        zero = np.zeros((count, 1))
+        return JointSamples.single_run(('a',), np.arange(count) / rate, zero, zero, zero)
+
+    assert thinned(run(30_000, 100.0)).n_samples == 30_000
+    np.testing.assert_allclose(np.diff(thinned(run(60_000, 100.0)).t), 0.02)
+    np.testing.assert_allclose(np.diff(thinned(run(360_000, 100.0)).t), 0.04)
+    assert thinned(run(60_000, 20.0)).n_samples == 60_000
 
 
 def until(worker, kind, patience=PATIENCE):

@@ -20,6 +20,11 @@ from gravity_comp_ros.gravity.applied import with_step
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import concatenate, JointSamples
+import numpy as np
+
+# So many samples are refitted in a second or two.
+_MANY = 30000
+_SLOWEST = 0.04
 
 Progress = Callable[[str, float], None]
 
@@ -117,8 +122,8 @@ class Bench:
         if isinstance(job, Learn):
             return learn(samples, job.formulation, progress)
         if isinstance(job, Ask):
-            return diagnose(samples, job.model, progress=progress)
-        return add(samples, job, progress)
+            return diagnose(thinned(samples), job.model, progress=progress)
+        return add(thinned(samples), job, progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         found = []
@@ -151,6 +156,18 @@ def chosen(samples: JointSamples, choice: Choice) -> JointSamples:
     if not runs:
         raise DataError('no run is chosen')
     return concatenate(runs).joints(choice.joints)
+
+
+def thinned(samples: JointSamples) -> JointSamples:
+    """
+    Return fewer samples of a long recording, at even distances, so that nobody waits long.
+
+    Not less than 25 a second stay, which accelerations need.
+    """
+    steps = np.diff(samples.t)
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
+    every = min(-(-samples.n_samples // _MANY), max(1, round(_SLOWEST / usual)))
+    return samples.select(np.arange(samples.n_samples) % every == 0) if every > 1 else samples
 
 
 def slow_part(samples: JointSamples) -> JointSamples:
