@@ -6,7 +6,7 @@ from gravity_comp_ros.diagnosis import unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
 from gravity_comp_ros.diagnosis.evidence import absorbed, covariance
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
-from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
+from gravity_comp_ros.diagnosis.selection import Gain, gain, gain_in_places, Selection
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.gravity.noise import correlation_time
@@ -69,7 +69,7 @@ class Judge:
         rest = [c for c in chosen if c not in posing]
         none, some = (self.selection.errors(joint, c) for c in (rest, chosen))
         every = self.selection.errors(joint, [*chosen, unknown])
-        left = gain(some, every, len(self.unknown))
+        left = gain_in_places(some, every, len(self.unknown))
         if left.p >= _STRUCTURE_ALPHA or left.share < _STRUCTURE_SHARE:
             return []
         mostly = float((some - every).sum()) > 0.5 * float((none - every).sum())

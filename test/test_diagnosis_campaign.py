@@ -1,0 +1,64 @@
+"""Hidden effects in short recordings: the campaign's short form, its verdicts asserted."""
+
+from dataclasses import replace
+
+from bench.campaign.score import score
+from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.simulation.case_list import case
+from gravity_comp_ros.simulation.cases import recordings
+import pytest
+
+# Shorter and at a lower rate than the campaign's, which `python -m bench.campaign.run` runs
+# over ten seeds.
+RATE, DURATION = 25.0, 60.0
+
+
+def judged(arm, name, seed, **changes):
+    entry = replace(case(arm, name), **{'duration': DURATION, **changes})
+    samples = recordings(entry, seed, RATE)
+    diagnosis = diagnose(samples)
+    return diagnosis, score(entry, diagnosis.to_json(), samples.names)
+
+
+@pytest.mark.parametrize('arm, name, seed', [
+    ('iiwa7', 'coulomb_and_offset', 5), ('iiwa7', 'cable', 0), ('iiwa7', 'encoder_slipped', 1),
+    ('six_axis', 'coulomb_wrist', 6), ('six_axis', 'balancer', 0), ('six_axis', 'cogging', 1)])
+def test_what_is_hidden_is_named_and_nothing_else(arm, name, seed):
+    diagnosis, result = judged(arm, name, seed)
+    assert all(result.named), [f.to_json() for f in diagnosis.findings]
+    assert not result.false
+    for interval in result.intervals:
+        half = 0.5 * (interval.high - interval.low)
+        # One in twenty may lie outside; none of these few far outside.
+        assert abs(interval.value - interval.truth) < 4.0 * half
+
+
+@pytest.mark.parametrize('arm, name, seed', [
+    ('iiwa7', 'nothing_correlated', 2), ('six_axis', 'nothing_slow', 4)])
+def test_where_nothing_is_missing_nothing_is_named(arm, name, seed):
+    diagnosis, result = judged(arm, name, seed)
+    assert not result.false and result.right
+    assert not diagnosis.laws
+
+
+def test_friction_and_offset_look_alike_in_one_way_motion():
+    _, result = judged('iiwa7', 'one_way', 0)
+    assert result.right
+
+
+def test_a_detent_is_said_to_be_unknown():
+    diagnosis, result = judged('iiwa7', 'detent', 1, runs=8)
+    assert result.right, [f.to_json() for f in diagnosis.findings]
+
+
+def test_an_effect_may_be_looked_for_alone():
+    samples = recordings(replace(case('iiwa7', 'coulomb_large'), duration=DURATION), 7, RATE)
+    found = diagnose(samples, options=DiagnosisOptions(effects=('viscous_friction',)))
+    assert {f.effect for f in found.findings} <= {'viscous_friction', None}
+
+
+def test_a_tilted_base_is_found_and_the_law_that_it_breaks():
+    diagnosis, result = judged('iiwa7', 'tilted_base', 2, duration=120.0)
+    assert all(result.named) and not result.false
+    assert 'level base' in {law.law for law in diagnosis.laws}
+    assert all(law.holds_with_effects for law in diagnosis.laws if law.law == 'level base')

@@ -1,0 +1,169 @@
+"""Evidence of effects: blocks, fits without a fold, priors of other joints, and gains."""
+
+from gravity_comp_ros.diagnosis.blocks import cut
+from gravity_comp_ros.diagnosis.evidence import (
+    absorbed, covariance, held_out_errors, joint_gram, Prior, shared_information, solve)
+from gravity_comp_ros.diagnosis.selection import gain, not_worse, SelectionOptions
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.samples import concatenate, JointSamples
+import numpy as np
+import pytest
+
+
+def recording(lengths=(1000, 600), n_joints=2, seed=0):
+    """Return runs of white torque: nothing in them repeats."""
+    rng = np.random.default_rng(seed)
+    names = tuple(f'j{k}' for k in range(n_joints))
+    runs = []
+    for count in lengths:
+        q, qd, tau = rng.normal(size=(3, count, n_joints))
+        runs.append(JointSamples.single_run(names, np.arange(count) * 0.02, q, qd, tau))
+    return concatenate(runs)
+
+
+def no_prior(n_shared, blocks):
+    folds = blocks.n_folds + 1
+    return Prior(np.zeros((folds, n_shared, n_shared)), np.zeros((folds, n_shared)))
+
+
+def sample_folds(blocks):
+    return np.repeat(blocks.fold, np.diff(blocks.starts))
+
+
+def test_blocks_stay_within_runs_and_every_run_is_in_every_fold():
+    samples = recording((1000, 600, 800))
+    blocks = cut(samples, samples.tau)
+    assert blocks.starts[0] == 0 and blocks.starts[-1] == len(samples)
+    assert 15 <= blocks.count <= 123
+    for run in range(3):
+        here = blocks.run == run
+        assert set(blocks.fold[here]) == set(range(5))
+        first = blocks.starts[:-1][here]
+        assert (samples.runs[first] == run).all()
+        # A fold is one stretch of a run, or neighbours would vouch for what is held out.
+        assert (np.diff(blocks.fold[here]) != 0).sum() == 4
+
+
+def test_the_same_stretch_of_two_runs_is_in_different_folds():
+    samples = recording((1000, 1000))
+    blocks = cut(samples, samples.tau)
+    first, second = (blocks.fold[blocks.run == run] for run in (0, 1))
+    assert (first != second).all()
+
+
+def test_longer_memory_makes_longer_blocks():
+    samples = recording((4000,), n_joints=1)
+    slow = np.convolve(samples.tau[:, 0], np.ones(40), mode='same')[:, None]
+    assert cut(samples, slow).count < cut(samples, samples.tau).count
+
+
+def test_too_little_to_judge_is_refused():
+    samples = recording((50,))
+    with pytest.raises(DataError, match='too few'):
+        cut(samples, samples.tau)
+
+
+def test_held_out_errors_are_those_of_fits_without_the_fold():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(len(samples), 4))
+    y = x @ [1.0, -2.0, 0.5, 0.0] + rng.normal(size=len(samples))
+    scale, sigma = np.array([1.0, 2.0, 0.5, 3.0]), 0.7
+    joint = joint_gram(x, y, blocks, scale, sigma, np.zeros(4))
+    columns = np.array([0, 2, 3])
+    fit = solve(joint, columns, 0, no_prior(0, blocks), blocks)
+    found = held_out_errors(joint, fit, blocks)
+    folds, expected = sample_folds(blocks), np.zeros(len(y))
+    for fold in range(blocks.n_folds):
+        out = folds == fold
+        beta = np.linalg.lstsq(x[~out][:, columns], y[~out], rcond=None)[0]
+        expected[out] = ((y[out] - x[out][:, columns] @ beta) / sigma) ** 2
+    np.testing.assert_allclose(found, blocks.sums(expected), rtol=1e-5)
+    beta = np.linalg.lstsq(x[:, columns], y, rcond=None)[0]
+    np.testing.assert_allclose(fit.all_data / scale[columns], beta, rtol=1e-6)
+
+
+def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    rng = np.random.default_rng(2)
+    shared = rng.normal(size=(2, len(samples), 3))
+    own = rng.normal(size=(2, len(samples), 1))
+    weights = np.array([1.0, -1.0, 2.0])
+    y = [shared[n] @ weights + 0.5 * own[n][:, 0] + rng.normal(size=len(samples))
+         for n in range(2)]
+    joints = [joint_gram(np.column_stack([shared[n], own[n]]), y[n], blocks, np.ones(4), 1.0,
+                         np.zeros(4)) for n in range(2)]
+    every = np.arange(4)
+    prior = shared_information(joints[1], every, 3, blocks)
+    fit = solve(joints[0], every, 3, prior, blocks)
+    zero = np.zeros((len(samples), 1))
+    stacked = np.vstack([np.column_stack([shared[0], own[0], zero]),
+                         np.column_stack([shared[1], zero, own[1]])])
+    whole = np.linalg.lstsq(stacked, np.concatenate(y), rcond=None)[0]
+    np.testing.assert_allclose(fit.all_data, whole[:4], rtol=1e-5, atol=1e-7)
+
+
+def test_intervals_cover_the_truth_where_neighbours_are_alike():
+    inside, trials = 0, 60
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        count = 3000
+        x = np.sign(np.sin(np.arange(count) / 90.0 + rng.uniform(0, 6)))[:, None]
+        noise = np.convolve(rng.normal(size=count + 49), np.ones(50) / 7.0, mode='valid')
+        samples = JointSamples.single_run(('a',), np.arange(count) * 0.02, x, x, x)
+        blocks = cut(samples, noise[:, None])
+        joint = joint_gram(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
+        fit = solve(joint, np.array([0]), 0, no_prior(0, blocks), blocks)
+        spread = np.sqrt(covariance(joint, fit, 0, no_prior(0, blocks))[0, 0])
+        inside += abs(fit.all_data[0] - 0.3) < 1.96 * spread
+    # Taken as independent, the samples would give intervals that hold the truth in a third.
+    assert 0.8 * trials <= inside
+
+
+def test_absorbed_is_the_share_that_the_base_imitates():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    rng = np.random.default_rng(3)
+    base = rng.normal(size=(len(samples), 2))
+    imitated = base @ [1.0, 1.0]
+    other = rng.normal(size=len(samples))
+    x = np.column_stack([base, imitated, other])
+    joint = joint_gram(x, other, blocks, np.ones(4), 1.0, np.zeros(4))
+    assert absorbed(joint, np.arange(2), np.array([2])) == pytest.approx(1.0, abs=1e-6)
+    assert absorbed(joint, np.arange(2), np.array([3])) < 0.02
+
+
+def test_one_wild_stretch_does_not_outweigh_all_others():
+    before = np.full((50, 1), 10.0)
+    after = np.full((50, 1), 5.0) + np.linspace(0.0, 0.1, 50)[:, None]
+    after[7] = 300.0
+    assert gain(before, after, tests=100.0).p < 0.01
+    assert after.sum() > before.sum()
+
+
+def test_no_gain_has_no_small_p_and_tests_count():
+    rng = np.random.default_rng(4)
+    before = rng.chisquare(50, size=(60, 1))
+    after = before * np.exp(rng.normal(0.0, 0.1, size=(60, 1)))
+    assert gain(before, after, tests=1.0).p > 0.001
+    surely = before * 0.9 * np.exp(rng.normal(0.0, 0.1, size=(60, 1)))
+    once, often = (gain(before, surely, tests=count) for count in (1.0, 50.0))
+    assert often.p == pytest.approx(50.0 * once.p)
+    assert once.share == pytest.approx(0.1, abs=0.05)
+
+
+def test_within_one_standard_error_is_not_worse():
+    rng = np.random.default_rng(5)
+    errors = rng.chisquare(50, size=(60, 1))
+    assert not_worse(errors, errors)
+    assert not_worse(errors, errors * 0.5)
+    assert not not_worse(errors, errors * np.exp(rng.normal(0.2, 0.1, size=(60, 1))))
+
+
+@pytest.mark.parametrize('wrong', [{'alpha': 0.0}, {'alpha': 1.0}, {'least_share': -0.1},
+                                   {'most': 0}])
+def test_options_out_of_range_are_refused(wrong):
+    with pytest.raises(OptionError, match='selection'):
+        SelectionOptions(**wrong)
