@@ -118,7 +118,8 @@ class Halves:
 
     def correlate(self, r: FloatArray) -> FloatArray:
         """Return F.T r for r (M,), over all 3^N features."""
-        return (self.left @ (r * self.right).T).ravel()
+        product = np.multiply(r, self.right, out=self.scratch[1])
+        return (self.left @ product.T).ravel()
 
     def correlate_squares(self, weights: FloatArray) -> FloatArray:
         """Return sum_m weights_m F_mk^2 for weights (M,), over all 3^N features."""

@@ -95,6 +95,7 @@ class LassoProblem:
         self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
         self._precise = self.design.precise
         self._c = self._precise.correlate(self.b) * self._inverse_lengths
+        self._correlation = self._c
         self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
         self._set = np.zeros(0, dtype=np.int64)
         self._columns = np.zeros((0, self.design.n_rows))
@@ -122,20 +123,28 @@ class LassoProblem:
              design: Design) -> tuple[admm.AdmmResult, int, int]:
         """Solve on the working set and enlarge it until no other column violates anything."""
         iterations, rounds = 0, 0
+        # What the last lambda left over tells what this one needs, before anything is solved.
+        self._take_violators(lam, options.tolerance)
         while True:
             rounds += 1
             inner = admm.solve(self._gram, self._c[self._set], np.full(len(self._set), lam),
                                self._state, options)
             self._state = inner.state
             iterations += inner.iterations
-            correlation = self._residual_correlation(inner.state.z, design)
-            excess = np.abs(correlation) - lam
-            excess[self._set] = -np.inf
-            violators = np.flatnonzero(excess > options.tolerance * lam)
-            if not violators.size or not inner.converged or rounds == _MAX_ROUNDS:
+            self._correlation = self._residual_correlation(inner.state.z, design)
+            if (not inner.converged or rounds == _MAX_ROUNDS
+                    or not self._take_violators(lam, options.tolerance)):
                 return inner, iterations, rounds
-            worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
-            self._enlarge(worst, correlation[worst])
+
+    def _take_violators(self, lam: float, tolerance: float) -> bool:
+        """Enlarge the working set by the worst violators; return whether there were any."""
+        excess = np.abs(self._correlation) - lam
+        excess[self._set] = -np.inf
+        violators = np.flatnonzero(excess > tolerance * lam)
+        worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
+        if worst.size:
+            self._enlarge(worst, self._correlation[worst])
+        return bool(worst.size)
 
     def _residual_correlation(self, z: FloatArray, design: Design) -> FloatArray:
         active = np.flatnonzero(z)
