@@ -1,7 +1,7 @@
 """Effects told from one moment: those of the library, bounded where they go to a drive."""
 
 from gravity_comp_ros.effects.predict import effect_torque
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.gravity.applied import Applied, AppliedEffect, Value
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
 from gravity_comp_ros.node.instant import (compensable, CompensateOptions, INSTANT,
@@ -23,7 +23,7 @@ EFFECTS = (effect('coulomb_friction', 'a', F_c=2.0), effect('viscous_friction', 
            effect('asymmetric_friction', 'b', F_a=0.3),
            effect('load_dependent_friction', 'b', mu=0.1),
            effect('torque_offset', 'a', b=-0.4),
-           effect('joint_spring', 'b', {'centre': 0.2}, K=5.0),
+           effect('joint_spring', 'b', {'centre': 0.2, 'overtones': 0.0}, K=5.0),
            effect('torque_ripple', 'a', {'k': 12.0}, a=0.1, b=0.2))
 
 
@@ -84,6 +84,14 @@ def test_what_looks_back_is_left_out():
     drift = AppliedEffect('torque_drift', 'a', {'centre': 0.0}, {'c': Value(1.0, '', (0, 2))})
     found = InstantEffects(model((drift,)))
     assert found.targets == () and found.left_out == ('torque_drift:a',)
+
+
+def test_an_effect_of_another_version_is_refused_before_the_loop():
+    lacks_a_setting = symbols_of((effect('stribeck_friction', 'a', {}, F_s=1.0),))
+    other_symbol = (effect('coulomb_friction', 'a', F_x=1.0),)
+    for effects in (lacks_a_setting, other_symbol):
+        with pytest.raises(ModelMismatchError, match='fit it again'):
+            InstantEffects(model(effects))
 
 
 def test_only_what_is_safe_may_be_sent():

@@ -9,7 +9,7 @@ from typing import cast
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.gravity.applied import AppliedEffect
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import FloatArray, JointSamples
@@ -134,8 +134,19 @@ def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...
 
 
 def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
-    symbols = [c.symbol for c in installed(effect).coefficients]
-    if set(symbols) != set(effect.coefficients):
-        raise GravityCompError(f'effect {effect.target} was fitted by another version; fit again')
-    return _Term(effect, joint_number(model, effect),
-                 np.array([effect.coefficients[symbol].value for symbol in symbols]))
+    """Return an effect, after it was asked for a torque once: a loop is no place for surprises."""
+    n, joint = model.n_joints, joint_number(model, effect)
+    pose = np.zeros((1, n))
+    motion = Motion(cast(JointSamples, _Moment(pose, pose)), pose, pose, np.zeros((1, n, n)),
+                    np.ones(n), model)
+    try:
+        symbols = [c.symbol for c in
+                   installed(effect).coefficients_of(motion, joint, effect.setting)]
+        term = _Term(effect, joint, np.array([effect.coefficients[symbol].value
+                                              for symbol in symbols]))
+        term.torque(motion)
+    except (AttributeError, LookupError, ValueError) as problem:
+        raise ModelMismatchError(
+            f'effect {effect.target} of the model was fitted by another version and is left out; '
+            'fit it again') from problem
+    return term
