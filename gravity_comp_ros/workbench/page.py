@@ -267,6 +267,9 @@ class Page:
         self.verdict.text = f'<h1 id="verdict">{markup.text(told)}</h1>'
 
     def _show_missing(self) -> None:
+        if not self.session.paths:
+            self.missing.children = [widgets.html('')]  # a node alone has nothing to add to
+            return
         stage = self.session.stage
         parts: list[UIElement] = [widgets.html('<h2>What is missing</h2>')]
         if stage is None:
@@ -325,6 +328,9 @@ class Page:
 
     def _show_history(self) -> None:
         stages = self.session.stages
+        if not self.session.paths:
+            self.history.children = [widgets.html('')]
+            return
         parts: list[UIElement] = [widgets.html('<h2>Error so far</h2>'
                                                + history_view.numbers(stages))]
         chart = history_view.chart(stages, self.style)
