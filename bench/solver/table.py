@@ -26,7 +26,7 @@ def solvers(parts: list[list[dict]]) -> str:
         seen.add(row['solver'])
         missed = row.get('missed')
         if missed:
-            lines.append(f'| {row["solver"]} | one | gave up after {seconds(missed["seconds"])} | '
+            lines.append(f'| {row["solver"]} | one | not there after {seconds(missed["seconds"])} | '
                          f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
                          f'{missed["gap"]:.0e} | {missed["support"]} | |')
             continue
