@@ -103,8 +103,9 @@ def compare(name: str, problems: dict[str, Problem], repetitions: int, slow: boo
                 **(missed or {}), 'ratio': missed['seconds'] / mine[missed['joint']]}})
             continue
         seconds = sum(median(found, 'seconds') for found in done.values())
-        memory = peak_megabytes(timed, solver, problems[first], matrices[first],
-                                chosen[solver.name, first])
+        # Those behind cvxpy have threads of their own, which do not live on in a copy.
+        memory = None if solver.slow else peak_megabytes(
+            timed, solver, problems[first], matrices[first], chosen[solver.name, first])
         rows.append({
             'solver': solver.name, 'joints': list(done),
             'repetitions': min(len(found) for found in done.values()),

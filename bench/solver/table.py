@@ -26,14 +26,15 @@ def solvers(parts: list[list[dict]]) -> str:
         seen.add(row['solver'])
         missed = row.get('missed')
         if missed:
-            lines.append(f'| {row["solver"]} | one | not there after {seconds(missed["seconds"])} | '
+            time = seconds(missed['seconds'])
+            lines.append(f'| {row["solver"]} | one | not there after {time} | '
                          f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
                          f'{missed["gap"]:.0e} | {missed["support"]} | |')
             continue
         lines.append(
             f'| {row["solver"]} | {len(row["joints"])} | {seconds(row["seconds"])} | '
             f'{number(row["ratio"])} × | {row["iterations"]} | {row["gap"]:.0e} | '
-            f'{", ".join(map(str, row["support"]))} | {row["megabytes"]:.0f} MB |')
+            f'{", ".join(map(str, row["support"]))} | {megabytes(row["megabytes"])} |')
     built = parts[0][0]['build']
     lines += ['', 'Building comes before: the matrix of the rivals takes '
               f'{seconds(built["matrix"]["seconds"])} and {built["matrix"]["megabytes"]:.0f} MB a '
@@ -78,6 +79,10 @@ def bags(found: dict) -> str:
 
 def seconds(value: float) -> str:
     return f'{1e3 * value:.0f} ms' if value < 1 else f'{value:.1f} s'
+
+
+def megabytes(value: float | None) -> str:
+    return '' if value is None else f'{value:.0f} MB'
 
 
 def number(value: float) -> str:
