@@ -96,7 +96,8 @@ class DeviceDesign:
                  halves: tuple[Any, Any] | None = None) -> None:
         self.n_rows, self.n_columns = plain.n_rows, plain.n_columns
         self._plain, self._there = plain, there
-        self._halves = halves or (there.take(plain.halves.left), there.take(plain.halves.right))
+        self._halves = halves or (there.take(plain.halves.left),
+                                  there.take(plain.halves.right.T))
 
     @property
     def precise(self) -> Design:
@@ -123,7 +124,7 @@ class DeviceDesign:
         """Return A.T r over all columns: one product for each torque, all at once."""
         xp, (left, right) = self._there.xp, self._halves
         weighted = self._there.take(self._plain.weighted_rows(r))
-        parts = xp.matmul(left, (weighted[:, None, :] * right[None, :, :]).mT)
+        parts = xp.matmul(left, weighted[:, :, None] * right[None, :, :])
         if isinstance(self._plain, TorqueDesign):
             return xp.reshape(parts, (-1,))
         total = xp.zeros_like(xp.reshape(parts[0, ...], (-1,)))
