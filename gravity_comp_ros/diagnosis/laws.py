@@ -134,7 +134,7 @@ def _law(name: str, words: str, columns: Any, untestable: Any,
         name=name, title=words, family=FAMILY, equation='', description=words,
         coefficients=(Coefficient('a', 'N·m', 'size of the breach'),), columns=columns,
         confounders=suspects, experiment='', signature='position',
-        source='a serial arm\'s gravity is the gradient of one energy',
+        source='gravity of a serial arm is the gradient of one energy',
         untestable=untestable)
 
 

@@ -184,7 +184,7 @@ class Selection:
                      self.blocks)
 
     def errors(self, joint: int | None, chosen: list[Candidate]) -> FloatArray:
-        """Return each block's held-out errors (B, J), of one joint or of all."""
+        """Return held-out errors block by block, of one joint or of all: (B, J)."""
         joints = range(len(self.grams)) if joint is None else [joint]
         return np.column_stack([held_out_errors(self.grams[n], self.fit(n, chosen), self.blocks)
                                 for n in joints])

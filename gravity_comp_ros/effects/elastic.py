@@ -28,7 +28,7 @@ def _spring(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     does not hold of that are the overtones, and the first ones matter.
     """
     q = motion.samples.q[:, [joint]]
-    if not setting['overtones']:
+    if not setting.get('overtones', 0.0):
         return q - setting['centre']
     orders = np.arange(2, int(setting['overtones']) + 2)
     return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
@@ -42,7 +42,7 @@ def spring_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
 
 
 def _spring_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    if not setting['overtones']:
+    if not setting.get('overtones', 0.0):
         return (_STIFFNESS,)
     orders = range(2, int(setting['overtones']) + 2)
     return tuple(Coefficient(f'{symbol}_{order}', 'N·m', f'{wave} of {order} q_n')
@@ -51,7 +51,8 @@ def _spring_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coeff
 
 def _spring_implausible(values: FloatArray, setting: Setting, motion: Motion,
                         joint: int) -> str | None:
-    rule = not_negative(_spring, _PULLS) if not setting['overtones'] else within_torque(_spring)
+    is_crank = bool(setting.get('overtones', 0.0))
+    rule = within_torque(_spring) if is_crank else not_negative(_spring, _PULLS)
     return rule(values, setting, motion, joint)
 
 
