@@ -1,6 +1,7 @@
 """`diagnose`: what it says for people and for machines, and what it says cannot be known."""
 
 import json
+from pathlib import Path
 import shlex
 
 from gravity_comp_ros.bag_write import joint_states, write_bag
@@ -129,3 +130,15 @@ def test_bad_input_gets_one_line(capsys, argv, words):
     assert main(['diagnose', *argv]) == 1
     err = [line for line in capsys.readouterr().err.splitlines() if not line.startswith('...')]
     assert len(err) == 1 and words in err[0], err
+
+
+def test_what_was_added_may_change_its_size_beside_what_is_found(capsys, tmp_path):
+    # Alone, Coulomb friction takes part of the viscous friction that is missing beside it.
+    model = tmp_path / 'arm.json'
+    model.write_bytes(Path('arm.json').read_bytes())
+    assert main(['add', 'coulomb_friction:shoulder', '--model', str(model), 'one.mcap',
+                 'two.mcap']) == 0
+    capsys.readouterr()
+    found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
+    named = {(f['joint'], f['effect']) for f in found if f['verdict'] == 'established'}
+    assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.gravity import dictionary
 from gravity_comp_ros.gravity.chain import Chain
@@ -42,14 +43,17 @@ _WORTHWHILE = 0.01
 @dataclass(frozen=True)
 class Base:
     """
-    The gravity model, the motion as effects see it, and gravity's columns (M, N, K).
+    The gravity model, the motion as effects see it, and the columns (M, N, K) of every fit.
 
-    The columns are combinations of terms, of about the same size and not alike.
+    The columns are combinations of gravity's terms, of about the same size and not alike, and
+    after them those of the effects that the model has, `given`, whose sizes may change beside
+    others.
     """
 
     model: GravityModel
     motion: Motion
     columns: FloatArray
+    given: frozenset[tuple[str, int | None]] = frozenset()
 
 
 def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
@@ -67,7 +71,10 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     chosen = rough if known else fit(kept, _CAUTIOUS).model
     chosen = levelled(chosen, samples.q)
     motion = build_motion(samples, chosen)
-    return Base(chosen, motion, _columns(chosen, cleaned))
+    given = frozenset((effect.name, None if effect.joint is None else
+                       samples.names.index(effect.joint))
+                      for effect in chosen.applied.effects)
+    return Base(chosen, motion, _columns(chosen, motion, cleaned), given)
 
 
 def refined(base: Base, effects: FloatArray) -> Base | None:
@@ -78,7 +85,7 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     """
     samples = base.motion.samples
     cleaned = replace(samples, tau=samples.tau - effects)
-    columns = _columns(base.model, cleaned)
+    columns = _columns(base.model, base.motion, cleaned)
     few = _thin(samples, _SAMPLES)
     before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
     if (after > (1.0 - _WORTHWHILE) * before).all():
@@ -102,11 +109,25 @@ def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
     return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
 
 
-def _columns(model: GravityModel, cleaned: JointSamples) -> FloatArray:
-    if model.chain is not None:
-        return _reduced(_tangent(cleaned))
-    return _reduced(np.concatenate(
-        [_model_columns(model, cleaned.q), _tangent(cleaned)], axis=2))
+def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples) -> FloatArray:
+    gravity = _tangent(cleaned)
+    if model.chain is None:
+        gravity = np.concatenate([_model_columns(model, cleaned.q), gravity], axis=2)
+    return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
+
+
+def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
+    """Return the columns (M, N, K) of each effect that the model has."""
+    parts = []
+    for applied in model.applied.effects:
+        effect, joint = installed(applied), joint_number(model, applied)
+        columns = effect.columns(motion, joint, applied.setting)
+        if effect.scope != 'arm':
+            whole = np.zeros((*motion.samples.q.shape, columns.shape[1]))
+            whole[:, joint] = columns
+            columns = whole
+        parts.append(columns)
+    return parts
 
 
 def _tangent(cleaned: JointSamples) -> FloatArray:
@@ -171,5 +192,6 @@ def levelled(model: GravityModel, q: FloatArray) -> GravityModel:
     if not first.any() or not _is_level(model.predict(q)):
         return model
     kept = Expansion(energy.indices[~first], energy.weights[~first])
-    return GravityModel.from_energy(model.joints, model.formulation, kept, model.noise,
-                                    model.coverage, model.provenance)
+    level = GravityModel.from_energy(model.joints, model.formulation, kept, model.noise,
+                                     model.coverage, model.provenance)
+    return replace(level, applied=model.applied)

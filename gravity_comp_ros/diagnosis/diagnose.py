@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.diagnosis import laws, unknown as unknown_torque
-from gravity_comp_ros.diagnosis.base import choose_base, refined
+from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
@@ -50,7 +50,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         samples = samples.joints(model.joints)
     span = np.ptp(samples.tau, axis=0) if len(samples) else np.zeros(samples.n_joints)
     if model is not None:
-        # What the model has already is not missing.
+        # What the model has already is not missing; its size may change (`Base.given`).
         samples = replace(samples, tau=samples.tau - effect_torque(model, samples))
     samples = samples.select(
         np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
@@ -60,12 +60,12 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     tell('columns', 0.2)
     columns = build(motion, base.columns, _effects(options))
     tell('selection', 0.5)
-    selection, unknown, tests = _select(motion, columns, options.selection)
+    selection, unknown, tests = _select(base, columns, options.selection)
     better = refined(base, selection.effect_torque()) if selection.chosen else None
     if better is not None:
         tell('selection', 0.7)
         columns = columns.with_base(better.columns)
-        selection, unknown, tests = _select(motion, columns, options.selection)
+        selection, unknown, tests = _select(base, columns, options.selection)
     tell('verdicts', 0.8)
     diagnosis = Judge(selection, motion, unknown, span).diagnosis()
     diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
@@ -81,17 +81,19 @@ def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
             **{law.name: law for law in laws.LAWS}}
 
 
-def _select(motion: Motion, columns: Columns, options: SelectionOptions
+def _select(base: Base, columns: Columns, options: SelectionOptions
             ) -> tuple[Selection, list[Candidate], list[Candidate]]:
     """Return the finished selection, what stands for the unknown, and what tests laws."""
+    motion = base.motion
     unknown, tests, effects = _split(columns.candidates)
+    effects = [c for c in effects if c.key not in base.given]
     blocks, grams = _evidence(motion, columns, [*unknown, *tests])
 
     def implausible(candidate: Candidate, values: FloatArray) -> str | None:
         return candidate.effect.implausible(values, candidate.setting, motion,
                                             candidate.joint or 0)
 
-    selection = Selection(grams, columns, effects, blocks, implausible, options)
+    selection = Selection(grams, columns, effects, blocks, implausible, options, base.given)
     selection.run()
     return selection, unknown, tests
 

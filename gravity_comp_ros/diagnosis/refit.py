@@ -111,7 +111,7 @@ def _level(samples: JointSamples, model: GravityModel,
     if model.chain is not None:
         raise DataError(f'{_TILT} cannot be added: a chain holds the tilt of its base already, '
                         f'in its first axis')
-    return replace(levelled(model, samples.q), applied=model.applied)
+    return levelled(model, samples.q)
 
 
 def _new_terms(motion: Motion, model: GravityModel,

@@ -113,9 +113,10 @@ class Selection:
     """The effects chosen so far, and the errors with and without any other."""
 
     def __init__(self, grams: list[JointGram], columns: Columns, candidates: list[Candidate],
-                 blocks: Blocks, implausible: Implausible, options: SelectionOptions) -> None:
+                 blocks: Blocks, implausible: Implausible, options: SelectionOptions,
+                 given: frozenset[tuple[str, int | None]] = frozenset()) -> None:
         self.grams, self.columns, self.blocks = grams, columns, blocks
-        self.candidates = candidates
+        self.candidates, self.given = candidates, given
         self.implausible, self.options = implausible, options
         self.chosen: list[Candidate] = []
         self.refused: dict[tuple[str, int | None], str] = {}
@@ -298,10 +299,9 @@ class Selection:
         return [c for c in self._open() if c.joint == joint and not c.shared
                 and self._is_physical(c, [*self.chosen, c])]
 
-    @staticmethod
-    def _has_parent(candidate: Candidate, taken: set[tuple[str, int | None]]) -> bool:
-        mends = candidate.effect.mends
-        return not mends or any((name, candidate.joint) in taken for name in mends)
+    def _has_parent(self, candidate: Candidate, taken: set[tuple[str, int | None]]) -> bool:
+        mends, there = candidate.effect.mends, taken | self.given
+        return not mends or any((name, candidate.joint) in there for name in mends)
 
     def _all_gains(self) -> dict[int, Gain]:
         before: dict[int | None, FloatArray] = {}
