@@ -2,6 +2,8 @@
 VENV ?= .venv
 VENV_OLDEST ?= .venv-oldest
 PYTEST_ARGS ?=
+# Files of tests run side by side, as many as there are cores.
+PYTEST_JOBS ?= -n auto --maxprocesses 4 --dist loadfile
 export PYTHON
 # Numerical libraries gain nothing from threads on problems of this size, and lose a lot when
 # tests, node and fit share two cores.
@@ -27,11 +29,11 @@ demo: venv
 # Lint that fails fails the whole, but keeps nobody from seeing what the tests say.
 test: venv
 	@lint=0; $(MAKE) --no-print-directory lint || lint=$$?; \
-	$(VENV)/bin/python -m pytest $(PYTEST_ARGS) && exit $$lint
+	$(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS) && exit $$lint
 
 test-oldest:
 	@tools/make_venv.sh $(VENV_OLDEST) oldest
-	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST_ARGS)
+	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
 
 lint: venv
 	$(VENV)/bin/python -m ruff check

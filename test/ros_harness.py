@@ -37,7 +37,10 @@ _count = itertools.count()
 
 def fresh_domain() -> int:
     """Return a ROS domain that no other test of this machine is likely to use now."""
-    return 1 + (os.getpid() * 37 + next(_count)) % 100
+    # Tests run in several processes, each with a range of its own.
+    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+    size = 100 // int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+    return 1 + worker * size + (os.getpid() * 37 + next(_count)) % size
 
 
 def deadline(seconds: float) -> float:

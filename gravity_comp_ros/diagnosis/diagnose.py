@@ -59,6 +59,8 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     motion = base.motion
     tell('columns', 0.2)
     columns = build(motion, base.columns, _effects(options))
+    columns.untestable = {key: reason for key, reason in columns.untestable.items()
+                          if key[0] in all_effects()}
     tell('selection', 0.5)
     selection, unknown, tests = _select(base, columns, options.selection)
     better = refined(base, selection.effect_torque()) if selection.chosen else None
