@@ -76,7 +76,8 @@ def serve(options: ServeOptions) -> None:
               file=sys.stderr, flush=True)
     if options.browser:
         server.io_loop.add_callback(server.show, '/')
-    signal.signal(signal.SIGTERM, _interrupt)
+    for stop in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(stop, _interrupt)
     try:
         server.run_until_shutdown()
     except KeyboardInterrupt:
