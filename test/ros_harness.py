@@ -128,8 +128,9 @@ class Probe(Node):
         """Handle what comes until the condition holds; fail at the deadline."""
         end = deadline(seconds)
         while not condition():
-            assert time.monotonic() < end, f'{what} did not happen within {seconds} s; ' \
-                f'diagnostics: { {k: v.message for k, v in self.status.items()} }'
+            told = {name: status.message for name, status in self.status.items()}
+            assert time.monotonic() < end, \
+                f'{what} did not happen within {seconds} s; diagnostics: {told}'
             self.loop.spin_once(timeout_sec=0.05)
 
     def until_node(self, node: NodeProcess | None = None) -> None:
