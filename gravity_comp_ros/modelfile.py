@@ -238,6 +238,9 @@ def _uncertainty(body: dict[str, Any], energy: Expansion,
     if 'covariance' not in body:
         return None
     covariance = np.array(body['covariance'], dtype=np.float64)
+    if not covariance.size:
+        # A joint that carries nothing: its model has no term, and JSON no shape.
+        covariance = covariance.reshape(0, 0)
     if chain is not None:
         return ChainUncertainty(chain, covariance)
     return EnergyUncertainty(energy.indices, covariance)

@@ -11,6 +11,7 @@ from gravity_comp_ros.errors import ModelFileError
 from gravity_comp_ros.gravity.fit import fit, FitOptions
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
 from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.samples import JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -278,3 +279,15 @@ def test_provenance_that_json_cannot_hold_is_not_written(saved):
 
 def test_files_are_small(saved):
     assert saved.stat().st_size < 20000 < modelfile._MAX_BYTES
+
+
+def test_a_joint_that_carries_nothing_is_kept(tmp_path):
+    rng = np.random.default_rng(0)
+    t = np.arange(200) * 0.2
+    q = np.sin(0.1 * t)[:, None]
+    samples = JointSamples.single_run(('turntable',), t, q, np.zeros_like(q),
+                                      rng.normal(scale=0.1, size=q.shape))
+    model = fit(samples).model
+    save_model(tmp_path / 'm.json', model)
+    again = load_model(tmp_path / 'm.json')
+    assert not again.predict(q).any() and not again.predict_std(q).any()
