@@ -13,7 +13,7 @@ import sys
 import tempfile
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
 from rcl_interfaces.srv import SetParameters
@@ -45,6 +45,13 @@ def fresh_domain() -> int:
 
 def deadline(seconds: float) -> float:
     return time.monotonic() + seconds
+
+
+class _Told(dict[str, DiagnosticStatus]):
+    """The last status of each name; an empty one where none has come yet."""
+
+    def __missing__(self, name: str) -> DiagnosticStatus:
+        return DiagnosticStatus()
 
 
 class NodeProcess:
@@ -94,7 +101,7 @@ class Probe(Node):
         self.predictions: list[JointState] = []
         self.residuals: list[JointState] = []
         self.doubts: list[JointState] = []
-        self.status: dict[str, object] = {}
+        self.status = _Told()
         self._heard: list = []
         self.reports = 0
         for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
