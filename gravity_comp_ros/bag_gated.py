@@ -22,8 +22,7 @@ from gravity_comp_ros.bag_columns import Columns
 from gravity_comp_ros.bag_layout import LayoutDecoder
 from gravity_comp_ros.bag_storage import fingerprint, open_storage, Storage
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gate import GateOptions, slow_samples
-from gravity_comp_ros.gate_blocks import BlockGate
+from gravity_comp_ros.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
 import numpy as np
 from numpy.typing import NDArray

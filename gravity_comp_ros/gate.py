@@ -1,15 +1,14 @@
-"""The slow-motion gate: which samples hold gravity alone, message by message or as a whole."""
+"""The slow-motion gate: which samples hold gravity alone, by messages, blocks or whole runs."""
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
 import numpy as np
-from numpy.typing import NDArray
 
 FAST = 'fast'
 ACCELERATING = 'accelerating'
@@ -88,9 +87,9 @@ class Gate:
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
         options.check_joints(n_joints)
         self._options = options
-        self._max_speed = per_joint(options.max_speed, n_joints)
+        self._max_speed = _per_joint(options.max_speed, n_joints)
         self._max_acceleration = (None if options.max_acceleration is None
-                                  else per_joint(options.max_acceleration, n_joints))
+                                  else _per_joint(options.max_acceleration, n_joints))
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self._first = math.nan
         self._last = -math.inf
@@ -144,48 +143,92 @@ class Gate:
         return not (np.abs(qd - qd_then) / (t - then) > limit).any()
 
 
+class BlockGate:
+    """
+    The gate of one run block by block, so that no recording need fit in memory.
+
+    :param n_joints: the number N of joints.
+    :raises OptionError: if the options hold another number of thresholds.
+    """
+
+    def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
+        options.check_joints(n_joints)
+        self._options = options
+        self._max_speed = _per_joint(options.max_speed, n_joints)
+        self._limit = (None if options.max_acceleration is None
+                       else _per_joint(options.max_acceleration, n_joints))
+        self._first: float | None = None
+        self._last_slot = -np.inf
+        # What the acceleration of the next sample may refer to.
+        self._recent_t, self._recent_qd = np.zeros(0), np.zeros((0, n_joints))
+        self.dropped: Counter[str] = Counter()
+
+    def offer(self, t: FloatArray, qd: FloatArray) -> BoolArray:
+        """
+        Return which samples of the next block pass, shape (M,).
+
+        :param t: times (M,) in s, all later than those before.
+        :param qd: velocities (M, N) in rad/s.
+        """
+        if not len(t):
+            return np.zeros(0, dtype=bool)
+        if self._first is None:
+            self._first = float(t[0])
+        fast = np.any(np.abs(qd) > self._max_speed, axis=1)
+        jerky = self._jerky(t, qd) & ~fast
+        slow = np.flatnonzero(~(fast | jerky))
+        kept = np.zeros(len(t), dtype=bool)
+        kept[slow[self._one_per_slot(t[slow], self._first)]] = True
+        for reason, lost in ((FAST, fast), (ACCELERATING, jerky), (RATE, ~(fast | jerky | kept))):
+            if lost.any():
+                self.dropped[reason] += int(lost.sum())
+        return kept
+
+    def _one_per_slot(self, t: FloatArray, first: float) -> BoolArray:
+        if self._options.rate_hz is None or not len(t):
+            return np.ones(len(t), dtype=bool)
+        slots = _slots(t, first, self._options.rate_hz)
+        fresh = np.concatenate([[slots[0] > self._last_slot], slots[1:] > slots[:-1]])
+        self._last_slot = max(self._last_slot, float(slots[-1]))
+        return fresh
+
+    def _jerky(self, t: FloatArray, qd: FloatArray) -> BoolArray:
+        if self._limit is None:
+            return np.zeros(len(t), dtype=bool)
+        window = self._options.acceleration_window
+        times = np.concatenate([self._recent_t, t])
+        speeds = np.concatenate([self._recent_qd, qd])
+        found = _accelerating(times, speeds, self._limit, window)[len(self._recent_t):]
+        begin = max(int(np.searchsorted(times, times[-1] - window, side='right')) - 1, 0)
+        self._recent_t, self._recent_qd = times[begin:].copy(), speeds[begin:].copy()
+        return found
+
+
 def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
     """
-    Return the samples that a `Gate`, reset at the start of every run, lets through.
+    Return the samples that a gate, new at the start of every run, lets through.
 
     :raises OptionError: if the options hold another number of thresholds than joints.
     """
     options.check_joints(samples.n_joints)
-    max_speed = per_joint(options.max_speed, samples.n_joints)
-    fast = np.any(np.abs(samples.qd) > max_speed, axis=1)
-    jerky = np.zeros_like(fast)
-    kept = np.zeros_like(fast)
+    kept = np.zeros(len(samples), dtype=bool)
+    dropped: Counter[str] = Counter()
     for run in range(samples.n_runs):
         here = np.flatnonzero(samples.runs == run)
-        if here.size == 0:
-            continue
-        if options.max_acceleration is not None:
-            limit = per_joint(options.max_acceleration, samples.n_joints)
-            jerky[here] = accelerating(samples.t[here], samples.qd[here], limit,
-                                       options.acceleration_window)
-        slow = here[~(fast[here] | jerky[here])]
-        kept[_one_per_slot(slow, samples.t[slow], samples.t[here[0]], options.rate_hz)] = True
-    jerky &= ~fast
-    dropped = {FAST: int(fast.sum()), ACCELERATING: int(jerky.sum()),
-               RATE: int((~(fast | jerky | kept)).sum())}
+        gate = BlockGate(samples.n_joints, options)
+        kept[here] = gate.offer(samples.t[here], samples.qd[here])
+        dropped += gate.dropped
     return GateResult(samples.select(kept), int(kept.sum()), len(samples),
-                      {reason: count for reason, count in dropped.items() if count})
+                      {reason: dropped[reason] for reason in REASONS if dropped[reason]})
 
 
-def _one_per_slot(index: NDArray[np.intp], t: FloatArray, first: float,
-                  rate_hz: float | None) -> NDArray[np.intp]:
-    if rate_hz is None:
-        return index
-    return index[np.unique(slots_of(t, first, rate_hz), return_index=True)[1]]
-
-
-def slots_of(t: FloatArray, first: float, rate_hz: float) -> FloatArray:
+def _slots(t: FloatArray, first: float, rate_hz: float) -> FloatArray:
     """Return the interval that each sample of a run falls in; one is kept in each."""
     return np.floor((t - first) * rate_hz + 0.5)
 
 
-def accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
-                 window: float) -> NDArray[np.bool_]:
+def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
+                  window: float) -> BoolArray:
     """Return which samples of a run exceed the mean acceleration `limit`."""
     then = np.searchsorted(t, t - window, side='right') - 1
     known = then >= 0
@@ -195,6 +238,6 @@ def accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
     return known & np.any(mean > limit, axis=1)
 
 
-def per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
+def _per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
     """Return a threshold for all joints, or one per joint, as an array (N,)."""
     return np.broadcast_to(np.asarray(value, dtype=np.float64), (n_joints,))

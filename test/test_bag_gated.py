@@ -7,8 +7,7 @@ from gravity_comp_ros.bag import read_bag, ReadOptions
 from gravity_comp_ros.bag_gated import read_gated
 from gravity_comp_ros.bag_write import JointTopic, write_bag, WriteOptions
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.gate import GateOptions, slow_samples
-from gravity_comp_ros.gate_blocks import BlockGate
+from gravity_comp_ros.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.samples import JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np

@@ -15,7 +15,7 @@ MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 # Lowest first. A module may import from its own layer and from those below it.
 LAYERS = (
     ('__init__', 'errors', 'printable', 'atomic'),
-    ('samples', 'gate', 'gate_blocks', 'buffer', 'holdout', 'velocity'),
+    ('samples', 'gate', 'buffer', 'holdout', 'velocity'),
     ('gravity', 'effects'),
     ('diagnosis',),
     ('bag', 'table', 'modelfile', 'urdf', 'simulation', 'report', 'fleet'),
