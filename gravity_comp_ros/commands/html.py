@@ -13,6 +13,7 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.bag import ReadReport
 from gravity_comp_ros.diagnosis.compare import Comparison
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import JointSamples
@@ -63,11 +64,11 @@ def contents(args: argparse.Namespace, model: GravityModel, samples: JointSample
              previous_name: str = '', shown: tuple[str, ...] = (),
              notes: tuple[str, ...] = ()) -> Contents:
     """Return what a report tells; `samples` are all that was read."""
-    from gravity_comp_ros.report.contents import Contents, Origin, predict_all
+    from gravity_comp_ros.report.contents import Contents, Origin
     samples = samples.joints(model.joints)
     origin = Origin(args.command, datetime.now(UTC).isoformat(timespec='seconds'),
                     args.model.name if args.model else None, notes)
-    return Contents(samples, predict_all(model, samples), model, comparison, judged, reports,
+    return Contents(samples, predict_torque(model, samples), model, comparison, judged, reports,
                     origin, diagnosis, previous or {}, previous_name, shown)
 
 

@@ -10,6 +10,7 @@ on top (`GravityModel.noise`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 from gravity_comp_ros.errors import DataError
@@ -48,12 +49,15 @@ class EnergyUncertainty:
         object.__setattr__(self, 'indices', np.asarray(self.indices, dtype=np.int64))
         object.__setattr__(self, 'covariance', _checked(self.covariance, len(self.indices)))
 
+    @cached_property
+    def _root(self) -> FloatArray:
+        return _factor(self.covariance)
+
     def std(self, q: FloatArray) -> FloatArray:
-        factor = _factor(self.covariance)
         parts = [np.zeros((0, q.shape[1]))]
         for some in _parts(q):
             columns = EnergyDesign(some, np.ones(some.shape)).columns(self.indices)
-            parts.append(np.sqrt(((columns @ factor) ** 2).sum(axis=1)).reshape(
+            parts.append(np.sqrt(((columns @ self._root) ** 2).sum(axis=1)).reshape(
                 q.shape[1], -1).T)
         return np.concatenate(parts)
 
@@ -73,11 +77,14 @@ class ChainUncertainty:
         object.__setattr__(self, 'covariance',
                            _checked(self.covariance, 4 * self.chain.n_joints))
 
+    @cached_property
+    def _root(self) -> FloatArray:
+        return _factor(self.covariance)
+
     def std(self, q: FloatArray) -> FloatArray:
-        factor = _factor(self.covariance)
         parts = [np.zeros((0, q.shape[1]))]
         for some in _parts(q):
-            spread = np.tensordot(factor.T, self.chain.jacobian(some), axes=(1, 0))
+            spread = np.tensordot(self._root.T, self.chain.jacobian(some), axes=(1, 0))
             parts.append(np.sqrt((spread ** 2).sum(axis=0)).T)
         return np.concatenate(parts)
 

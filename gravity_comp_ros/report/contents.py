@@ -10,14 +10,11 @@ from gravity_comp_ros.bag import ReadReport
 from gravity_comp_ros.diagnosis.compare import Comparison
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.recording import describe, RecordingFacts
-from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.report.decimate import keep_extremes
 from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray, JointSamples
 import numpy as np
 
-# Rows of the feature matrix held at once.
-_CHUNK = 8192
 # Speeds below this are rest, for the colour of a point.
 STILL = 1e-3
 
@@ -89,20 +86,6 @@ class Contents:
     def worst(self) -> str:
         """Return the shown joint with the largest RMSE."""
         return max(self.joints, key=lambda name: self.comparison.joints[name].rmse)
-
-
-def predict_all(model: GravityModel, samples: JointSamples) -> FloatArray:
-    """
-    Return what the model says of every sample, (M, N) in N·m, without much memory.
-
-    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
-        effect that is not installed here.
-    """
-    samples = samples.joints(model.joints)
-    gravity = np.empty_like(samples.q)
-    for start in range(0, len(samples), _CHUNK):
-        gravity[start:start + _CHUNK] = model.predict(samples.q[start:start + _CHUNK])
-    return gravity + effect_torque(model, samples) if model.applied.effects else gravity
 
 
 def plot_time(samples: JointSamples) -> tuple[FloatArray, list[tuple[float, str]]]:

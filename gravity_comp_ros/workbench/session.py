@@ -14,10 +14,11 @@ import shlex
 from gravity_comp_ros.diagnosis.compare import compare, Comparison
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.words import FOUND
+from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.gravity.applied import undone
 from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.report.contents import Contents, Origin, predict_all
+from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.samples import JointSamples
 from gravity_comp_ros.workbench.jobs import (
     Add, Added, Ask, Choice, chosen, Learn, Learned, now, slow_part, WasRead)
@@ -170,7 +171,7 @@ class Session:
         previous = self.stages[-2] if len(self.stages) > 1 else None
         other = compare(previous.model, slow, samples) if previous else None
         return Contents(
-            samples, predict_all(stage.model, samples), stage.model,
+            samples, predict_torque(stage.model, samples), stage.model,
             compare(stage.model, slow, samples),
             f'{slow.n_samples} of {samples.n_samples} samples, the slow ones',
             tuple(self.read.reports[run] for run in self.choice.runs),
@@ -192,7 +193,7 @@ class Session:
                         for n in range(samples.n_joints))
         model = GravityModel(samples.names, 'per_joint', torques, None, spread, Coverage(
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
-        return Contents(samples, predict_all(model, samples), model, compare(model, samples),
+        return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
                         tuple(self.read.reports[run] for run in self.choice.runs),
                         Origin('\n'.join(self.commands()), now()))
