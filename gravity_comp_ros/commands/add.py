@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-import os
 from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.bag import ReadReport
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.diagnosis.refit import refit
 from gravity_comp_ros.diagnosis.refit_result import Refit
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.gravity.applied import undone, with_step
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.holdout import HoldoutOptions, within
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
     _check_usage(args)
     model = load_model(args.model)
     if not args.dry_run:
-        _check_writable(args.model)
+        check_model_target(args.model, [*args.bags, *json_file(args)])
     return _undo(args, model) if args.undo else _add(args, model)
 
 
@@ -73,16 +73,6 @@ def _check_usage(args: argparse.Namespace) -> None:
         args.parser.error('--undo takes back the last addition; it needs no effect and no bag')
     if not args.undo and not (args.effects and args.bags):
         args.parser.error('name an effect and at least one bag, or give --undo')
-
-
-def _check_writable(path: Path) -> None:
-    """Refuse before a long fit what could not be written after it."""
-    target = path.resolve()
-    # Replacing a file needs no right to write it, so a read-only model must be asked for.
-    if not target.stat().st_mode & 0o222 or not os.access(target, os.W_OK):
-        raise ModelFileError(f'cannot write {path}: it is read-only')
-    if not os.access(target.parent, os.W_OK):
-        raise ModelFileError(f'cannot write {path}: its folder is read-only')
 
 
 def _undo(args: argparse.Namespace, model: GravityModel) -> int:

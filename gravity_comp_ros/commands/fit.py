@@ -5,18 +5,18 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, replace
 import math
-import os
 from pathlib import Path
 import re
 import time
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.diagnosis.compare import compare, Comparison
 from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
 from gravity_comp_ros.diagnosis.refit_result import Refit
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import ModelFileError, OptionError
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.gravity.applied import with_step
 from gravity_comp_ros.gravity.fit import CHOICES, fit, FitOptions, FitResult
 from gravity_comp_ros.gravity.geometry import Geometry
@@ -69,7 +69,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    _check_output(args)
+    if args.output is not None:
+        check_model_target(args.output, [*args.bags, *json_file(args)])
     if args.urdf is not None and args.formulation not in (None, 'chain', 'auto'):
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')
@@ -130,20 +131,6 @@ def _geometry(args: argparse.Namespace, loaded: reading.Loaded) -> Geometry | No
         return None
     from gravity_comp_ros.urdf import read_urdf
     return read_urdf(args.urdf, loaded.samples.names)
-
-
-def _check_output(args: argparse.Namespace) -> None:
-    """Refuse before a long fit what could not be written after it."""
-    if args.output is None:
-        return
-    folder = args.output.resolve().parent
-    if not folder.is_dir():
-        raise ModelFileError(f'cannot write {args.output}: there is no folder {folder}')
-    if not os.access(folder, os.W_OK) or args.output.is_dir():
-        raise ModelFileError(f'cannot write {args.output}: permission denied or a folder')
-    for other in [*args.bags, *([Path(args.json)] if args.json else [])]:
-        if args.output.resolve() == other.resolve():
-            raise OptionError(f'{args.output} is named twice, as the model and as {other}')
 
 
 def _split(args: argparse.Namespace, loaded: reading.Loaded) -> Split | None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-import os
 from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
-from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.gravity.applied import undone, UPDATED, with_step
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.gravity.update import update, UpdateResult
@@ -60,24 +60,9 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     target = args.output or args.model
     if not args.dry_run:
-        _check_writable(args, target)
+        urdf = [args.urdf] if args.urdf else []
+        check_model_target(target, [*args.bags, *urdf, *json_file(args)])
     return _undo(args, model, target) if args.undo else _update(args, model, target)
-
-
-def _check_writable(args: argparse.Namespace, target: Path) -> None:
-    """Refuse before a fit what could not be written after it."""
-    for other in [*args.bags, *([args.urdf] if args.urdf else []),
-                  *([Path(args.json)] if args.json else [])]:
-        if target.resolve() == other.resolve():
-            raise OptionError(f'{target} is named twice, as the model and as {other}')
-    folder = target.resolve().parent
-    if not folder.is_dir():
-        raise ModelFileError(f'cannot write {target}: there is no folder {folder}')
-    if target.is_dir() or not os.access(folder, os.W_OK):
-        raise ModelFileError(f'cannot write {target}: permission denied or a folder')
-    # Replacing a file needs no right to write it, so a read-only model must be asked for.
-    if target.exists() and not target.stat().st_mode & 0o222:
-        raise ModelFileError(f'cannot write {target}: it is read-only')
 
 
 def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
@@ -170,8 +171,7 @@ def _nuisance(motion: Motion, model: GravityModel) -> FloatArray:
     base = _model_columns(model, samples.q)
     taken = np.zeros((m, n))
     for joint in range(n):
-        extra = np.column_stack([motion.direction(joint), samples.qd[:, joint],
-                                 motion.qdd[:, joint], np.ones(m)])
+        extra = nuisance(motion, joint)
         x = np.linalg.lstsq(np.column_stack([base[:, joint], extra]), samples.tau[:, joint],
                             rcond=1e-10)[0]
         taken[:, joint] = extra @ x[-extra.shape[1]:]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Effect, Motion, Setting
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
@@ -120,9 +121,7 @@ class _Scan:
         self.rows = np.arange(0, m, max(1, m // _SCAN_ROWS))
         self.nuisance, self.residual = [], []
         for joint in range(n):
-            known = np.column_stack([
-                base[:, joint], motion.direction(joint), motion.samples.qd[:, joint],
-                motion.qdd[:, joint], np.ones(m)])[self.rows]
+            known = np.column_stack([base[:, joint], nuisance(motion, joint)])[self.rows]
             basis, _ = np.linalg.qr(known)
             y = motion.samples.tau[self.rows, joint]
             self.nuisance.append(basis)

@@ -11,6 +11,7 @@ from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
 from gravity_comp_ros.diagnosis.verdict import Judge
 from gravity_comp_ros.effects.effect import Effect, Motion
@@ -59,8 +60,9 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     motion = base.motion
     tell('columns', 0.2)
     columns = build(motion, base.columns, _effects(options))
+    known = all_effects()
     columns.untestable = {key: reason for key, reason in columns.untestable.items()
-                          if key[0] in all_effects()}
+                          if key[0] in known}
     tell('selection', 0.5)
     selection, unknown, tests = _select(base, columns, options.selection)
     better = refined(base, selection.effect_torque()) if selection.chosen else None
@@ -135,9 +137,7 @@ def _evidence(motion: Motion, columns: Columns,
 
 def _left(columns: Columns, motion: Motion, joint: int) -> FloatArray:
     """Return what gravity, friction, offset and inertia leave of a joint's torque (M,)."""
-    samples = motion.samples
     known = np.column_stack([columns.shared[:, joint, :columns.n_base],
-                             motion.direction(joint), samples.qd[:, joint],
-                             motion.qdd[:, joint], np.ones(samples.n_samples)])
-    x = np.linalg.lstsq(known, samples.tau[:, joint], rcond=1e-10)[0]
-    return np.asarray(samples.tau[:, joint] - known @ x)
+                             nuisance(motion, joint)])
+    tau = motion.samples.tau[:, joint]
+    return np.asarray(tau - known @ np.linalg.lstsq(known, tau, rcond=1e-10)[0])

@@ -12,8 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from gravity_comp_ros.diagnosis.selection import gain, Selection
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Columns, Effect, Motion, Setting, Untestable)
 from gravity_comp_ros.gravity.design import EnergyDesign
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
@@ -50,12 +52,12 @@ class LawReport:
                 'share': self.share, 'why': self.words, 'suspects': list(self.suspects)}
 
 
-def check_laws(selection: Selection, laws: list[Any], names: tuple[str, ...]
+def check_laws(selection: Selection, laws: list[Candidate], names: tuple[str, ...]
                ) -> tuple[LawReport, ...]:
     """Return the laws that are broken, joint by joint."""
     broken = []
     for candidate in laws:
-        joint, suspects = candidate.joint, candidate.effect.confounders
+        joint, suspects = candidate.joint or 0, candidate.effect.confounders
         innocent = [c for c in selection.chosen if c.effect.name not in suspects]
         reports = []
         for chosen in (innocent, selection.chosen):
@@ -73,7 +75,7 @@ def check_laws(selection: Selection, laws: list[Any], names: tuple[str, ...]
     return tuple(broken)
 
 
-def _is_kept(evidence: Any) -> bool:
+def _is_kept(evidence: Gain) -> bool:
     return bool(evidence.p >= _ALPHA or evidence.share < _LEAST_SHARE)
 
 
@@ -128,7 +130,7 @@ def _one_run(motion: Motion, joint: int) -> str | None:
     return None if len(np.unique(motion.samples.runs)) > 1 else 'there is one run only'
 
 
-def _law(name: str, words: str, columns: Any, untestable: Any,
+def _law(name: str, words: str, columns: Columns, untestable: Untestable,
          suspects: tuple[str, ...]) -> Effect:
     return Effect(
         name=name, title=words, family=FAMILY, equation='', description=words,

@@ -90,7 +90,7 @@ class Judge:
         scale = self._scale(joint)
         return [Finding(
             self.names[joint], None, 'unexplained', best, {},
-            self._nrmse(some, joint) * scale, self._nrmse(every, joint) * scale, 0.0,
+            self._rmse(some, joint) * scale, self._rmse(every, joint) * scale, 0.0,
             self._runs_better(left), why,
             f'Look at joint {self.names[joint]} near {angle:.2f} rad: a detent, a cable that '
             f'catches, a damaged gear or bearing', left.p, {'angle': angle})]
@@ -111,7 +111,7 @@ class Judge:
         if removed < _AS_GOOD * (float(now.sum()) - unexplained):
             return None
         seen = gain(now, then, self.selection.tests(best))
-        before, after = (self._nrmse(e, joint) * self._scale(joint) for e in (now, then))
+        before, after = (self._rmse(e, joint) * self._scale(joint) for e in (now, then))
         return Finding(
             self.names[joint], best.effect.name, 'weak', (), {}, before, after,
             self._absorbed(best), self._runs_better(seen),
@@ -122,7 +122,7 @@ class Judge:
         """Return what turns an RMSE in N·m into a fraction of the torque's range."""
         return 1.0 / max(float(self.span[joint]), 1e-9)
 
-    def _nrmse(self, errors: FloatArray, joint: int) -> float:
+    def _rmse(self, errors: FloatArray, joint: int) -> float:
         """Return the RMSE in N·m of block errors."""
         total = max(float(errors.sum()), 0.0)
         return float(np.sqrt(total / self.motion.samples.n_samples)
@@ -136,7 +136,7 @@ class Judge:
                     self.selection.tests(candidate))
         earlier = [c for c in earlier if c in chosen]
         joint = self._most_affected(candidate, rest)
-        before, after = (self._nrmse(self.selection.errors(joint, c), joint)
+        before, after = (self._rmse(self.selection.errors(joint, c), joint)
                          * self._scale(joint) for c in (earlier, [*earlier, candidate]))
         rivals = tuple(c.effect.name if c.joint == candidate.joint or c.joint is None
                        else f'{c.effect.name}:{self.names[c.joint]}'
@@ -252,7 +252,7 @@ class Judge:
         words = ', '.join(f'{f.effect or "something"} ({f.verdict})' for f in here)
         return JointReport(words or 'nothing missing that this recording could show',
                            _white_noise(samples, n), samples.n_samples / time,
-                           self._nrmse(before, n), self._nrmse(after, n), untestable)
+                           self._rmse(before, n), self._rmse(after, n), untestable)
 
 
 def _white_noise(samples: JointSamples, joint: int) -> float:
