@@ -46,13 +46,29 @@ class Gram:
         places = self._places(support)
         if self.design.n_columns > _MOST:
             return self._columns[places] @ self._built(others).T
+        rows = self._rows(places)
+        return self._with_all[rows[:, None], others]
+
+    def explained(self, support: IntArray, x: FloatArray) -> FloatArray:
+        """Return the products of all columns with what a support's x (K,) make, (3^N,)."""
+        places = self._places(support)
+        if self.design.n_columns > _MOST:
+            return self.design.correlate(x @ self._columns[places]) * self.per_length
+        rows = self._rows(places)
+        return x @ self._with_all[rows]
+
+    def with_target(self, b: FloatArray) -> FloatArray:
+        """Return the products of all columns with b (R,): (3^N,)."""
+        return self.design.correlate(b) * self.per_length
+
+    def _rows(self, places: IntArray) -> IntArray:
+        """Return where the products with all columns are of those at `places`."""
         new = [place for place in places.tolist() if place not in self._row]
         if new:
             products = self.design.correlate_many(self._columns[new].T) * self.per_length
             self._row.update(zip(new, range(len(self._row), len(self._row) + len(new))))
             self._with_all = np.concatenate([self._with_all, products])
-        rows = np.array([self._row[place] for place in places.tolist()], dtype=np.int64)
-        return self._with_all[rows[:, None], others]
+        return np.array([self._row[place] for place in places.tolist()], dtype=np.int64)
 
     def _places(self, support: IntArray) -> IntArray:
         new = [k for k in support.tolist() if k not in self._place]

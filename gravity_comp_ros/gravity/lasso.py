@@ -24,6 +24,8 @@ import numpy as np
 _BATCH, _LARGE_BATCH = 10, 40
 _LARGE = 3 ** 9
 _MAX_ROUNDS = 100
+# A working set larger than this forgets what has been 0 for long.
+_MANY = 300
 # How far a path is followed with products that are not precise.
 _ROUGH = 1e-4
 # A column shorter than this, relative to the longest, is what rounding left of a structural 0.
@@ -153,19 +155,28 @@ class LassoProblem:
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
         """Add columns, leaving out what has been 0 for long if the set has grown large."""
-        keep = np.flatnonzero(self._state.z) if len(self._set) > 300 else \
-            np.arange(len(self._set))
+        if len(self._set) > _MANY:
+            self._forget(np.flatnonzero(self._state.z == 0.0))
+        k, both = len(self._set), len(self._set) + len(new)
         fresh = (self.design.columns(new) * self._inverse_lengths[new]).T
-        old = self._columns[keep]
-        cross = old @ fresh.T
-        self._gram = np.block([[self._gram[np.ix_(keep, keep)], cross],
-                               [cross.T, fresh @ fresh.T]])
-        self._columns = np.concatenate([old, fresh])
-        self._set = np.concatenate([self._set[keep], new])
-        self._state = admm.AdmmState(
-            np.concatenate([self._state.z[keep], np.zeros(len(new))]),
-            np.concatenate([self._state.y[keep], correlation / self._state.rho]),
-            self._state.rho)
+        gram = np.empty((both, both))
+        gram[:k, :k] = self._gram
+        np.matmul(self._columns, fresh.T, out=gram[:k, k:])
+        gram[k:, :k] = gram[:k, k:].T
+        np.matmul(fresh, fresh.T, out=gram[k:, k:])
+        self._gram, self._columns = gram, np.concatenate([self._columns, fresh])
+        self._set = np.concatenate([self._set, new])
+        state = self._state
+        self._state = admm.AdmmState(np.concatenate([state.z, np.zeros(len(new))]),
+                                     np.concatenate([state.y, correlation / state.rho]),
+                                     state.rho)
+
+    def _forget(self, idle: IntArray) -> None:
+        """Take columns out of the working set."""
+        self._columns, self._set = np.delete(self._columns, idle, 0), np.delete(self._set, idle)
+        self._gram = np.delete(np.delete(self._gram, idle, 0), idle, 1)
+        self._state = admm.AdmmState(np.delete(self._state.z, idle),
+                                     np.delete(self._state.y, idle), self._state.rho)
 
     def _solution(self, lam: float, inner: admm.AdmmResult, iterations: int,
                   rounds: int) -> LassoSolution:

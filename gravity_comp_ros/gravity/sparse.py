@@ -30,7 +30,7 @@ import numpy as np
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
 _ROUNDS = 20
-_PATH_STEPS = 5
+_PATH_STEPS = 3
 _LOOSE = 1e-2
 
 

@@ -165,6 +165,7 @@ class _Search:
     def __init__(self, b: FloatArray, n_joints: int, gram: Gram, support: IntArray) -> None:
         self.b, self.n_joints, self.gram = b, n_joints, gram
         self.usable = gram.per_length > 0.0
+        self.with_target = gram.with_target(b)
         self.costs = costs(n_joints, gram.design.n_rows)
         self.change_support(np.sort(support[self.usable[support]]))
 
@@ -174,16 +175,15 @@ class _Search:
         self.inverse = np.linalg.inv(self.gram.within(support))
         columns = self.gram.columns(support)
         self.x = self.inverse @ (columns @ self.b)
-        self.residual = self.b - self.x @ columns
-        self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
+        residual = self.b - self.x @ columns
+        self.score = float(residual @ residual + self.costs[self.support].sum())
         self._correlation: FloatArray | None = None
 
     @property
     def correlation(self) -> FloatArray:
         """Return the products of all columns with the residual, 0 where unusable."""
         if self._correlation is None:
-            self._correlation = (self.gram.design.correlate(self.residual)
-                                 * self.gram.per_length)
+            self._correlation = self.with_target - self.gram.explained(self.support, self.x)
         return self._correlation
 
     def step(self) -> bool:
