@@ -72,7 +72,7 @@ def test_held_out_errors_are_those_of_fits_without_the_fold():
     scale, sigma = np.array([1.0, 2.0, 0.5, 3.0]), 0.7
     joint = joint_gram(x, y, blocks, scale, sigma, np.zeros(4))
     columns = np.array([0, 2, 3])
-    fit = solve(joint, columns, 0, no_prior(0, blocks), blocks)
+    fit = solve(joint, columns, 0, no_prior(0, blocks))
     found = held_out_errors(joint, fit, blocks)
     folds, expected = sample_folds(blocks), np.zeros(len(y))
     for fold in range(blocks.n_folds):
@@ -96,8 +96,8 @@ def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():
     joints = [joint_gram(np.column_stack([shared[n], own[n]]), y[n], blocks, np.ones(4), 1.0,
                          np.zeros(4)) for n in range(2)]
     every = np.arange(4)
-    prior = shared_information(joints[1], every, 3, blocks)
-    fit = solve(joints[0], every, 3, prior, blocks)
+    prior = shared_information(joints[1], every, 3)
+    fit = solve(joints[0], every, 3, prior)
     zero = np.zeros((len(samples), 1))
     stacked = np.vstack([np.column_stack([shared[0], own[0], zero]),
                          np.column_stack([shared[1], zero, own[1]])])
@@ -115,7 +115,7 @@ def test_intervals_cover_the_truth_where_neighbours_are_alike():
         samples = JointSamples.single_run(('a',), np.arange(count) * 0.02, x, x, x)
         blocks = cut(samples, noise[:, None])
         joint = joint_gram(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
-        fit = solve(joint, np.array([0]), 0, no_prior(0, blocks), blocks)
+        fit = solve(joint, np.array([0]), 0, no_prior(0, blocks))
         spread = np.sqrt(covariance(joint, fit, 0, no_prior(0, blocks))[0, 0])
         inside += abs(fit.all_data[0] - 0.3) < 1.96 * spread
     # Taken as independent, the samples would give intervals that hold the truth in a third.

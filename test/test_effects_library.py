@@ -158,7 +158,9 @@ def test_the_order_of_the_joints_does_not_matter(name):
     order = [3, 0, 5, 1, 4, 2]
     moved = reordered(motion, order)
     for joint, settings in list(cases(effect, motion))[:2]:
-        setting, place = some(settings)[-1], order.index(joint)
+        # Coupled inertia knows which joints lie between two.
+        orderless = [setting for setting in settings if not setting.get('coupled')]
+        setting, place = some(orderless)[-1], order.index(joint)
         assert effect.untestable(moved, place) is None
         columns = effect.columns(motion, joint, setting)
         if effect.scope == 'arm':

@@ -20,6 +20,8 @@ import numpy as np
 _SETTINGS_KEPT = 3
 # What everybody expects in a joint: half of the chance of a false alarm is theirs.
 COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'inertia', 'joint_spring')
+# The family of what an arm has because it moves.
+DYNAMICS = 'dynamics'
 _SCAN_ROWS = 4000
 
 
@@ -63,6 +65,10 @@ class Columns:
     def of_joint(self, joint: int) -> FloatArray:
         """Return a joint's columns: the shared ones, then its own."""
         return np.column_stack([self.shared[:, joint], self.own[joint]])
+
+    def of_family(self, family: str) -> list[Candidate]:
+        """Return the candidates of one family of effects."""
+        return [c for c in self.candidates if c.effect.family == family]
 
     def with_base(self, base: FloatArray) -> Columns:
         """Return these columns beside another gravity, base (M, N, K)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.diagnosis import laws, unknown as unknown_torque
+from gravity_comp_ros.diagnosis import laws, other_laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
@@ -64,14 +64,15 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     columns.untestable = {key: reason for key, reason in columns.untestable.items()
                           if key[0] in known}
     tell('selection', 0.5)
-    selection, unknown, tests = _select(base, columns, options.selection)
+    selection = _select(base, columns, options.selection)
     better = refined(base, selection.effect_torque()) if selection.chosen else None
     if better is not None:
         tell('selection', 0.7)
         columns = columns.with_base(better.columns)
-        selection, unknown, tests = _select(base, columns, options.selection)
+        selection = _select(base, columns, options.selection)
     tell('verdicts', 0.8)
-    diagnosis = Judge(selection, motion, unknown, span).diagnosis()
+    diagnosis = Judge(selection, motion, span).diagnosis()
+    tests = columns.of_family(laws.FAMILY)
     diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
     tell('verdicts', 1.0)
     return diagnosis
@@ -82,16 +83,16 @@ def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
     if options.effects is not None:
         known = {name: known[name] for name in options.effects}
     return {**known, unknown_torque.NAME: unknown_torque.UNKNOWN,
-            **{law.name: law for law in laws.LAWS}}
+            **{law.name: law for law in laws.LAWS}, **other_laws.other_laws(known)}
 
 
-def _select(base: Base, columns: Columns, options: SelectionOptions
-            ) -> tuple[Selection, list[Candidate], list[Candidate]]:
-    """Return the finished selection, what stands for the unknown, and what tests laws."""
+def _select(base: Base, columns: Columns, options: SelectionOptions) -> Selection:
+    """Return the finished selection among the effects that have names."""
     motion = base.motion
-    unknown, tests, effects = _split(columns.candidates)
-    effects = [c for c in effects if c.key not in base.given]
-    blocks, grams = _evidence(motion, columns, [*unknown, *tests])
+    loose = [*columns.of_family(unknown_torque.FAMILY), *columns.of_family(laws.FAMILY)]
+    nameless = {c.key for c in (*loose, *columns.of_family(other_laws.FAMILY))}
+    effects = [c for c in columns.candidates if c.key not in base.given | nameless]
+    blocks, grams = _evidence(motion, columns, loose)
 
     def implausible(candidate: Candidate, values: FloatArray) -> str | None:
         return candidate.effect.implausible(values, candidate.setting, motion,
@@ -99,15 +100,7 @@ def _select(base: Base, columns: Columns, options: SelectionOptions
 
     selection = Selection(grams, columns, effects, blocks, implausible, options, base.given)
     selection.run()
-    return selection, unknown, tests
-
-
-def _split(candidates: list[Candidate]
-           ) -> tuple[list[Candidate], list[Candidate], list[Candidate]]:
-    """Return what stands for the unknown, what tests laws, and the effects."""
-    unknown = [c for c in candidates if c.effect.family == unknown_torque.FAMILY]
-    tests = [c for c in candidates if c.effect.family == laws.FAMILY]
-    return unknown, tests, [c for c in candidates if c not in unknown and c not in tests]
+    return selection
 
 
 def _evidence(motion: Motion, columns: Columns,

@@ -29,21 +29,30 @@ class JointGram:
     """
     One joint's products of columns, block by block, in units of its noise.
 
-    `gram` (B, P, P), `c` (B, P) and `yy` (B,) hold X.T X, X.T y and y.T y with columns divided
-    by `scale` (P,) and rows by `sigma` N·m: a coefficient is its scaled one over `scale`.
+    `gram` (P, P, B), `c` (P, B) and `yy` (B,) hold X.T X, X.T y and y.T y with columns divided
+    by `scale` (P,) and rows by `sigma` N·m: a coefficient is its scaled one over `scale`. The
+    blocks come last, so that taking some columns copies whole rows of memory. `training`
+    (F + 1, P, P) and `aims` (F + 1, P) are the sums without each fold, and over all blocks.
     `ridge` (P,) is added to the diagonal, for columns with a prior of their own.
     """
 
     gram: FloatArray
     c: FloatArray
     yy: FloatArray
+    training: FloatArray
+    aims: FloatArray
     scale: FloatArray
     sigma: float
     ridge: FloatArray
 
-    def take(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the block Grams and products of some columns."""
-        return self.gram[:, columns[:, None], columns[None, :]], self.c[:, columns]
+    def blockwise(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the products (K, K, B) and (K, B) of some columns in every block."""
+        return self.gram[columns[:, None], columns], self.c[columns]
+
+    def system(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the normal equations (F + 1, K, K) and (F + 1, K) of every training set."""
+        g = self.training[:, columns[:, None], columns] + np.diag(self.ridge[columns])
+        return g, self.aims[:, columns]
 
 
 def joint_gram(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray,
@@ -63,7 +72,9 @@ def joint_gram(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray,
         rows = slice(blocks.starts[b], blocks.starts[b + 1])
         gram[b], c[b] = x[rows].T @ x[rows], x[rows].T @ y[rows]
     ridge = prior_samples / (scale * sigma) ** 2
-    return JointGram(gram, c, blocks.sums(y ** 2), scale, sigma, ridge)
+    return JointGram(np.ascontiguousarray(np.moveaxis(gram, 0, -1)), c.T.copy(),
+                     blocks.sums(y ** 2), training_sums(gram, blocks), training_sums(c, blocks),
+                     scale, sigma, ridge)
 
 
 @dataclass(frozen=True)
@@ -93,41 +104,31 @@ def training_sums(values: FloatArray, blocks: Blocks) -> FloatArray:
     return np.stack([*left, total])
 
 
-def solve(joint: JointGram, columns: IntArray, n_shared: int, prior: Prior,
-          blocks: Blocks) -> Fit:
+def solve(joint: JointGram, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
     """Fit one joint on `columns`, of which the first `n_shared` are shared and have a prior."""
-    gram, c = joint.take(columns)
-    g, r = training_sums(gram, blocks), training_sums(c, blocks)
+    g, r = joint.system(columns)
     g[:, :n_shared, :n_shared] += prior.information
     r[:, :n_shared] += prior.vector
-    g += np.diag(joint.ridge[columns])
-    x = np.stack([_solve(a, b) for a, b in zip(g, r)])
+    x = _solve(g, r[:, :, None])[:, :, 0]
     return Fit(columns, x[-1], x[:-1])
 
 
 def held_out_errors(joint: JointGram, fit: Fit, blocks: Blocks) -> FloatArray:
     """Return each block's squared error (B,), in units of noise, fitted without its fold."""
-    gram, c = joint.take(fit.columns)
-    x = fit.without[blocks.fold]
-    return joint.yy - 2.0 * np.einsum('bp,bp->b', x, c) + np.einsum(
-        'bp,bpq,bq->b', x, gram, x, optimize=True)
+    gram, c = joint.blockwise(fit.columns)
+    x = fit.without[blocks.fold].T
+    return np.asarray(joint.yy + ((np.einsum('pqb,qb->pb', gram, x) - 2.0 * c) * x).sum(axis=0))
 
 
-def shared_information(joint: JointGram, columns: IntArray, n_shared: int,
-                       blocks: Blocks) -> Prior:
+def shared_information(joint: JointGram, columns: IntArray, n_shared: int) -> Prior:
     """Return what a joint tells about the shared columns once its own effects are solved out."""
-    gram, c = joint.take(columns)
-    g, r = training_sums(gram, blocks), training_sums(c, blocks)
-    g += np.diag(joint.ridge[columns])
+    g, r = joint.system(columns)
     s, own = slice(0, n_shared), slice(n_shared, len(columns))
     if n_shared == len(columns):
         return Prior(g[:, s, s], r[:, s])
-    information, vector = np.empty(g[:, s, s].shape), np.empty(r[:, s].shape)
-    for k in range(len(g)):
-        solved = _solve(g[k, own, own], np.column_stack([g[k, own, s], r[k, own]]))
-        information[k] = g[k, s, s] - g[k, s, own] @ solved[:, :-1]
-        vector[k] = r[k, s] - g[k, s, own] @ solved[:, -1]
-    return Prior(information, vector)
+    right = np.concatenate([g[:, own, s], r[:, own, None]], axis=2)
+    solved = g[:, s, own] @ _solve(g[:, own, own], right)
+    return Prior(g[:, s, s] - solved[:, :, :-1], r[:, s] - solved[:, :, -1])
 
 
 def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> FloatArray:
@@ -139,8 +140,8 @@ def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> Float
     and McCaffrey, Survey Methodology 28, 2002). Where columns are many and blocks few, a
     sandwich would be too narrow. The prior's information stands as it is.
     """
-    gram, c = joint.take(fit.columns)
-    bread = gram.sum(axis=0) + np.diag(joint.ridge[fit.columns])
+    gram, c = (np.moveaxis(part, -1, 0) for part in joint.blockwise(fit.columns))
+    bread = joint.system(fit.columns)[0][-1]
     bread[:n_shared, :n_shared] += prior.information[-1]
     scores = c - gram @ fit.all_data
     n_blocks = len(scores)
@@ -154,7 +155,7 @@ def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> Float
 
 def absorbed(joint: JointGram, base: IntArray, columns: IntArray) -> float:
     """Return which share of an effect's columns (mean over them) the base columns imitate."""
-    total = joint.gram.sum(axis=0)
+    total = joint.training[-1]
     own = np.diag(total)[columns]
     cross = total[np.ix_(base, columns)]
     explained = np.einsum('ij,ij->j', cross, _solve(total[np.ix_(base, base)], cross))
@@ -162,10 +163,8 @@ def absorbed(joint: JointGram, base: IntArray, columns: IntArray) -> float:
 
 
 def _solve(a: FloatArray, b: FloatArray) -> FloatArray:
-    ridge = _RIDGE * max(float(np.trace(a)) / max(len(a), 1), 1e-300)
-    damped = a + ridge * np.eye(len(a))
-    try:
-        factor = linalg.cho_factor(damped, check_finite=False)
-        return np.asarray(linalg.cho_solve(factor, b, check_finite=False))
-    except linalg.LinAlgError:
-        return np.asarray(linalg.lstsq(damped, b, check_finite=False)[0])
+    """Solve A x = b for stacks A (..., K, K) and b (..., K, C), a little towards 0."""
+    size = np.trace(a, axis1=-2, axis2=-1) / max(a.shape[-1], 1)
+    # A column may be 0 all through a training set: 1 over this is still a number.
+    ridge = _RIDGE * np.maximum(size, 1e-200)
+    return np.asarray(np.linalg.solve(a + ridge[..., None, None] * np.eye(a.shape[-1]), b))

@@ -8,6 +8,6 @@ import numpy as np
 
 
 def nuisance(motion: Motion, joint: int) -> FloatArray:
-    """Return the columns (M, 4) of dry and viscous friction, own inertia and an offset."""
-    qd, qdd = motion.samples.qd[:, joint], motion.qdd[:, joint]
-    return np.column_stack([motion.direction(joint), qd, qdd, np.ones(len(qd))])
+    """Return the columns (M, 3 + N) of dry and viscous friction, an offset and inertia."""
+    qd = motion.samples.qd[:, joint]
+    return np.column_stack([motion.direction(joint), qd, np.ones(len(qd)), motion.qdd])

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, COMMON
+from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, COMMON, DYNAMICS
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, JointGram, Prior, shared_information, solve)
 from gravity_comp_ros.errors import OptionError
@@ -33,19 +33,22 @@ class SelectionOptions:
     When an effect counts.
 
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
-    error must go for an effect to be worth a name; `most` effects are looked for in all.
+    error must go for an effect to be worth a name, `least_rare_share` for one that is not
+    expected in every joint; `most` effects are looked for in all.
 
     :raises OptionError: if a value is out of range.
     """
 
     alpha: float = 0.01
     least_share: float = 0.004
+    least_rare_share: float = 0.1
     most: int = 40
 
     def __post_init__(self) -> None:
-        if not 0.0 < self.alpha < 1.0 or not 0.0 <= self.least_share < 1.0 or self.most < 1:
-            raise OptionError('selection: alpha lies in (0, 1), least_share in [0, 1), '
-                              'most is at least 1')
+        if not 0.0 < self.alpha < 1.0 or self.most < 1:
+            raise OptionError('selection: alpha lies in (0, 1), most is at least 1')
+        if not (0.0 <= self.least_share < 1.0 and 0.0 <= self.least_rare_share < 1.0):
+            raise OptionError('selection: least_share and least_rare_share lie in [0, 1)')
 
 
 @dataclass(frozen=True)
@@ -87,9 +90,14 @@ def _gain(before: FloatArray, after: FloatArray, d: FloatArray, spread: float,
           tests: float) -> Gain:
     error = spread / np.sqrt(len(d))
     p = float(stats.t.sf(d.mean() / max(error, 1e-300), len(d) - 1))
-    share = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
-    typical = 1.0 - float(np.exp(-d.mean() / before.shape[1]))
-    return Gain(d, max(share, typical), min(1.0, p * tests))
+    return Gain(d, share(before, after), min(1.0, p * tests))
+
+
+def share(before: FloatArray, after: FloatArray) -> float:
+    """Return what goes off errors (B, J), of all or in the typical block, the larger."""
+    of_all = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
+    typical = 1.0 - float(np.exp(-log_ratio(before, after).mean() / before.shape[1]))
+    return max(of_all, typical)
 
 
 def not_worse(better: FloatArray, other: FloatArray) -> bool:
@@ -120,16 +128,21 @@ class Selection:
         self.implausible, self.options = implausible, options
         self.chosen: list[Candidate] = []
         self.refused: dict[tuple[str, int | None], str] = {}
+        # The last setting of an effect of motion has the most columns.
+        self._dynamics = list({c.key: c for c in candidates
+                               if c.effect.family == DYNAMICS}.values())
         keys = {c.key for c in candidates}
         self._common = sum(name in COMMON for name, _ in keys)
         self._rare = len(keys) - self._common
         self._priors: dict[tuple[int, bytes, bytes], Prior] = {}
         self._gains: dict[int, Gain] = {}
+        self._stale = False
 
     def run(self) -> None:
         """Choose effects until none pays; drop and swap what no longer does."""
         for _ in range(_ROUNDS):
-            while len(self.chosen) < self.options.most and self._add_best():
+            while len(self.chosen) < self.options.most and (
+                    self._add_best() or self._add_best_afresh()):
                 pass
             if not (self._remove_idle() or self._swap_better()):
                 break
@@ -174,15 +187,14 @@ class Selection:
         key = (n, shared.tobytes(), own.tobytes())
         if key not in self._priors:
             self._priors[key] = shared_information(
-                self.grams[n], np.concatenate([shared, own]), len(shared), self.blocks)
+                self.grams[n], np.concatenate([shared, own]), len(shared))
         return self._priors[key]
 
     def fit(self, joint: int, chosen: list[Candidate]) -> Fit:
         """Return the fit of one joint with these effects."""
         shared = self.shared(chosen)
         columns = np.concatenate([shared, self.own(joint, chosen)])
-        return solve(self.grams[joint], columns, len(shared), self.prior(joint, chosen),
-                     self.blocks)
+        return solve(self.grams[joint], columns, len(shared), self.prior(joint, chosen))
 
     def errors(self, joint: int | None, chosen: list[Candidate]) -> FloatArray:
         """Return held-out errors block by block, of one joint or of all: (B, J)."""
@@ -220,12 +232,21 @@ class Selection:
             alike = [c for c in paying if self._is_alike(c, best, gains)]
             taken = min(alike, key=lambda c: (c.complexity, -gains[id(c)].mean))
             reason = self.implausible(taken, self.coefficients(taken, [*self.chosen, taken]))
-            if reason is None:
+            if reason is None and self.is_more_than_motion(taken, self.chosen):
                 self._change([*self.chosen, taken])
                 return True
-            self.refused[taken.key] = reason
+            if reason is not None:
+                self.refused[taken.key] = reason
             paying.remove(taken)
         return False
+
+    def _add_best_afresh(self) -> bool:
+        """Do the same with gains that know what was added on other joints since."""
+        if not self._stale:
+            return False
+        self._gains.clear()
+        self._stale = False
+        return self._add_best()
 
     def _is_alike(self, candidate: Candidate, best: Candidate, gains: dict[int, Gain]) -> bool:
         if candidate is best:
@@ -234,6 +255,26 @@ class Selection:
             return False
         d = gains[id(best)].blocks - gains[id(candidate)].blocks
         return bool(d.mean() <= d.std(ddof=1) / np.sqrt(len(d)))
+
+    def is_more_than_motion(self, candidate: Candidate, chosen: list[Candidate]) -> bool:
+        """
+        Return whether a rare effect explains much that no inertia or Coriolis torque does.
+
+        Every arm that moves has those, named or not, and no few columns hold all of them; what a
+        rare effect explains of them is not its own. What is expected in every joint needs no
+        such proof.
+        """
+        if candidate.effect.name in COMMON or candidate.effect.family == DYNAMICS:
+            return True
+        moving = [c for c in self._dynamics
+                  if c not in chosen and (candidate.shared or c.joint == candidate.joint)]
+        joint = None if candidate.shared else candidate.joint
+        given = [*chosen, *moving]
+        before, after = self.errors(joint, given), self.errors(joint, [*given, candidate])
+        if gain(before, after, self.tests(candidate)).p >= self.options.alpha:
+            return False
+        shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
+        return max(shares) >= self.options.least_rare_share
 
     def _remove_idle(self) -> bool:
         """Drop chosen effects that the others have made needless."""
@@ -252,14 +293,15 @@ class Selection:
         """Replace a chosen effect by one that explains more, or as much more simply."""
         for candidate in list(self.chosen):
             rest = [c for c in self.chosen if c is not candidate]
-            now = self.errors(None, self.chosen)
+            scopes: dict[int | None, FloatArray] = {}
             for other in self.replacements(candidate):
-                then = self.errors(None, [*rest, other])
+                now, then = self._with_and_instead(candidate, other, rest, scopes)
                 if other.complexity < candidate.complexity:
                     pays = not_worse(now, then)
                 else:
                     pays = not not_worse(then, now)
-                if pays and self._is_physical(other, [*rest, other]):
+                if (pays and self._is_physical(other, [*rest, other])
+                        and self.is_more_than_motion(other, rest)):
                     self._change([*rest, other])
                     return True
         return False
@@ -267,15 +309,28 @@ class Selection:
     def rivals(self, candidate: Candidate) -> list[Candidate]:
         """Return effects as simple that would explain as much in a chosen one's place."""
         rest = [c for c in self.chosen if c is not candidate]
-        now = self.errors(None, self.chosen)
+        scopes: dict[int | None, FloatArray] = {}
         found: dict[tuple[str, int | None], Candidate] = {}
         for other in self.replacements(candidate):
             if other.complexity > candidate.complexity or other.key == candidate.key:
                 continue
-            then = self.errors(None, [*rest, other])
+            now, then = self._with_and_instead(candidate, other, rest, scopes)
             if not_worse(now, then) and self._is_physical(other, [*rest, other]):
                 found.setdefault(other.key, other)
         return list(found.values())
+
+    def _with_and_instead(self, candidate: Candidate, other: Candidate, rest: list[Candidate],
+                          scopes: dict[int | None, FloatArray]
+                          ) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the errors with a chosen effect and with another in its place.
+
+        On the joint of both, or on all joints if either acts on more. `scopes` keeps the first.
+        """
+        joint = None if candidate.shared or other.shared else candidate.joint
+        if joint not in scopes:
+            scopes[joint] = self.errors(joint, self.chosen)
+        return scopes[joint], self.errors(joint, [*rest, other])
 
     def replacements(self, candidate: Candidate) -> list[Candidate]:
         """Return what could stand in a chosen effect's place, on its joint or on the arm."""
@@ -320,7 +375,7 @@ class Selection:
         changed = {id(c): c for c in (*chosen, *self.chosen)}
         same = {id(c) for c in chosen} & {id(c) for c in self.chosen}
         moved = [c for key, c in changed.items() if key not in same]
-        self.chosen = chosen
+        self.chosen, self._stale = chosen, True
         if any(c.shared for c in moved):
             self._gains.clear()
             self._priors.clear()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.diagnosis import unknown as unknown_torque
+from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
 from gravity_comp_ros.diagnosis.evidence import absorbed, covariance
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
@@ -30,14 +30,13 @@ class Judge:
     """
     Turns a finished selection into a diagnosis.
 
-    :param unknown: what stands for a torque that no effect describes.
     :param span: (N,) the range of the measured torque in N·m, of which errors are a fraction.
     """
 
-    def __init__(self, selection: Selection, motion: Motion, unknown: list[Candidate],
-                 span: FloatArray) -> None:
-        self.selection, self.motion, self.unknown = selection, motion, unknown
-        self.span = span
+    def __init__(self, selection: Selection, motion: Motion, span: FloatArray) -> None:
+        self.selection, self.motion, self.span = selection, motion, span
+        self.unknown = selection.columns.of_family(unknown_torque.FAMILY)
+        self.other_laws = selection.columns.of_family(other_laws.FAMILY)
         self.names = motion.samples.names
         self.alpha = selection.options.alpha
 
@@ -45,9 +44,11 @@ class Judge:
         """Return findings, the strongest first, and reports of all joints."""
         before = {n: self.selection.errors(n, []) for n in range(len(self.names))}
         chosen = list(self.selection.chosen)
-        findings = []
-        for n in range(len(self.names)):
-            findings += self._unexplained(n)
+        findings = self._bent()
+        bent = {finding.joint for finding in findings}
+        for n, name in enumerate(self.names):
+            if name not in bent:
+                findings += self._unexplained(n)
         for place, candidate in enumerate(chosen):
             if candidate in self.selection.chosen:
                 findings.append(self._finding(candidate, chosen[:place]))
@@ -56,6 +57,28 @@ class Judge:
                in self.selection.columns.untestable.items() if joint is None}
         return Diagnosis(tuple(findings), {
             name: self._report(n, before[n], findings) for n, name in enumerate(self.names)}, arm)
+
+    def _bent(self) -> list[Finding]:
+        """Return what follows another law than its effect, which is no longer chosen then."""
+        found = [bent for c in self.other_laws
+                 if (bent := other_laws.bent(self.selection, c, len(self.other_laws)))]
+        if not found:
+            return []
+        bent = max(found, key=lambda one: one.gain.mean)
+        helped = (bent.before - bent.after).sum(axis=0)
+        joint, place = int(np.argmax(helped)), bent.candidate.joint or 0
+        was_chosen = len(bent.without) < len(self.selection.chosen)
+        self.selection.chosen = bent.without
+        self.selection.refused[bent.effect, bent.candidate.joint] = bent.words
+        before, after = (self._rmse(errors[:, joint], joint) * self._scale(joint)
+                         for errors in (bent.before, bent.after))
+        return [Finding(
+            self.names[place], None, 'unexplained', (bent.effect,) if was_chosen else (), {},
+            before, after, 0.0, self._runs_better(bent.gain),
+            f'it resembles {bent.effect}, but another law explains {bent.gain.share:.1%} more of '
+            f'the held-out error: {bent.words}',
+            bent.candidate.effect.experiment.replace('{joint}', self.names[place]),
+            bent.gain.p)]
 
     def _unexplained(self, joint: int) -> list[Finding]:
         """Return a finding where bumps explain what effects do not; drop effects that pose."""

@@ -2,17 +2,84 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausible import not_negative, within_torque
+from gravity_comp_ros.effects.runs import recorded_time
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 _LEAST_ACCELERATION = 1e-3
 _LEAST_SPEED_SQUARED = 1e-3
+# So much motion tells one coupling, s.
+_SECONDS_EACH = 10.0
+# Joints as far apart as this couple by way of the angles between them.
+_NEAR = 2
+_INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor included')
 
 
 def _inertia(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.qdd[:, [joint]]
+    """Return the joint's own acceleration, and after it what `_couplings` names."""
+    parts = [motion.qdd[:, joint]]
+    for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
+        column = motion.qdd[:, other]
+        for place, wave in turned:
+            column = column * wave(motion.samples.q[:, place])
+        parts.append(column)
+    return np.stack(parts, axis=1)
+
+
+def _couplings(n_joints: int, joint: int,
+               setting: Setting) -> list[tuple[int, tuple[tuple[int, np.ufunc], ...]]]:
+    """
+    Return what else a row of the mass matrix has: (joint that accelerates, factors of angles).
+
+    Two joints couple by way of the angles between them, and a joint's own inertia hangs on the
+    next angle. Joints farther apart than two are given one mean value: what their many angles
+    do would take more numbers than a recording tells.
+    """
+    reach = setting.get('coupled', 0.0)
+    if not reach:
+        return []
+    found: list[tuple[int, tuple[tuple[int, np.ufunc], ...]]] = []
+    for other in range(n_joints):
+        near, far = min(joint, other), max(joint, other)
+        between = range(near + 1, far + 1) if other != joint else range(joint + 1, joint + 2)
+        angles = [k for k in between if k < n_joints]
+        if reach < 2.0 or far - near > _NEAR:
+            angles = []
+        for waves in product((None, np.sin, np.cos), repeat=len(angles)):
+            turned = tuple((k, wave) for k, wave in zip(angles, waves) if wave is not None)
+            if turned or other != joint:
+                found.append((other, turned))
+    return found
+
+
+def _inertia_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
+    """Return a joint's own inertia, a row of the mass matrix, and one that turns with poses."""
+    n, seconds = motion.qdd.shape[1], recorded_time(motion.samples)
+    settings: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
+    counts = [1 + len(_couplings(n, joint, setting)) for setting in settings]
+    return [setting for setting, count, fewer in zip(settings, counts, [0, *counts])
+            if count == 1 or (count > fewer and seconds >= _SECONDS_EACH * count)]
+
+
+def _inertia_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
+    symbols = [_INERTIA]
+    for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
+        factors = ''.join(f' {"s" if wave is np.sin else "c"}{k + 1}' for k, wave in turned)
+        symbols.append(Coefficient(
+            f'm_{other + 1}{f"[{factors.strip()}]" if factors else ""}', 'kg·m^2',
+            f'torque per acceleration of joint number {other + 1}'
+            f'{f", times {factors.strip()}" if factors else ""}'))
+    return tuple(symbols)
+
+
+def _inertia_implausible(values: FloatArray, setting: Setting, motion: Motion,
+                         joint: int) -> str | None:
+    """Judge the joint's own inertia; a coupling has either sign."""
+    return _RESISTS(values[:1], {}, motion, joint)
 
 
 def _inertia_untestable(motion: Motion, joint: int) -> str | None:
@@ -63,16 +130,20 @@ def _coriolis_untestable(motion: Motion, joint: int) -> str | None:
     return None
 
 
+_RESISTS = not_negative(_inertia, 'a mass resists acceleration')
+
 EFFECTS = (
     Effect(
         name='inertia',
         title='Inertia',
         family='dynamics',
-        equation='tau_n = J qdd_n',
-        description='The torque that accelerates the arm and the rotor behind its gear; one '
-                    'mean value over the poses of the recording.',
-        coefficients=(Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor '
-                                                 'included'),),
+        equation='tau_n = J qdd_n; or, coupled, J qdd_n + sum_j m_j qdd_j, m_j constant or a '
+                 'sum over the sines and cosines of the angles between joints n and j',
+        description='The torque that accelerates the arm and the rotor behind its gear; where '
+                    'the motion shows it, also the part of the other joints, and how it changes '
+                    'with the pose.',
+        coefficients=(_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint '
+                                                             'j, and per factor of angles')),
         columns=_inertia,
         confounders=('joint_spring', 'coriolis'),
         experiment='move joint {joint} to and fro over the same short way at two speeds; '
@@ -80,7 +151,11 @@ EFFECTS = (
         signature='acceleration',
         source='Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6',
         untestable=_inertia_untestable,
-        implausible=not_negative(_inertia, 'a mass resists acceleration')),
+        settings=_inertia_settings,
+        symbols=_inertia_symbols,
+        implausible=_inertia_implausible,
+        setting_units={'coupled': ''},
+        taken=('coupled',)),
     Effect(
         name='coriolis',
         title='Centrifugal and Coriolis torque',

@@ -102,6 +102,14 @@ def always_plausible(values: FloatArray, setting: Setting, motion: Motion,
 
 
 @dataclass(frozen=True)
+class OtherLaw:
+    """Columns of the same shape as an effect's, and what it means if they explain more."""
+
+    columns: Columns
+    words: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """
     A physical effect, with all that the tool says about it.
@@ -116,7 +124,8 @@ class Effect:
     `signature` names the plot in which it shows (x axis). `taken` names the settings that are
     not scanned but taken from the motion as it is, such as the middle of a range, so that the
     columns mean the same on other motions. `mends` names effects one of which must be there on
-    the joint before this one, which corrects it, is looked for.
+    the joint before this one, which corrects it, is looked for. `otherwise` is another law by
+    which the same cause could act, where no effect has it: what follows that is not this effect.
 
     :raises OptionError: if the scope is unknown or there is no coefficient.
     """
@@ -142,6 +151,7 @@ class Effect:
     mends: tuple[str, ...] = ()
     refine: Refinement = no_refinement
     symbols: Symbols | None = None
+    otherwise: OtherLaw | None = None
 
     def __post_init__(self) -> None:
         if self.scope not in ('joint', 'arm'):

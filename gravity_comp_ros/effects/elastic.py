@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.effects import motion_facts as facts
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, OtherLaw, Setting
 from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
@@ -16,6 +16,8 @@ _CRANK_TRAVEL = 1.5
 _CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
+# Part of its largest load below which a gear with play may lie on either flank.
+_NO_LOAD = 0.05
 _STIFFNESS = Coefficient('k', 'N·m/rad', 'stiffness')
 _PULLS = 'it would push the joint away instead of holding it back'
 
@@ -137,6 +139,13 @@ def _flexibility(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     return -(motion.gradient[:, :, joint] * motion.gravity[:, [joint]])[:, :, None]
 
 
+def _play(motion: Motion, joint: int, setting: Setting) -> FloatArray:
+    """Return the same for a gear that lies on either flank, however small its load."""
+    load = motion.gravity[:, [joint]]
+    flank = load / np.hypot(load, _NO_LOAD * float(np.abs(load).max(initial=0.0)) + 1e-12)
+    return -(motion.gradient[:, :, joint] * flank)[:, :, None]
+
+
 def _flexibility_untestable(motion: Motion, joint: int) -> str | None:
     if float(np.abs(_flexibility(motion, joint, {})).max(initial=0.0)) < 1e-6:
         return 'this joint carries no gravity that could bend it'
@@ -226,6 +235,9 @@ EFFECTS = (
         source='M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of '
                'Dynamic Systems, Measurement and Control 109, 1987',
         scope='arm',
+        otherwise=OtherLaw(_play, 'the joint turns one way or the other with the sign of its '
+                           'load, less in proportion to it: play, or a gear that gives way at '
+                           'once'),
         untestable=_flexibility_untestable,
         implausible=all_of(
             not_negative(_flexibility, 'the link would rise under its load'),

@@ -19,6 +19,11 @@ def longest_run(samples: JointSamples) -> float:
     return float(run_time(samples).max(initial=0.0))
 
 
+def recorded_time(samples: JointSamples) -> float:
+    """Return how long all runs take together, s."""
+    return float(sum(samples.t[run][-1] - samples.t[run][0] for run in run_slices(samples)))
+
+
 def run_slices(samples: JointSamples) -> list[slice]:
     """Return where each run that has samples lies."""
     edges = np.flatnonzero(np.diff(samples.runs)) + 1
