@@ -84,6 +84,20 @@ def test_held_out_errors_are_those_of_fits_without_the_fold():
     np.testing.assert_allclose(fit.all_data / scale[columns], beta, rtol=1e-6)
 
 
+def test_a_column_that_a_training_set_has_not_seen_gives_numbers():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    rng = np.random.default_rng(3)
+    x = rng.normal(size=(len(samples), 2))
+    x[sample_folds(blocks) != 1, 1] = 0.0
+    joint = joint_gram(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
+    assert joint.training[1, 1, 1] == 0.0
+    fit = solve(joint, np.arange(2), 0, no_prior(0, blocks))
+    np.testing.assert_allclose(fit.without[:, 0], 1.0, atol=1e-6)
+    assert np.isfinite(held_out_errors(joint, fit, blocks)).all()
+    assert np.isfinite(shared_information(joint, np.arange(2), 1).information).all()
+
+
 def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():
     samples = recording()
     blocks = cut(samples, samples.tau)

@@ -57,6 +57,11 @@ def test_column_by_hand(motion, name, setting, column):
 @pytest.mark.parametrize('name, setting, columns', [
     ('torque_ripple', {'k': 3.0}, [np.sin(3 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
     ('coriolis', {}, [QD[:, 0] * QD[:, 1], QD[:, 1] ** 2]),
+    ('inertia', {'coupled': 1.0}, [QDD[:, 0], QDD[:, 1]]),
+    # The angle of joint b turns the inertia about joint a and what couples the two.
+    ('inertia', {'coupled': 2.0}, [
+        QDD[:, 0], QDD[:, 0] * np.sin(Q[:, 1]), QDD[:, 0] * np.cos(Q[:, 1]),
+        QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
     found = find_effect(name).columns(motion, 0, setting)
@@ -71,8 +76,23 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     np.testing.assert_allclose(offset[:, :, 0], turned)
     slipped = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
     np.testing.assert_allclose(slipped[:, :, 0], turned * [[0], [1], [1], [1], [1], [1]])
-    sag = find_effect('joint_flexibility').columns(motion, 1, {})
-    np.testing.assert_allclose(sag[:, :, 0], -turned * G[:, [1]])
+    soft = find_effect('joint_flexibility')
+    np.testing.assert_allclose(soft.columns(motion, 1, {})[:, :, 0], -turned * G[:, [1]])
+    play = soft.otherwise.columns(motion, 1, {})[:, :, 0]
+    flank = G[:, [1]] / np.sqrt(G[:, [1]] ** 2 + (0.05 * 3.0) ** 2)
+    np.testing.assert_allclose(play, -turned * flank, rtol=1e-9)
+
+
+def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
+    inertia = find_effect('inertia')
+    for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, 'J m_1[s2] m_1[c2] m_2 m_2[s2] '
+                                                              'm_2[c2]')):
+        found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
+        assert [c.symbol for c in found] == symbols.split()
+    # 4 s of motion tell one number.
+    assert inertia.settings(motion, 0) == [{'coupled': 0.0}]
+    assert inertia.implausible(np.array([-1.0, 2.0]), {'coupled': 1.0}, motion, 0)
+    assert inertia.implausible(np.array([1.0, -2.0]), {'coupled': 1.0}, motion, 0) is None
 
 
 def test_presliding_column_by_hand(motion):

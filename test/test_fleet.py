@@ -6,6 +6,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 from gravity_comp_ros import cli
@@ -201,6 +202,40 @@ def test_a_dask_worker_killed_in_mid_run(tmp_path, cluster):
     seen = {int(line) for line in Path(log).read_text().split()}
     assert len(found) == 20 and workers[0].pid in seen
     assert sum(pid == workers[1].pid for pid in found.values()) >= 15
+
+
+def kill_who_fits(address: str, workers: list, killed: list) -> None:
+    """Kill the first worker that is seen in the middle of a fit."""
+    import distributed
+    end = time.monotonic() + DEADLINE
+    with distributed.Client(address, timeout=DEADLINE, set_as_default=False) as client:
+        while not killed and time.monotonic() < end:
+            for worker, stacks in client.call_stack().items():
+                if 'fit_robot' in repr(stacks):
+                    name = client.scheduler_info()['workers'][worker]['name']
+                    killed.append(workers[int(str(name)[-1])])
+                    killed[0].send_signal(signal.SIGKILL)
+                    return
+
+
+def test_a_dask_worker_killed_in_the_middle_of_a_fit(tmp_path, cluster):
+    address, workers = cluster
+    for robot in range(4):
+        (tmp_path / 'fleet' / f'r{robot}').mkdir(parents=True)
+        q = poses(400, 6, seed=robot)
+        tau = gravity_torque(serial_arm(6, seed=robot), q)
+        write_bag(tmp_path / 'fleet' / f'r{robot}' / 'run.mcap',
+                  [joint_states(samples_of(q, tau, 0.05))])
+    killed: list[subprocess.Popen] = []
+    killer = threading.Thread(target=kill_who_fits, args=(address, workers, killed))
+    killer.start()
+    outcome = FleetRun(find_robots(tmp_path / 'fleet'), tmp_path / 'dask',
+                       Engine(scheduler=address)).fit()
+    killer.join()
+    assert killed and killed[0].wait(timeout=DEADLINE) == -signal.SIGKILL
+    assert len(outcome.robots) == 4 and not outcome.failed_robots
+    run(tmp_path / 'fleet', tmp_path / 'one')
+    assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
 
 
 def test_no_scheduler_is_one_line(fleet, tmp_path, monkeypatch):
