@@ -51,6 +51,15 @@ def test_the_same_stretch_of_two_runs_is_in_different_folds():
     assert (first != second).all()
 
 
+def test_places_are_runs_or_stretches_of_few_runs():
+    one, two, six = (cut(recording((n_rows,) * n_runs), np.zeros((n_rows * n_runs, 2)))
+                     for n_rows, n_runs in ((3000, 1), (1500, 2), (500, 6)))
+    assert (np.diff(one.places) >= 0).all() and one.places.max() == 4
+    assert two.places.max() == 5
+    assert [set(two.places[two.run == run]) for run in (0, 1)] == [{0, 1, 2}, {3, 4, 5}]
+    np.testing.assert_array_equal(six.places, six.run)
+
+
 def test_longer_memory_makes_longer_blocks():
     samples = recording((4000,), n_joints=1)
     slow = np.convolve(samples.tau[:, 0], np.ones(40), mode='same')[:, None]
@@ -130,7 +139,8 @@ def test_intervals_cover_the_truth_where_neighbours_are_alike():
         blocks = cut(samples, noise[:, None])
         joint = joint_gram(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
         fit = solve(joint, np.array([0]), 0, no_prior(0, blocks))
-        spread = np.sqrt(covariance(joint, fit, 0, no_prior(0, blocks))[0, 0])
+        spread = np.sqrt(covariance(
+            joint, fit, 0, no_prior(0, blocks), np.arange(blocks.count))[0, 0])
         inside += abs(fit.all_data[0] - 0.3) < 1.96 * spread
     # Taken as independent, the samples would give intervals that hold the truth in a third.
     assert 0.8 * trials <= inside

@@ -17,6 +17,8 @@ import numpy as np
 _CORRELATION_TIMES = 10.0
 N_FOLDS = 5
 _FEWEST = 15
+# Places of motion that an interval is drawn from.
+_FEWEST_PLACES = 5
 _MOST = 120
 
 
@@ -40,6 +42,23 @@ class Blocks:
     @property
     def n_folds(self) -> int:
         return int(self.fold.max()) + 1
+
+    @property
+    def places(self) -> IntArray:
+        """
+        Return the run of each block (B,), or the stretch of it if runs are few, from 0.
+
+        Another run is another motion: what a model lacks pulls a coefficient this way in one and
+        that way in another, and may do so alike in all blocks of a run.
+        """
+        runs = np.unique(self.run, return_inverse=True)[1]
+        n_runs = int(runs.max()) + 1
+        parts = -(-_FEWEST_PLACES // n_runs)
+        place = np.empty(self.count, dtype=np.int64)
+        for run in range(n_runs):
+            here = np.flatnonzero(runs == run)
+            place[here] = run * parts + np.arange(len(here)) * parts // len(here)
+        return np.unique(place, return_inverse=True)[1].astype(np.int64)
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sum of `values` (M, ...) over each block."""

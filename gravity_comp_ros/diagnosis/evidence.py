@@ -131,16 +131,20 @@ def shared_information(joint: JointGram, columns: IntArray, n_shared: int) -> Pr
     return Prior(g[:, s, s] - solved[:, :, :-1], r[:, s] - solved[:, :, -1])
 
 
-def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> FloatArray:
+def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior,
+               groups: IntArray) -> FloatArray:
     """
-    Return how sure a fit's coefficients are, robust to correlation within blocks: (P, P).
+    Return how sure a fit's coefficients are, robust to correlation within groups: (P, P).
 
-    The jackknife over blocks: without block b the coefficients move by
+    The jackknife over groups of blocks: without group b the coefficients move by
     -(A - G_b)^-1 (c_b - G_b x), and the spread of the moves is that of the coefficients (Bell
-    and McCaffrey, Survey Methodology 28, 2002). Where columns are many and blocks few, a
+    and McCaffrey, Survey Methodology 28, 2002). Where columns are many and groups few, a
     sandwich would be too narrow. The prior's information stands as it is.
+
+    :param groups: (B,) the group of each block, numbered from 0 without gaps.
     """
-    gram, c = (np.moveaxis(part, -1, 0) for part in joint.blockwise(fit.columns))
+    gram, c = (_summed(np.moveaxis(part, -1, 0), groups)
+               for part in joint.blockwise(fit.columns))
     bread = joint.system(fit.columns)[0][-1]
     bread[:n_shared, :n_shared] += prior.information[-1]
     scores = c - gram @ fit.all_data
@@ -151,6 +155,13 @@ def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior) -> Float
     inverse = linalg.pinvh(bread)[:, :n_shared]
     others = inverse @ prior.information[-1] @ inverse.T
     return np.asarray(moves.T @ moves * (n_blocks - 1) / n_blocks + others)
+
+
+def _summed(values: FloatArray, groups: IntArray) -> FloatArray:
+    """Return the sums over blocks (B, ...) of each group."""
+    sums = np.zeros((int(groups.max()) + 1, *values.shape[1:]))
+    np.add.at(sums, groups, values)
+    return sums
 
 
 def absorbed(joint: JointGram, base: IntArray, columns: IntArray) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
-from gravity_comp_ros.diagnosis.evidence import absorbed, covariance
+from gravity_comp_ros.diagnosis.evidence import absorbed, covariance, Fit
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.diagnosis.selection import Gain, gain, gain_in_places, Selection
 from gravity_comp_ros.effects.effect import Motion
@@ -213,19 +213,27 @@ class Judge:
     def _estimates(self, candidate: Candidate) -> dict[str, Estimate]:
         joint, chosen = candidate.joint or 0, self.selection.chosen
         gram, fit = self.selection.grams[joint], self.selection.fit(joint, chosen)
-        n_shared = len(self.selection.shared(chosen))
-        spread = covariance(gram, fit, n_shared, self.selection.prior(joint, chosen))
         here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
         scale = gram.scale[fit.columns[here]]
         values = fit.all_data[here] / scale
-        wide = stats.t.ppf(0.975, max(self.selection.blocks.count - 1, 2))
-        half = wide * np.sqrt(np.maximum(np.diag(spread)[here], 0.0)) / scale
+        half = self._half_widths(joint, fit)[here] / scale
         symbols = candidate.effect.coefficients_of(self.motion, joint, candidate.setting)
         names = [symbols[k].symbol if k < len(symbols) else f'{symbols[-1].symbol}_{k}'
                  for k in range(len(values))]
         return {name: Estimate(float(v), symbols[min(k, len(symbols) - 1)].unit,
                                (float(v - h), float(v + h)))
                 for k, (name, v, h) in enumerate(zip(names, values, half))}
+
+    def _half_widths(self, joint: int, fit: Fit) -> FloatArray:
+        """Return half of the 95 % intervals (P,): of blocks or of places, the wider."""
+        blocks, chosen = self.selection.blocks, self.selection.chosen
+        n_shared, prior = len(self.selection.shared(chosen)), self.selection.prior(joint, chosen)
+        widths = []
+        for groups in (np.arange(blocks.count), blocks.places):
+            spread = covariance(self.selection.grams[joint], fit, n_shared, prior, groups)
+            wide = stats.t.ppf(0.975, max(int(groups.max()), 2))
+            widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)))
+        return np.max(widths, axis=0)
 
     def _absorbed(self, candidate: Candidate) -> float:
         base = np.arange(self.selection.columns.n_base)
