@@ -85,8 +85,8 @@ def test_columns_of_the_whole_arm_by_hand(motion):
 
 def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
     inertia = find_effect('inertia')
-    for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, 'J m_1[s2] m_1[c2] m_2 m_2[s2] '
-                                                              'm_2[c2]')):
+    turned = 'J m_1[s2] m_1[c2] m_2 m_2[s2] m_2[c2]'
+    for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, turned)):
         found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
         assert [c.symbol for c in found] == symbols.split()
     # 4 s of motion tell one number.

@@ -172,6 +172,32 @@ def test_rounding_makes_no_step_pay_for_ever(samples):
     assert np.isfinite(average.x).all() and np.isfinite(average.covariance).all()
 
 
+def test_features_that_leave_one_by_one_leave_the_inverse_right():
+    rng = np.random.default_rng(5)
+    q, b = rng.uniform(-3, 3, (200, 4)), rng.normal(size=200)
+    gram = support.gram_of(TorqueDesign(q, np.ones((200, 1))), np.ones(81, dtype=bool))
+    search = support._Search(b, 4, gram, np.arange(60))
+    for _ in range(45):
+        search.change_support(np.delete(search.support, rng.integers(len(search.support))))
+        exact = np.linalg.inv(gram.within(search.support))
+        np.testing.assert_allclose(search.inverse, exact, atol=1e-9 * np.abs(exact).max())
+        x = np.linalg.lstsq(gram.columns(search.support).T, b, rcond=None)[0]
+        np.testing.assert_allclose(search.x, x, atol=1e-9)
+
+
+def test_of_many_features_none_that_pays_is_overlooked():
+    rng = np.random.default_rng(6)
+    q = rng.uniform(-3, 3, (400, 10))
+    true = rng.choice(3 ** 10, 12, replace=False)
+    b = dictionary.columns(q, true) @ rng.choice([-9.0, 7.0], 12) + rng.normal(size=400)
+    design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
+    found = support.settle(design, b, np.zeros(0, dtype=np.int64), 10, usable)
+    assert set(true) <= set(found.indices.tolist())
+    left = b - design.columns(found.indices) @ found.x
+    promise = design.correlate(left) ** 2 / design.squared_norms() - support.costs(10, 400)
+    assert np.delete(promise, found.indices).max() < 0.0
+
+
 def test_of_dependent_columns_the_simple_ones_stay():
     # Joint 2 stands still at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
     rng = np.random.default_rng(2)

@@ -25,11 +25,12 @@ class Gram:
 
     def __init__(self, design: Design, per_length: FloatArray) -> None:
         self.design, self.per_length = design, per_length
+        self.is_large = design.n_columns > _MOST
         self._place: dict[int, int] = {}
         self._row: dict[int, int] = {}
         self._columns = np.zeros((0, design.n_rows))
         self._within = np.zeros((0, 0))
-        self._with_all = np.zeros((0, design.n_columns if design.n_columns <= _MOST else 0))
+        self._with_all = np.zeros((0, 0 if self.is_large else design.n_columns))
 
     def columns(self, support: IntArray) -> FloatArray:
         """Return the columns of a support, transposed, shape (K, R)."""
@@ -44,15 +45,15 @@ class Gram:
     def between(self, support: IntArray, others: IntArray) -> FloatArray:
         """Return the products of the columns of a support with others, shape (K, K')."""
         places = self._places(support)
-        if self.design.n_columns > _MOST:
-            return self._columns[places] @ self._built(others).T
+        if self.is_large:
+            return self._columns[places] @ self.built(others).T
         rows = self._rows(places)
         return self._with_all[rows[:, None], others]
 
     def explained(self, support: IntArray, x: FloatArray) -> FloatArray:
         """Return the products of all columns with what a support's x (K,) make, (3^N,)."""
         places = self._places(support)
-        if self.design.n_columns > _MOST:
+        if self.is_large:
             return self.design.correlate(x @ self._columns[places]) * self.per_length
         rows = self._rows(places)
         return x @ self._with_all[rows]
@@ -73,12 +74,13 @@ class Gram:
     def _places(self, support: IntArray) -> IntArray:
         new = [k for k in support.tolist() if k not in self._place]
         if new:
-            fresh = self._built(np.array(new))
+            fresh = self.built(np.array(new))
             cross = self._columns @ fresh.T
             self._within = np.block([[self._within, cross], [cross.T, fresh @ fresh.T]])
             self._columns = np.concatenate([self._columns, fresh])
             self._place.update(zip(new, range(len(self._place), len(self._columns))))
         return np.array([self._place[k] for k in support.tolist()], dtype=np.int64)
 
-    def _built(self, indices: IntArray) -> FloatArray:
+    def built(self, indices: IntArray) -> FloatArray:
+        """Return columns of unit length, transposed, shape (K, R)."""
         return (self.design.columns(indices) * self.per_length[indices]).T

@@ -32,11 +32,15 @@ _MAX_STEPS = 400
 _PAYS = 1e-6
 # How many features are looked at for an addition.
 _CANDIDATES = 30
+# Where a look at all features is dear, so many promising ones are looked at first.
+_POOL = 300
 # Models whose score is within this of the best (a posterior ratio of 1 to 50) are averaged.
 _TIE = 8.0
 # A column of which less than this share (of its squared length) lies outside the span of the
 # support adds nothing: what is left of it is rounding.
 _DEPENDENT = 1e-8
+# So many features leave one after another before the inverse is computed anew.
+_DOWNDATES = 20
 
 # What a step changes in the score, and the support that it leads to.
 Move = tuple[float, IntArray]
@@ -167,17 +171,38 @@ class _Search:
         self.usable = gram.per_length > 0.0
         self.with_target = gram.with_target(b)
         self.costs = costs(n_joints, gram.design.n_rows)
+        self.support = np.zeros(0, dtype=np.int64)
+        self.inverse: FloatArray = np.zeros((0, 0))
+        self._downdates = 0
+        self._pool = np.zeros(0, dtype=np.int64)
         self.change_support(np.sort(support[self.usable[support]]))
 
     def change_support(self, support: IntArray) -> None:
         """Take a support, leaving out what its other features already span."""
-        self.support = support = self._independent(support)
-        self.inverse = np.linalg.inv(self.gram.within(support))
+        gone = self._one_gone(support)
+        if gone is None:
+            support = self._independent(support)
+            self.inverse = np.asarray(np.linalg.inv(self.gram.within(support)), np.float64)
+            self._downdates = 0
+        else:
+            # What is left of independent columns is independent, and so of their inverse.
+            rest, row = np.delete(np.arange(len(self.support)), gone), self.inverse[gone]
+            downdate = np.outer(row[rest], row[rest] / row[gone])
+            self.inverse = np.asarray(self.inverse[rest[:, None], rest] - downdate)
+            self._downdates += 1
+        self.support = support
         columns = self.gram.columns(support)
         self.x = self.inverse @ (columns @ self.b)
-        residual = self.b - self.x @ columns
-        self.score = float(residual @ residual + self.costs[self.support].sum())
+        self.residual = self.b - self.x @ columns
+        self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
         self._correlation: FloatArray | None = None
+
+    def _one_gone(self, support: IntArray) -> int | None:
+        """Return the place of the one feature that a smaller support lacks, else None."""
+        if len(support) + 1 != len(self.support) or self._downdates == _DOWNDATES:
+            return None
+        here = np.isin(self.support, support, assume_unique=True)
+        return int(np.argmin(here)) if here.sum() == len(support) else None
 
     @property
     def correlation(self) -> FloatArray:
@@ -214,15 +239,27 @@ class _Search:
 
     def additions(self) -> list[Move]:
         """Return the best addition among the most promising features."""
-        correlation = self.correlation
-        promise = np.where(self.usable, correlation ** 2 - self.costs, -np.inf)
+        moves = self._best_of(self._pool, self.gram.built(self._pool) @ self.residual)
+        if moves and moves[0][0] < -_PAYS:
+            return moves
+        promise = np.where(self.usable, self.correlation ** 2 - self.costs, -np.inf)
+        if self.gram.is_large:
+            self._pool = _largest(promise, _POOL)
         promise[self.support] = -np.inf
         candidates = _largest(promise, _CANDIDATES)
-        if not candidates.size:
+        return self._best_of(candidates, self.correlation[candidates])
+
+    def _best_of(self, features: IntArray, correlation: FloatArray) -> list[Move]:
+        """Return the best addition of a few features, given their products with the residual."""
+        free = np.flatnonzero(~np.isin(features, self.support))
+        promise = correlation[free] ** 2 - self.costs[features[free]]
+        free = free[_largest(promise, _CANDIDATES)]
+        if not free.size:
             return []
+        candidates, correlation = features[free], correlation[free]
         cross = self.gram.between(self.support, candidates)
         outside = 1.0 - np.einsum('ij,ij->j', cross, self.inverse @ cross)
-        change = self.costs[candidates] - _gains(correlation[candidates], outside)
+        change = self.costs[candidates] - _gains(correlation, outside)
         best = int(np.argmin(change))
         return [(float(change[best]), np.append(self.support, candidates[best]))]
 
