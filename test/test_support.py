@@ -189,7 +189,7 @@ def test_of_many_features_none_that_pays_is_overlooked():
     rng = np.random.default_rng(6)
     q = rng.uniform(-3, 3, (400, 10))
     true = rng.choice(3 ** 10, 12, replace=False)
-    b = dictionary.columns(q, true) @ rng.choice([-9.0, 7.0], 12) + rng.normal(size=400)
+    b = dictionary.columns(q, true) @ rng.choice([-15.0, 12.0], 12) + rng.normal(size=400)
     design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
     found = support.settle(design, b, np.zeros(0, dtype=np.int64), 10, usable)
     assert set(true) <= set(found.indices.tolist())
