@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from bench.campaign.score import score
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.words import FOUND
 from gravity_comp_ros.simulation.case_list import case
 from gravity_comp_ros.simulation.cases import recordings
 import pytest
@@ -17,6 +18,10 @@ def judged(arm, name, seed, **changes):
     entry = replace(case(arm, name), **{'duration': DURATION, **changes})
     samples = recordings(entry, seed, RATE)
     diagnosis = diagnose(samples)
+    for found in diagnosis.findings:
+        if found.verdict in FOUND:
+            assert any(low * high > 0.0 for low, high in (
+                e.ci95 for e in found.coefficients.values())), found.to_json()
     return diagnosis, score(entry, diagnosis.to_json(), samples.names)
 
 
@@ -49,6 +54,13 @@ def test_friction_and_offset_look_alike_in_one_way_motion():
 def test_a_detent_is_said_to_be_unknown():
     diagnosis, result = judged('iiwa7', 'detent', 1, runs=8)
     assert result.right, [f.to_json() for f in diagnosis.findings]
+
+
+@pytest.mark.parametrize('arm, seed', [('iiwa7', 0), ('iiwa7', 3), ('six_axis', 0)])
+def test_play_in_a_gear_is_not_a_soft_gear(arm, seed):
+    diagnosis, result = judged(arm, 'backlash', seed)
+    assert result.right, [f.to_json() for f in diagnosis.findings]
+    assert any('play' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
 
 
 def test_an_effect_may_be_looked_for_alone():

@@ -2,7 +2,8 @@
 
 from gravity_comp_ros.diagnosis.blocks import cut
 from gravity_comp_ros.diagnosis.evidence import (
-    absorbed, covariance, held_out_errors, joint_gram, Prior, shared_information, solve)
+    absorbed, covariance, held_out_errors, joint_gram, largest_part, Prior, shared_information,
+    solve)
 from gravity_comp_ros.diagnosis.selection import gain, not_worse, SelectionOptions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
@@ -105,6 +106,15 @@ def test_a_column_that_a_training_set_has_not_seen_gives_numbers():
     np.testing.assert_allclose(fit.without[:, 0], 1.0, atol=1e-6)
     assert np.isfinite(held_out_errors(joint, fit, blocks)).all()
     assert np.isfinite(shared_information(joint, np.arange(2), 1).information).all()
+
+
+def test_the_largest_part_of_a_column_is_that_of_its_fullest_group():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    x = np.ones((len(samples), 2))
+    x[np.repeat(blocks.run, np.diff(blocks.starts)) == 0, 1] = 0.0
+    joint = joint_gram(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
+    np.testing.assert_allclose(largest_part(joint, np.arange(2), blocks.run), [1000 / 1600, 1.0])
 
 
 def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():

@@ -157,6 +157,12 @@ def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior,
     return np.asarray(moves.T @ moves * (n_blocks - 1) / n_blocks + others)
 
 
+def largest_part(joint: JointGram, columns: IntArray, groups: IntArray) -> FloatArray:
+    """Return the share of each column's square (P,) that the group with most of it has."""
+    squares = _summed(joint.gram[columns, columns].T, groups)
+    return np.asarray(squares.max(axis=0) / np.maximum(squares.sum(axis=0), 1e-300))
+
+
 def _summed(values: FloatArray, groups: IntArray) -> FloatArray:
     """Return the sums over blocks (B, ...) of each group."""
     sums = np.zeros((int(groups.max()) + 1, *values.shape[1:]))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
-from gravity_comp_ros.diagnosis.evidence import absorbed, covariance, Fit
+from gravity_comp_ros.diagnosis.evidence import (
+    absorbed, covariance, Fit, largest_part)
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.diagnosis.selection import Gain, gain, gain_in_places, Selection
 from gravity_comp_ros.effects.effect import Motion
@@ -24,6 +27,9 @@ _AS_GOOD = 0.8
 # Two effects whose columns are this alike on a motion cannot be told apart by it.
 _SAME = 0.95
 _MOST_RUNS = 0.8
+# Where one place has more than this of an effect (a stop that one run has reached), what the
+# others say without it is nothing.
+_ONE_PLACE = 0.9
 
 
 class Judge:
@@ -165,19 +171,22 @@ class Judge:
                        else f'{c.effect.name}:{self.names[c.joint]}'
                        for c in self.selection.rivals(candidate))
         blind = self._untestable_twins(candidate)
-        verdict = self._verdict(candidate, kept, rivals, blind)
+        estimates = self._estimates(candidate)
+        verdict = self._verdict(candidate, kept, rivals, blind, estimates)
         return Finding(
             self._name(candidate), candidate.effect.name, verdict, rivals or blind,
-            self._estimates(candidate), before, after, self._absorbed(candidate),
+            estimates, before, after, self._absorbed(candidate),
             self._runs_better(kept), self._why(candidate, kept, before, after, blind),
             self._next_step(candidate, verdict), kept.p, dict(candidate.setting))
 
     def _verdict(self, candidate: Candidate, kept: Gain, rivals: tuple[str, ...],
-                 blind: tuple[str, ...]) -> str:
+                 blind: tuple[str, ...], estimates: Mapping[str, Estimate]) -> str:
         if blind:
             return 'untestable'
         if rivals:
             return 'ambiguous'
+        if all(low <= 0.0 <= high for low, high in (e.ci95 for e in estimates.values())):
+            return 'weak'
         joint = candidate.joint or 0
         fit = self.selection.fit(joint, self.selection.chosen)
         here = np.isin(fit.columns, candidate.columns)
@@ -232,7 +241,8 @@ class Judge:
         for groups in (np.arange(blocks.count), blocks.places):
             spread = covariance(self.selection.grams[joint], fit, n_shared, prior, groups)
             wide = stats.t.ppf(0.975, max(int(groups.max()), 2))
-            widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)))
+            told = largest_part(self.selection.grams[joint], fit.columns, groups) < _ONE_PLACE
+            widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)) * told)
         return np.max(widths, axis=0)
 
     def _absorbed(self, candidate: Candidate) -> float:
