@@ -70,6 +70,7 @@ def totals(scored: Sequence[Judged]) -> dict[str, Any]:
         'intervals': len(intervals), 'covered': share(intervals),
         'error_ratio_median': float(np.median(errors)) if errors else None,
         'error_ratio_max': max(errors) if errors else None,
+        'with_error': len(errors),
         'error_within': share(e <= ERROR for e in errors),
         'open_cases': len(honest), 'open_said': share(one.score.right for one in honest),
         'seconds_median': float(np.median([one.seconds for one in scored])) if scored else None,
@@ -100,7 +101,7 @@ def markdown(results: Sequence[Result]) -> str:
              f'| truth inside the 95 % interval, {COVERED[0]:.0%} to {COVERED[1]:.0%} | '
              f'{_percent(every["covered"])} | {every["intervals"]} intervals |',
              f'| held-out error within {ERROR} of a fit that knew the truth | '
-             f'{_percent(every["error_within"])} | {every["solvable"]} recordings |',
+             f'{_percent(every["error_within"])} | {every["with_error"]} recordings |',
              f'| unexplained or untestable said where right, at least {OPEN:.0%} | '
              f'{_percent(every["open_said"])} | {every["open_cases"]} recordings |',
              f'| any false finding beside the true ones | {_percent(every["with_false"])} | '
@@ -113,13 +114,17 @@ def markdown(results: Sequence[Result]) -> str:
         lines.append(
             f'| {name} | {_percent(row["right"])} | {_percent(row["named_truths"])} | '
             f'{_percent(row["with_false"])} | {_percent(row["covered"])} | '
-            f'{_number(row["error_ratio_median"])} to {_number(row["error_ratio_max"])} | '
+            f'{_span(row["error_ratio_median"], row["error_ratio_max"])} | '
             f'{_some(row["missed"])} | {_some(row["false"])} |')
     return '\n'.join(lines) + '\n'
 
 
 def _percent(value: float | None) -> str:
     return '' if value is None else f'{100 * value:.0f} %'
+
+
+def _span(middle: float | None, most: float | None) -> str:
+    return '' if most is None else f'{_number(middle)}, at most {_number(most)}'
 
 
 def _number(value: float | None) -> str:

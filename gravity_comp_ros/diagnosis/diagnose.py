@@ -68,6 +68,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     better = refined(base, selection.effect_torque()) if selection.chosen else None
     if better is not None:
         tell('selection', 0.7)
+        del selection  # half a gigabyte of products
         columns = columns.with_base(better.columns)
         selection = _select(base, columns, options.selection)
     tell('verdicts', 0.8)

@@ -158,6 +158,11 @@ class Selection:
         halves = 2.0 if self._common and self._rare else 1.0
         return halves * group * candidate.tried
 
+    def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray) -> Gain:
+        """Return the gain; what fast motion needs shows in the few blocks that have it."""
+        how = gain_in_places if candidate.effect.family == DYNAMICS else gain
+        return how(before, after, self.tests(candidate))
+
     def least_share(self, candidate: Candidate) -> float:
         """Return the share of the error that must go; shared effects count on all joints."""
         return self.options.least_share / (len(self.grams) if candidate.shared else 1)
@@ -282,8 +287,8 @@ class Selection:
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.mends):
             rest = [c for c in self.chosen if c is not candidate]
             joint = None if candidate.shared else candidate.joint
-            kept = gain(self.errors(joint, rest), self.errors(joint, self.chosen),
-                        self.tests(candidate))
+            kept = self.gain_of(candidate, self.errors(joint, rest),
+                                self.errors(joint, self.chosen))
             if kept.p >= self.options.alpha or kept.share < 0.5 * self.least_share(candidate):
                 self._change(rest)
                 return True
@@ -366,8 +371,8 @@ class Selection:
             joint = None if c.shared else c.joint
             if joint not in before:
                 before[joint] = self.errors(joint, self.chosen)
-            self._gains[id(c)] = gain(before[joint], self.errors(joint, [*self.chosen, c]),
-                                      self.tests(c))
+            self._gains[id(c)] = self.gain_of(c, before[joint],
+                                              self.errors(joint, [*self.chosen, c]))
         return self._gains
 
     def _change(self, chosen: list[Candidate]) -> None:

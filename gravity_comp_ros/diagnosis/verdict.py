@@ -161,8 +161,8 @@ class Judge:
         chosen = self.selection.chosen
         rest = [c for c in chosen if c is not candidate]
         scope = None if candidate.shared else candidate.joint
-        kept = gain(self.selection.errors(scope, rest), self.selection.errors(scope, chosen),
-                    self.selection.tests(candidate))
+        kept = self.selection.gain_of(candidate, self.selection.errors(scope, rest),
+                                      self.selection.errors(scope, chosen))
         earlier = [c for c in earlier if c in chosen]
         joint = self._most_affected(candidate, rest)
         before, after = (self._rmse(self.selection.errors(joint, c), joint)
