@@ -4,7 +4,8 @@ from gravity_comp_ros.diagnosis.blocks import cut
 from gravity_comp_ros.diagnosis.evidence import (
     absorbed, covariance, held_out_errors, joint_gram, largest_part, Prior, shared_information,
     solve)
-from gravity_comp_ros.diagnosis.selection import gain, not_worse, SelectionOptions
+from gravity_comp_ros.diagnosis.gain import gain, not_worse
+from gravity_comp_ros.diagnosis.selection import SelectionOptions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
 import numpy as np

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
+from gravity_comp_ros.diagnosis.gain import Gain, gain
+from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import (
     Coefficient, Columns, Effect, Motion, Setting, Untestable)
 from gravity_comp_ros.gravity.design import EnergyDesign

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.selection import Gain, gain, Selection
+from gravity_comp_ros.diagnosis.gain import Gain, gain
+from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import always_plausible, Effect
 from gravity_comp_ros.samples import FloatArray
 

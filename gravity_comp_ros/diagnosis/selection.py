@@ -1,11 +1,10 @@
 """
 Which effects the data asks for: forward by evidence, then removal and swaps.
 
-Every comparison is made on blocks that the fit has not seen. The evidence for an effect is what
-it takes off the squared error, block by block; its p-value is that of the mean over blocks being
-positive, times the number of effects, joints and settings that were tried. Among effects that
-explain as much within one standard error, the simplest is taken, and what is as simple and as
-good remains as its rival.
+Every comparison is made on blocks that the fit has not seen (`gain.py`), and p-values count for
+less because of the effects, joints and settings that were tried. Among effects that explain as
+much within one standard error, the simplest is taken, and what is as simple and as good remains
+as its rival.
 """
 
 from __future__ import annotations
@@ -17,10 +16,10 @@ from gravity_comp_ros.diagnosis.blocks import Blocks
 from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, COMMON, DYNAMICS
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, JointGram, Prior, shared_information, solve)
+from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places, not_worse, share
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
-from scipy import stats
 
 _ROUNDS = 4
 # (candidate, coefficients in its own units) -> why they are not physical, or None.
@@ -49,72 +48,6 @@ class SelectionOptions:
             raise OptionError('selection: alpha lies in (0, 1), most is at least 1')
         if not (0.0 <= self.least_share < 1.0 and 0.0 <= self.least_rare_share < 1.0):
             raise OptionError('selection: least_share and least_rare_share lie in [0, 1)')
-
-
-@dataclass(frozen=True)
-class Gain:
-    """
-    What an effect does for each block: log of error before over after (B,).
-
-    `share` is what it takes off the error, of all or in the typical block, whichever is more.
-    """
-
-    blocks: FloatArray
-    share: float
-    p: float
-
-    @property
-    def mean(self) -> float:
-        return float(self.blocks.mean())
-
-
-def gain(before: FloatArray, after: FloatArray, tests: float) -> Gain:
-    """Return the gain from errors (B, J) before to after, with p corrected for `tests`."""
-    d = log_ratio(before, after)
-    return _gain(before, after, d, float(d.std(ddof=1)), tests)
-
-
-def gain_in_places(before: FloatArray, after: FloatArray, tests: float) -> Gain:
-    """
-    Return the gain where few blocks may have all of it, as `gain` does.
-
-    The spread is that of the blocks below the median: by chance gains lie evenly about it, and
-    what a few places gain must not count as doubt.
-    """
-    d = log_ratio(before, after)
-    below = np.minimum(d - np.median(d), 0.0)
-    return _gain(before, after, d, float(np.sqrt(2.0 * (below ** 2).mean())), tests)
-
-
-def _gain(before: FloatArray, after: FloatArray, d: FloatArray, spread: float,
-          tests: float) -> Gain:
-    error = spread / np.sqrt(len(d))
-    p = float(stats.t.sf(d.mean() / max(error, 1e-300), len(d) - 1))
-    return Gain(d, share(before, after), min(1.0, p * tests))
-
-
-def share(before: FloatArray, after: FloatArray) -> float:
-    """Return what goes off errors (B, J), of all or in the typical block, the larger."""
-    of_all = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
-    typical = 1.0 - float(np.exp(-log_ratio(before, after).mean() / before.shape[1]))
-    return max(of_all, typical)
-
-
-def not_worse(better: FloatArray, other: FloatArray) -> bool:
-    """Return whether errors `other` (B, J) are within one standard error of `better`."""
-    extra = log_ratio(other, better)
-    return bool(extra.mean() <= extra.std(ddof=1) / np.sqrt(len(extra)))
-
-
-def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:
-    """
-    Return log(before / after) of errors (B, J), summed over joints: (B,).
-
-    A ratio keeps one stretch where a fit without it goes astray, or where the arm was jolted,
-    from outweighing all others.
-    """
-    floor = 1e-6 * before.mean(axis=0)
-    return np.asarray(np.log((before + floor) / (after + floor)).sum(axis=1))
 
 
 class Selection:

@@ -9,7 +9,8 @@ from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
 from gravity_comp_ros.diagnosis.evidence import (
     absorbed, covariance, Fit, largest_part)
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
-from gravity_comp_ros.diagnosis.selection import Gain, gain, gain_in_places, Selection
+from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places
+from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.gravity.noise import correlation_time
