@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.diagnosis.refit_terms import Workplace
 from gravity_comp_ros.diagnosis.gain import gain
+from gravity_comp_ros.diagnosis.refit_terms import Workplace
 from gravity_comp_ros.gravity.model import GravityModel
 from gravity_comp_ros.samples import FloatArray
 import numpy as np
