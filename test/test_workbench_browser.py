@@ -10,6 +10,7 @@ import sys
 import time
 import urllib.parse
 
+from bokeh.util.token import generate_jwt_token, generate_session_id
 from browser import PLOTS, ROOT, watched
 from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag
 from gravity_comp_ros.cli import main
@@ -19,6 +20,7 @@ import pytest
 from rough_links import COULOMB, two_links
 
 PATIENCE = 120.0
+RMSE = 'td:nth-of-type(2)'  # in the table of errors
 # Each view's heading, and how many plots it has at least, with the error so far.
 VIEWS = {'Over time': ('Over time', 5), 'Residual': ('What the residual depends on', 9),
          'Pairs': ('Over pairs of joints', 3), 'Spectrum': ('How the residual repeats', 5),
@@ -84,6 +86,7 @@ def test_the_loop_in_a_browser(folder, tmp_path):
         seconds = time.monotonic() - started
         before, after = map(float, re.findall(r'\d+\.\d+', page.locator('.fall').inner_text()))
         assert after < 0.5 * before and seconds < 60.0
+        _until_other_than(page, 'shoulder', rmse_before)
         assert _rmse(page, 'shoulder') < 0.5 * rmse_before
         assert 'coulomb_friction:shoulder' in page.locator('#held').inner_text()
         page.locator('#idle').wait_for()
@@ -110,11 +113,21 @@ def test_the_loop_in_a_browser(folder, tmp_path):
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 
 
+def _row(page, joint):
+    return page.get_by_role('row', name=re.compile(f'^{joint} '))
+
+
+def _until_other_than(page, joint, rmse):
+    """Wait for the view of the new model: the panels of a page are drawn one by one."""
+    old = page.locator(f'{RMSE} >> text={rmse:.4f}')
+    _row(page, joint).filter(has_not=old).first.wait_for()
+
+
 def _rmse(page, joint):
     """Return the RMSE of a joint in the view of errors."""
-    row = page.get_by_role('row', name=re.compile(f'^{joint} ')).first
+    row = _row(page, joint).first
     row.wait_for()
-    return float(row.locator('td').nth(1).inner_text())
+    return float(row.locator(RMSE).inner_text())
 
 
 def _look_at_all_views(tab):
@@ -172,11 +185,12 @@ def test_what_cannot_be_shown_is_said_in_words(folder, argv, words):
 def test_other_sites_cannot_talk_to_it(folder):
     with served(folder, 'run1.mcap') as (address, _):
         place = urllib.parse.urlsplit(address)
+        token = generate_jwt_token(generate_session_id())
         for origin, status in (('http://evil.example', 403), (address.rstrip('/'), 101)):
             asking = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
             asking.request('GET', '/ws', headers={
                 'Origin': origin, 'Upgrade': 'websocket', 'Connection': 'Upgrade',
-                'Sec-WebSocket-Version': '13', 'Sec-WebSocket-Protocol': 'bokeh, x',
+                'Sec-WebSocket-Version': '13', 'Sec-WebSocket-Protocol': f'bokeh, {token}',
                 'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ=='})
             assert asking.getresponse().status == status
             asking.close()
