@@ -65,6 +65,18 @@ class GateOptions:
                 raise OptionError(f'gate: {name} has {len(value)} values for {n_joints} joints; '
                                   'give one for all or one per joint')
 
+    def limits(self, n_joints: int) -> tuple[FloatArray, FloatArray | None]:
+        """
+        Return the greatest speed and, if it is judged, acceleration of each joint, (N,).
+
+        :raises OptionError: as `check_joints`.
+        """
+        self.check_joints(n_joints)
+        speed = _per_joint(self.max_speed, n_joints)
+        if self.max_acceleration is None:
+            return speed, None
+        return speed, _per_joint(self.max_acceleration, n_joints)
+
 
 @dataclass(frozen=True)
 class GateResult:
@@ -85,15 +97,10 @@ class Gate:
     """
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
-        options.check_joints(n_joints)
         self._options = options
-        self._max_speed = _per_joint(options.max_speed, n_joints)
-        self._max_acceleration = (None if options.max_acceleration is None
-                                  else _per_joint(options.max_acceleration, n_joints))
+        self._max_speed, self._max_acceleration = options.limits(n_joints)
         self._recent: deque[tuple[float, FloatArray]] = deque()
-        self._first = math.nan
-        self._last = -math.inf
-        self._last_slot = -1
+        self.reset()
 
     def reset(self) -> None:
         """Forget the past: the next sample starts a new run."""
@@ -152,11 +159,8 @@ class BlockGate:
     """
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
-        options.check_joints(n_joints)
         self._options = options
-        self._max_speed = _per_joint(options.max_speed, n_joints)
-        self._limit = (None if options.max_acceleration is None
-                       else _per_joint(options.max_acceleration, n_joints))
+        self._max_speed, self._max_acceleration = options.limits(n_joints)
         self._first: float | None = None
         self._last_slot = -np.inf
         # What the acceleration of the next sample may refer to.
@@ -193,12 +197,13 @@ class BlockGate:
         return fresh
 
     def _jerky(self, t: FloatArray, qd: FloatArray) -> BoolArray:
-        if self._limit is None:
+        if self._max_acceleration is None:
             return np.zeros(len(t), dtype=bool)
         window = self._options.acceleration_window
         times = np.concatenate([self._recent_t, t])
         speeds = np.concatenate([self._recent_qd, qd])
-        found = _accelerating(times, speeds, self._limit, window)[len(self._recent_t):]
+        found = _accelerating(times, speeds, self._max_acceleration, window)[
+            len(self._recent_t):]
         begin = max(int(np.searchsorted(times, times[-1] - window, side='right')) - 1, 0)
         self._recent_t, self._recent_qd = times[begin:].copy(), speeds[begin:].copy()
         return found

@@ -25,14 +25,13 @@ from time import monotonic
 from typing import Any
 
 from bench.campaign.results import fingerprint, load, save, Task
+from bench.campaign.score import ALWAYS_THERE
 from bench.campaign.table import markdown, summary
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.simulation.case_list import case, cases
 from gravity_comp_ros.simulation.cases import ARMS, Case, recordings
 from gravity_comp_ros.simulation.drawn import drawn_case
-
-_ALWAYS_THERE = ('inertia', 'coriolis')
 
 
 def main() -> int:
@@ -122,7 +121,7 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
 def told(case: Case) -> tuple[str, ...]:
     """Return the names of all effects that are there."""
     names = {name for name, _ in (*case.expected, *case.allowed)}
-    return tuple(sorted({*_ALWAYS_THERE, *names}))
+    return tuple(sorted({*ALWAYS_THERE, *names}))
 
 
 if __name__ == '__main__':
