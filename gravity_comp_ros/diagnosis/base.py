@@ -72,9 +72,8 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     chosen = rough if known else fit(kept, _CAUTIOUS).model
     chosen = levelled(chosen, samples.q)
     motion = build_motion(samples, chosen)
-    given = frozenset((effect.name, None if effect.joint is None else
-                       samples.names.index(effect.joint))
-                      for effect in chosen.applied.effects)
+    given = frozenset((applied.name, None if applied.joint is None else
+                       joint_number(chosen, applied)) for applied in chosen.applied.effects)
     return Base(chosen, motion, _columns(chosen, motion, cleaned), given)
 
 

@@ -71,11 +71,6 @@ def not_worse(better: FloatArray, other: FloatArray) -> bool:
 
 
 def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:
-    """
-    Return log(before / after) of errors (B, J), summed over joints: (B,).
-
-    A ratio keeps one stretch where a fit without it goes astray, or where the arm was jolted,
-    from outweighing all others.
-    """
+    """Return log(before / after) of errors (B, J), summed over joints: (B,)."""
     floor = 1e-6 * before.mean(axis=0)
     return np.asarray(np.log((before + floor) / (after + floor)).sum(axis=1))

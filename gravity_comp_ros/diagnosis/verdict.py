@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
-from gravity_comp_ros.diagnosis.evidence import (
-    absorbed, covariance, Fit, largest_part)
+from gravity_comp_ros.diagnosis.evidence import absorbed, covariance, Fit, largest_part
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places
 from gravity_comp_ros.diagnosis.selection import Selection
