@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import signal
 import sys
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
+    # Python's exception would come in the middle of anything, and libraries disguise it as a
+    # failure of their own. Until ROS takes signals, Ctrl-C ends this as any program.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         from gravity_comp_ros.node.run import run
-    except KeyboardInterrupt:
-        return 0
     except ImportError as problem:
         print(f'gravity_comp_node: {problem}. The node needs ROS 2 Jazzy: run '
               '`source /opt/ros/jazzy/setup.bash` first, or install its wheels with '

@@ -20,9 +20,6 @@ def run(args: Sequence[str] | None = None) -> int:
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
-    except KeyboardInterrupt:
-        rclpy.try_shutdown()
-        return 0
     except (GravityCompError, InvalidParameterTypeException,
             InvalidParameterValueException) as problem:
         reason = str(problem).rpartition('Reason: ')[2]
@@ -36,7 +33,7 @@ def run(args: Sequence[str] | None = None) -> int:
         return 0
     try:
         _spin(node)
-    except (KeyboardInterrupt, ExternalShutdownException):
+    except ExternalShutdownException:
         pass
     except Exception:
         # A signal invalidates the context in the middle of a callback, which then fails.
