@@ -18,11 +18,20 @@ from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 
 _SETTINGS_KEPT = 3
-# What everybody expects in a joint: half of the chance of a false alarm is theirs.
-COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'inertia', 'joint_spring')
-# The family of what an arm has because it moves.
-DYNAMICS = 'dynamics'
+# What everybody expects in a joint.
+_COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'joint_spring')
+# What an arm has because it moves, what a joint may well have, and all the rest: each has the
+# same part of the chance of a false alarm.
+MOTION, COMMON, RARE = 'motion', 'common', 'rare'
+_DYNAMICS = 'dynamics'
 _SCAN_ROWS = 4000
+
+
+def expectation(effect: Effect) -> str:
+    """Return whether an effect comes with motion, is common in joints, or is rare."""
+    if effect.family == _DYNAMICS:
+        return MOTION
+    return COMMON if effect.name in _COMMON else RARE
 
 
 @dataclass(frozen=True)
@@ -45,6 +54,11 @@ class Candidate:
     def key(self) -> tuple[str, int | None]:
         """Return effect name and joint: settings of one effect exclude each other."""
         return self.effect.name, self.joint
+
+    @property
+    def expectation(self) -> str:
+        """Return `MOTION`, `COMMON` or `RARE`."""
+        return expectation(self.effect)
 
     @property
     def complexity(self) -> int:

@@ -9,14 +9,15 @@ as its rival.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, COMMON, DYNAMICS
+from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, MOTION, RARE
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, JointGram, Prior, shared_information, solve)
-from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places, not_worse, share
+from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_of_motion, not_worse, share
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
@@ -63,10 +64,8 @@ class Selection:
         self.refused: dict[tuple[str, int | None], str] = {}
         # The last setting of an effect of motion has the most columns.
         self._dynamics = list({c.key: c for c in candidates
-                               if c.effect.family == DYNAMICS}.values())
-        keys = {c.key for c in candidates}
-        self._common = sum(name in COMMON for name, _ in keys)
-        self._rare = len(keys) - self._common
+                               if c.expectation == MOTION}.values())
+        self._tried = Counter({c.key: c.expectation for c in candidates}.values())
         self._priors: dict[tuple[int, bytes, bytes], Prior] = {}
         self._gains: dict[int, Gain] = {}
         self._stale = False
@@ -84,16 +83,15 @@ class Selection:
         """
         Return by how much a p-value counts for less, because so much was tried.
 
-        The weighted Bonferroni correction: what is expected in every joint and all the rest
-        each get half of the chance of a false alarm (Genovese et al., Biometrika 93, 2006).
+        The weighted Bonferroni correction: what moves, what is expected in every joint and all
+        the rest get the same part of the chance of a false alarm (Genovese et al., Biometrika
+        93, 2006).
         """
-        group = self._common if candidate.effect.name in COMMON else self._rare
-        halves = 2.0 if self._common and self._rare else 1.0
-        return halves * group * candidate.tried
+        return len(self._tried) * self._tried[candidate.expectation] * candidate.tried
 
     def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray) -> Gain:
         """Return the gain; what fast motion needs shows in the few blocks that have it."""
-        how = gain_in_places if candidate.effect.family == DYNAMICS else gain
+        how = gain_of_motion if candidate.expectation == MOTION else gain
         return how(before, after, self.tests(candidate))
 
     def least_share(self, candidate: Candidate) -> float:
@@ -202,7 +200,7 @@ class Selection:
         rare effect explains of them is not its own. What is expected in every joint needs no
         such proof.
         """
-        if candidate.effect.name in COMMON or candidate.effect.family == DYNAMICS:
+        if candidate.expectation != RARE:
             return True
         moving = [c for c in self._dynamics
                   if c not in chosen and (candidate.shared or c.joint == candidate.joint)]
@@ -219,13 +217,18 @@ class Selection:
         # What corrects another effect goes before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.mends):
             rest = [c for c in self.chosen if c is not candidate]
-            joint = None if candidate.shared else candidate.joint
-            kept = self.gain_of(candidate, self.errors(joint, rest),
-                                self.errors(joint, self.chosen))
-            if kept.p >= self.options.alpha or kept.share < 0.5 * self.least_share(candidate):
+            if not self._is_needed(candidate, rest):
                 self._change(rest)
                 return True
         return False
+
+    def _is_needed(self, candidate: Candidate, rest: list[Candidate]) -> bool:
+        """Return whether an effect pays beside the rest of what is chosen."""
+        joint = None if candidate.shared else candidate.joint
+        kept = self.gain_of(candidate, self.errors(joint, rest),
+                            self.errors(joint, [*rest, candidate]))
+        return (kept.p < self.options.alpha
+                and kept.share >= 0.5 * self.least_share(candidate))
 
     def _swap_better(self) -> bool:
         """Replace a chosen effect by one that explains more, or as much more simply."""
@@ -239,6 +242,7 @@ class Selection:
                 else:
                     pays = not not_worse(then, now)
                 if (pays and self._is_physical(other, [*rest, other])
+                        and self._is_needed(other, rest)
                         and self.is_more_than_motion(other, rest)):
                     self._change([*rest, other])
                     return True

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
-from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON
-from gravity_comp_ros.diagnosis.evidence import absorbed, covariance, Fit, largest_part
+from gravity_comp_ros.diagnosis.candidates import Candidate, expectation, MOTION, RARE
+from gravity_comp_ros.diagnosis.estimates import (
+    all_may_be_nothing, each_may_be_nothing, estimates)
+from gravity_comp_ros.diagnosis.evidence import absorbed
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places
 from gravity_comp_ros.diagnosis.selection import Selection
@@ -15,7 +17,6 @@ from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.gravity.noise import correlation_time
 from gravity_comp_ros.samples import FloatArray, JointSamples
 import numpy as np
-from scipy import stats
 
 # Unknown structure worth a finding takes this share of what is left of the error.
 _STRUCTURE_SHARE = 0.05
@@ -27,9 +28,6 @@ _AS_GOOD = 0.8
 # Two effects whose columns are this alike on a motion cannot be told apart by it.
 _SAME = 0.95
 _MOST_RUNS = 0.8
-# Where one place has more than this of an effect (a stop that one run has reached), what the
-# others say without it is nothing.
-_ONE_PLACE = 0.9
 
 
 class Judge:
@@ -171,22 +169,24 @@ class Judge:
                        else f'{c.effect.name}:{self.names[c.joint]}'
                        for c in self.selection.rivals(candidate))
         blind = self._untestable_twins(candidate)
-        estimates = self._estimates(candidate)
-        verdict = self._verdict(candidate, kept, rivals, blind, estimates)
+        sizes = estimates(self.selection, self.motion, candidate)
+        verdict = self._verdict(candidate, kept, rivals, blind, sizes)
         return Finding(
             self._name(candidate), candidate.effect.name, verdict, rivals or blind,
-            estimates, before, after, self._absorbed(candidate),
+            sizes, before, after, self._absorbed(candidate),
             self._runs_better(kept), self._why(candidate, kept, before, after, blind),
             self._next_step(candidate, verdict), kept.p, dict(candidate.setting))
 
     def _verdict(self, candidate: Candidate, kept: Gain, rivals: tuple[str, ...],
-                 blind: tuple[str, ...], estimates: Mapping[str, Estimate]) -> str:
+                 blind: tuple[str, ...], sizes: Mapping[str, Estimate]) -> str:
         if blind:
             return 'untestable'
         if rivals:
             return 'ambiguous'
-        if all(low <= 0.0 <= high for low, high in (e.ci95 for e in estimates.values())):
-            return 'weak'
+        if each_may_be_nothing(sizes):
+            there = (candidate.expectation == MOTION
+                     and not all_may_be_nothing(self.selection, candidate))
+            return 'likely' if there else 'weak'
         joint = candidate.joint or 0
         fit = self.selection.fit(joint, self.selection.chosen)
         here = np.isin(fit.columns, candidate.columns)
@@ -206,7 +206,7 @@ class Judge:
             if other is None or other.scope != 'joint':
                 continue
             # A rarer effect that looks the same does not make a common one doubtful.
-            if candidate.effect.name in COMMON and name not in COMMON:
+            if candidate.expectation != RARE and expectation(other) == RARE:
                 continue
             if (name, candidate.joint) not in self.selection.columns.untestable:
                 continue
@@ -218,32 +218,6 @@ class Judge:
             if _alike(mine, columns) > _SAME:
                 twins.append(name)
         return tuple(twins)
-
-    def _estimates(self, candidate: Candidate) -> dict[str, Estimate]:
-        joint, chosen = candidate.joint or 0, self.selection.chosen
-        gram, fit = self.selection.grams[joint], self.selection.fit(joint, chosen)
-        here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
-        scale = gram.scale[fit.columns[here]]
-        values = fit.all_data[here] / scale
-        half = self._half_widths(joint, fit)[here] / scale
-        symbols = candidate.effect.coefficients_of(self.motion, joint, candidate.setting)
-        names = [symbols[k].symbol if k < len(symbols) else f'{symbols[-1].symbol}_{k}'
-                 for k in range(len(values))]
-        return {name: Estimate(float(v), symbols[min(k, len(symbols) - 1)].unit,
-                               (float(v - h), float(v + h)))
-                for k, (name, v, h) in enumerate(zip(names, values, half))}
-
-    def _half_widths(self, joint: int, fit: Fit) -> FloatArray:
-        """Return half of the 95 % intervals (P,): of blocks or of places, the wider."""
-        blocks, chosen = self.selection.blocks, self.selection.chosen
-        n_shared, prior = len(self.selection.shared(chosen)), self.selection.prior(joint, chosen)
-        widths = []
-        for groups in (np.arange(blocks.count), blocks.places):
-            spread = covariance(self.selection.grams[joint], fit, n_shared, prior, groups)
-            wide = stats.t.ppf(0.975, max(int(groups.max()), 2))
-            told = largest_part(self.selection.grams[joint], fit.columns, groups) < _ONE_PLACE
-            widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)) * told)
-        return np.max(widths, axis=0)
 
     def _absorbed(self, candidate: Candidate) -> float:
         base = np.arange(self.selection.columns.n_base)

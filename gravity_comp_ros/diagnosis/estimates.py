@@ -1,0 +1,76 @@
+"""How large an effect is: its coefficients with 95 % intervals, and whether it may be nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.evidence import covariance, Fit, largest_part
+from gravity_comp_ros.diagnosis.findings import Estimate
+from gravity_comp_ros.diagnosis.selection import Selection
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.samples import FloatArray, IntArray
+import numpy as np
+from scipy import stats
+
+_DOUBT = 0.05
+# Where one place has more than this of an effect (a stop that one run has reached), what the
+# others say without it is nothing.
+_ONE_PLACE = 0.9
+
+
+def estimates(selection: Selection, motion: Motion, candidate: Candidate) -> dict[str, Estimate]:
+    """Return the coefficients of a chosen effect by their symbols."""
+    joint = candidate.joint or 0
+    gram, fit = selection.grams[joint], selection.fit(joint, selection.chosen)
+    here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
+    scale = gram.scale[fit.columns[here]]
+    values = fit.all_data[here] / scale
+    half = _half_widths(selection, joint, fit)[here] / scale
+    symbols = candidate.effect.coefficients_of(motion, joint, candidate.setting)
+    names = [symbols[k].symbol if k < len(symbols) else f'{symbols[-1].symbol}_{k}'
+             for k in range(len(values))]
+    return {name: Estimate(float(v), symbols[min(k, len(symbols) - 1)].unit,
+                           (float(v - h), float(v + h)))
+            for k, (name, v, h) in enumerate(zip(names, values, half))}
+
+
+def each_may_be_nothing(sizes: Mapping[str, Estimate]) -> bool:
+    """Return whether every interval holds 0."""
+    return all(low <= 0.0 <= high for low, high in (one.ci95 for one in sizes.values()))
+
+
+def all_may_be_nothing(selection: Selection, candidate: Candidate) -> bool:
+    """
+    Return whether the coefficients of a chosen effect may all be 0 at once.
+
+    Where several can stand for each other, each may be 0 and yet not all: that is Hotelling's
+    test, with the spread over blocks.
+    """
+    joint, groups = candidate.joint or 0, np.arange(selection.blocks.count)
+    fit = selection.fit(joint, selection.chosen)
+    here = np.isin(fit.columns, candidate.columns)
+    k, b = int(here.sum()), selection.blocks.count
+    if k == 1 or k >= b:
+        return True
+    values = fit.all_data[here]
+    spread = _covariance(selection, joint, fit, groups)[np.ix_(here, here)]
+    t2 = float(values @ np.linalg.lstsq(spread, values, rcond=1e-10)[0])
+    return bool(stats.f.sf(t2 * (b - k) / (k * (b - 1)), k, b - k) >= _DOUBT)
+
+
+def _half_widths(selection: Selection, joint: int, fit: Fit) -> FloatArray:
+    """Return half of the 95 % intervals (P,): of blocks or of places, the wider."""
+    widths = []
+    for groups in (np.arange(selection.blocks.count), selection.blocks.places):
+        spread = _covariance(selection, joint, fit, groups)
+        wide = stats.t.ppf(0.975, max(int(groups.max()), 2))
+        told = largest_part(selection.grams[joint], fit.columns, groups) < _ONE_PLACE
+        widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)) * told)
+    return np.asarray(np.max(widths, axis=0))
+
+
+def _covariance(selection: Selection, joint: int, fit: Fit, groups: IntArray) -> FloatArray:
+    chosen = selection.chosen
+    return covariance(selection.grams[joint], fit, len(selection.shared(chosen)),
+                      selection.prior(joint, chosen), groups)
