@@ -1,10 +1,9 @@
-"""Evidence of effects: blocks, fits without a fold, priors of other joints, and gains."""
+"""Evidence of effects: blocks, fits without a fold, and priors of other joints."""
 
 from gravity_comp_ros.diagnosis.blocks import cut
 from gravity_comp_ros.diagnosis.evidence import (
     absorbed, covariance, held_out_errors, joint_gram, largest_part, Prior, shared_information,
     solve)
-from gravity_comp_ros.diagnosis.gain import gain, not_worse
 from gravity_comp_ros.diagnosis.selection import SelectionOptions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.samples import concatenate, JointSamples
@@ -168,33 +167,6 @@ def test_absorbed_is_the_share_that_the_base_imitates():
     joint = joint_gram(x, other, blocks, np.ones(4), 1.0, np.zeros(4))
     assert absorbed(joint, np.arange(2), np.array([2])) == pytest.approx(1.0, abs=1e-6)
     assert absorbed(joint, np.arange(2), np.array([3])) < 0.02
-
-
-def test_one_wild_stretch_does_not_outweigh_all_others():
-    before = np.full((50, 1), 10.0)
-    after = np.full((50, 1), 5.0) + np.linspace(0.0, 0.1, 50)[:, None]
-    after[7] = 300.0
-    assert gain(before, after, tests=100.0).p < 0.01
-    assert after.sum() > before.sum()
-
-
-def test_no_gain_has_no_small_p_and_tests_count():
-    rng = np.random.default_rng(4)
-    before = rng.chisquare(50, size=(60, 1))
-    after = before * np.exp(rng.normal(0.0, 0.1, size=(60, 1)))
-    assert gain(before, after, tests=1.0).p > 0.001
-    surely = before * 0.9 * np.exp(rng.normal(0.0, 0.1, size=(60, 1)))
-    once, often = (gain(before, surely, tests=count) for count in (1.0, 50.0))
-    assert often.p == pytest.approx(50.0 * once.p)
-    assert once.share == pytest.approx(0.1, abs=0.05)
-
-
-def test_within_one_standard_error_is_not_worse():
-    rng = np.random.default_rng(5)
-    errors = rng.chisquare(50, size=(60, 1))
-    assert not_worse(errors, errors)
-    assert not_worse(errors, errors * 0.5)
-    assert not not_worse(errors, errors * np.exp(rng.normal(0.2, 0.1, size=(60, 1))))
 
 
 @pytest.mark.parametrize('wrong', [{'alpha': 0.0}, {'alpha': 1.0}, {'least_share': -0.1},

@@ -51,7 +51,7 @@ def all_may_be_nothing(selection: Selection, candidate: Candidate) -> bool:
     fit = selection.fit(joint, selection.chosen)
     here = np.isin(fit.columns, candidate.columns)
     k, b = int(here.sum()), selection.blocks.count
-    if k == 1 or k >= b:
+    if k >= b:
         return True
     values = fit.all_data[here]
     spread = _covariance(selection, joint, fit, groups)[np.ix_(here, here)]

@@ -184,7 +184,7 @@ class Judge:
         if rivals:
             return 'ambiguous'
         if each_may_be_nothing(sizes):
-            there = (candidate.expectation == MOTION
+            there = (candidate.expectation == MOTION and len(sizes) > 1
                      and not all_may_be_nothing(self.selection, candidate))
             return 'likely' if there else 'weak'
         joint = candidate.joint or 0
