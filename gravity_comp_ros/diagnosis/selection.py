@@ -217,12 +217,12 @@ class Selection:
         # What corrects another effect goes before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.mends):
             rest = [c for c in self.chosen if c is not candidate]
-            if not self._is_needed(candidate, rest):
+            if not self.is_needed(candidate, rest):
                 self._change(rest)
                 return True
         return False
 
-    def _is_needed(self, candidate: Candidate, rest: list[Candidate]) -> bool:
+    def is_needed(self, candidate: Candidate, rest: list[Candidate]) -> bool:
         """Return whether an effect pays beside the rest of what is chosen."""
         joint = None if candidate.shared else candidate.joint
         kept = self.gain_of(candidate, self.errors(joint, rest),
@@ -242,7 +242,7 @@ class Selection:
                 else:
                     pays = not not_worse(then, now)
                 if (pays and self._is_physical(other, [*rest, other])
-                        and self._is_needed(other, rest)
+                        and self.is_needed(other, rest)
                         and self.is_more_than_motion(other, rest)):
                     self._change([*rest, other])
                     return True

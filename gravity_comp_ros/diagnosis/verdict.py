@@ -72,7 +72,8 @@ class Judge:
         helped = (bent.before - bent.after).sum(axis=0)
         joint, place = int(np.argmax(helped)), bent.candidate.joint or 0
         was_chosen = len(bent.without) < len(self.selection.chosen)
-        self.selection.chosen = bent.without
+        self.selection.chosen = [c for c in bent.without if c.joint != bent.candidate.joint
+                                 or self._pays_beside(c, bent)]
         self.selection.refused[bent.effect, bent.candidate.joint] = bent.words
         before, after = (self._rmse(errors[:, joint], joint) * self._scale(joint)
                          for errors in (bent.before, bent.after))
@@ -83,6 +84,11 @@ class Judge:
             f'the held-out error: {bent.words}',
             bent.candidate.effect.experiment.replace('{joint}', self.names[place]),
             bent.gain.p)]
+
+    def _pays_beside(self, candidate: Candidate, bent: other_laws.Bent) -> bool:
+        """Return whether an effect is more than part of what the other law describes."""
+        rest = [c for c in bent.without if c is not candidate]
+        return self.selection.is_needed(candidate, [*rest, bent.candidate])
 
     def _unexplained(self, joint: int) -> list[Finding]:
         """Return a finding where bumps explain what effects do not; drop effects that pose."""
