@@ -42,6 +42,8 @@ def motion():
     ('joint_spring', {'centre': 0.1, 'overtones': 0.0}, Q[:, 0] - 0.1),
     ('cable_stiffness', {'start': 0.0, 'side': 1.0, 'half': 9.0}, [0, 0.2, 0.1, 0, 0, 0.6]),
     ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 9.0}, [0, 0, 0, -0.1, -0.4, 0]),
+    ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 0.2, 'order': 2.0},
+     [0, 0, 0, -0.05, -0.8, 0]),
     ('cable_stiffness', {'start': 0.1, 'side': 0.0, 'half': 0.5},
      [-0.004, 0.004, 0, -0.032, -0.5, 0.5]),
     ('end_stop', {'start': -0.2, 'side': -1.0}, [0, 0, 0, 0, -0.2, 0]),

@@ -14,6 +14,8 @@ _LEAST_TRAVEL = 0.2
 _CRANK_TRAVEL = 1.5
 # Parts of the range at which a cable may become taut, and near whose ends a stop may begin.
 _CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
+# A hose pulls in proportion to its stretch, or more and more.
+_CABLE_ORDERS = (1.5, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
 # Part of its largest load below which a gear with play may lie on either flank.
@@ -66,15 +68,19 @@ def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 def _cable(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     """
-    Return the hinge of a cable that is taut on one side, or for side 0 a cube.
+    Return the pull of a cable that is taut on one side, or for side 0 a cube.
 
-    The cube is that of a harness twisted about its rest at `start`; it is scaled so that its
-    coefficient, too, is a stiffness: torque over angle at `half`, half the travel, from the rest.
+    A cable may grow stiffer as it tightens, by a power of its stretch of more than 1, `order`.
+    The cube is that of a harness twisted about its rest at `start`. Both are scaled so that
+    their coefficient is a stiffness, too: torque over angle at `half`, half the travel, from
+    the start.
     """
-    if setting['side']:
-        return _hinge(motion, joint, setting)
-    twist = motion.samples.q[:, [joint]] - setting['start']
-    return twist * (twist / setting['half']) ** 2
+    order = setting.get('order', 1.0)
+    if not setting['side']:
+        twist = motion.samples.q[:, [joint]] - setting['start']
+        return twist * (twist / setting['half']) ** 2
+    pull = _hinge(motion, joint, setting)
+    return pull if order == 1.0 else pull * (np.abs(pull) / setting['half']) ** (order - 1.0)
 
 
 def _range(motion: Motion, joint: int) -> tuple[float, float]:
@@ -83,11 +89,15 @@ def _range(motion: Motion, joint: int) -> tuple[float, float]:
 
 
 def cable_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return starts within the range for either side, and three rest angles of a harness."""
+    """Return starts within the range, sides and orders, and three rest angles of a harness."""
     low, span = _range(motion, joint)
-    places = [(part, side) for side in (1.0, -1.0) for part in _CABLE_STARTS]
-    return [{'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9)}
-            for part, side in (*places, *((rest, 0.0) for rest in _HARNESS_RESTS))]
+
+    def setting(part: float, side: float) -> dict[str, float]:
+        return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9)}
+
+    taut = [setting(part, side) for side in (1.0, -1.0) for part in _CABLE_STARTS]
+    stiffer = [{**one, 'order': order} for order in _CABLE_ORDERS for one in taut]
+    return [*taut, *stiffer, *(setting(rest, 0.0) for rest in _HARNESS_RESTS)]
 
 
 def _finer_cable(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
@@ -181,8 +191,8 @@ EFFECTS = (
         name='cable_stiffness',
         title='Cable or hose that tightens',
         family='elastic',
-        equation='tau_n = k s max(0, s (q_n - q_0)), s = ±1; or, s = 0, k (q_n - q_0)^3 / h^2, '
-                 'h half the travel',
+        equation='tau_n = k s e (e / h)^(p - 1), e = max(0, s (q_n - q_0)), s = ±1; or, s = 0, '
+                 'k (q_n - q_0)^3 / h^2; h half the travel, p the order, 1 to 2',
         description='A cable that is slack over part of the range and pulls beyond it, or a '
                     'harness that stiffens as it is twisted.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness when taut'),),
@@ -197,7 +207,7 @@ EFFECTS = (
         refine=_finer_cable,
         untestable=_needs_travel,
         implausible=not_negative(_cable, _PULLS),
-        setting_units={'start': 'rad', 'side': '', 'half': 'rad'},
+        setting_units={'start': 'rad', 'side': '', 'half': 'rad', 'order': ''},
         taken=('half',)),
     Effect(
         name='end_stop',
