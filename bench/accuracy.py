@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import time
 
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -28,10 +28,10 @@ import tempfile
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import rclpy
 from rclpy.executors import ExternalShutdownException

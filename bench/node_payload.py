@@ -21,10 +21,10 @@ import sys
 import tempfile
 import time
 
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.modelfile import save_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,7 +94,7 @@ def measure(samples: JointSamples, model: Path) -> dict:
 
 def stale_error(samples: JointSamples, first: int, last: int, model: Path) -> float:
     """Return what the old model is off by over the same samples, worst joint, N·m."""
-    from gravity_comp_ros.modelfile import load_model
+    from gravity_comp_ros.models.model_file import load_model
     part = samples.select(np.arange(first, last))
     error = part.tau - load_model(model).predict(part.q)
     return float(np.sqrt(np.mean(error ** 2, axis=0)).max())

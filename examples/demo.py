@@ -18,12 +18,12 @@ import sys
 import tempfile
 import time
 
-from gravity_comp_ros.bag import read_bag
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.diagnosis.compare import compare_prediction, Comparison
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.evaluation.compare import compare_prediction, Comparison
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 from rich.table import Table
 from rich.text import Text

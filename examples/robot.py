@@ -6,7 +6,7 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 import numpy as np
 import rclpy
 from rclpy.context import Context

@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import cache
 from itertools import product
 
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, iiwa7
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.pauses import Pause, with_pauses

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gravity_comp_ros.bag_message import encode, JOINT_STATE
+from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode

@@ -1,6 +1,6 @@
 """Two links with friction and an offset, whose torque is known by hand."""
 
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 import numpy as np
 
 NOISE, COULOMB, VISCOUS, OFFSET = 0.05, 0.6, 5.0, 0.4

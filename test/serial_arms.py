@@ -1,6 +1,6 @@
 """Arms for tests: a planar one by hand, and serial ones of any length from Pinocchio."""
 
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.simulation.arms import Arm
 import numpy as np
 import pinocchio as pin

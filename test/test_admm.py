@@ -2,7 +2,7 @@
 
 from dense import breach, coordinate_descent, objective
 from gravity_comp_ros.errors import FitError, OptionError
-from gravity_comp_ros.gravity import admm
+from gravity_comp_ros.models.sparse import admm
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

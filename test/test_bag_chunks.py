@@ -1,8 +1,8 @@
 """Whole chunks of MCAP files against the reader of the mcap package, message by message."""
 
-from gravity_comp_ros.bag_mcap import McapStorage
-from gravity_comp_ros.bag_message import encode, JOINT_STATE, JOINT_STATE_DEFINITION
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE, JOINT_STATE_DEFINITION
+from gravity_comp_ros.recordings.mcap_storage import McapStorage
 from hypothesis import given, HealthCheck, settings, strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 import numpy as np

@@ -2,9 +2,9 @@
 
 import sqlite3
 
-from gravity_comp_ros.bag import read_bag, ReadOptions
-from gravity_comp_ros.bag_write import JointTopic, write_bag, WriteOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 import numpy as np
 import pytest
 from recordings import add_other_topic, messages, motion, NAMES, write_folder

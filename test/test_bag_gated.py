@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from gravity_comp_ros import bag_gated
-from gravity_comp_ros.bag import read_bag, ReadOptions
-from gravity_comp_ros.bag_gated import read_gated
-from gravity_comp_ros.bag_write import JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.gate import BlockGate, GateOptions, slow_samples
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings import gated_bag
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.gated_bag import read_gated
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -136,7 +136,7 @@ def check_same(path, options, gate):
 
 def test_the_usual_recording_is_not_read_as_a_whole(tmp_path, monkeypatch):
     path = write_folder(tmp_path / 'bag', {'/joint_states': rare(nan)}, plugin='mcap')
-    monkeypatch.setattr(bag_gated, 'read_bag', None)
+    monkeypatch.setattr(gated_bag, 'read_bag', None)
     assert len(read_gated(path, gate=GATES[0]).samples) == 6
 
 

@@ -1,8 +1,8 @@
 """Decoding many messages at a time says what decoding one by one says, whatever they hold."""
 
-from gravity_comp_ros.bag_batch import Batch, batched
-from gravity_comp_ros.bag_layout import LayoutDecoder
-from gravity_comp_ros.bag_message import encode, JointStateDecoder
+from gravity_comp_ros.recordings.joint_state_cdr import encode, JointStateDecoder
+from gravity_comp_ros.recordings.message_batch import Batch, batched
+from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

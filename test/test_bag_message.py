@@ -1,12 +1,7 @@
 """JointState in CDR against rosbags' own serialiser, and against damaged bytes."""
 
-from gravity_comp_ros.bag_message import (
-    encode,
-    JOINT_STATE,
-    JOINT_STATE_DEFINITION,
-    JOINT_STATE_HASH,
-    JointStateDecoder,
-)
+from gravity_comp_ros.recordings.joint_state_cdr import (
+    encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH, JointStateDecoder)
 from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest

@@ -2,12 +2,12 @@
 
 from functools import partial
 
-from gravity_comp_ros import bag_parallel
-from gravity_comp_ros.bag_gated import read_gated
-from gravity_comp_ros.bag_parallel import in_processes, read_gated_bags, workers
-from gravity_comp_ros.bag_write import JointTopic, write_bag
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.gate import GateOptions
+from gravity_comp_ros.recordings import parallel
+from gravity_comp_ros.recordings.gated_bag import read_gated
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.parallel import in_processes, read_gated_bags, workers
 import numpy as np
 import pytest
 from recordings import motion, NAMES
@@ -35,7 +35,7 @@ def test_processes_give_what_this_one_gives(bags):
 
 
 def test_a_refusal_comes_out_of_its_process_as_it_is(bags, monkeypatch):
-    monkeypatch.setattr(bag_parallel, 'workers', lambda paths: 2)
+    monkeypatch.setattr(parallel, 'workers', lambda paths: 2)
     bags[1].write_bytes(b'')
     found = read_gated_bags(bags, gate=GATE)
     assert next(found).report.n_messages == 100

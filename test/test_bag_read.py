@@ -2,11 +2,11 @@
 
 import shutil
 
-from gravity_comp_ros import bag, bag_columns
-from gravity_comp_ros.bag import read_bag, read_bags, ReadOptions
-from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings import bag, joint_columns
+from gravity_comp_ros.recordings.bag import read_bag, read_bags, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -165,7 +165,7 @@ def spoil_joints(row):
     (spoil_nan, bag.NOT_FINITE), (spoil_inf, bag.NOT_FINITE), (spoil_velocity, bag.VELOCITY),
     (spoil_empty_effort, bag.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
     (spoil_names, 'duplicate joint name'), (spoil_time_back, bag.TIME),
-    (spoil_time_still, bag.TIME), (spoil_bytes, bag_columns.UNDECODABLE),
+    (spoil_time_still, bag.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
     (spoil_joint, bag.MISSING),
     (spoil_joints, bag.OTHER_JOINTS)])
 def test_bad_messages_are_dropped_and_counted(tmp_path, spoil, reason):

@@ -4,10 +4,11 @@ from pathlib import Path
 import subprocess
 import sys
 
-from gravity_comp_ros.bag_message import JOINT_STATE_DEFINITION
-from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, WriteOptions
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE_DEFINITION
+from gravity_comp_ros.recordings.mcap_writer import (
+    joint_states, JointTopic, write_bag, WriteOptions)
 from mcap.reader import make_reader
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def test_empty_topic_and_nan_are_written_as_they_are(tmp_path):
 FULL_DISK = """
 import resource, sys
 from test_bag_write import topics
-from gravity_comp_ros.bag_write import write_bag
+from gravity_comp_ros.recordings.mcap_writer import write_bag
 from gravity_comp_ros.errors import BagError
 resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
 try:

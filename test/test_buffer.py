@@ -1,6 +1,6 @@
 """The ring: bounded, in order of time, and diverse rather than recent."""
 
-from gravity_comp_ros.buffer import SampleRing
+from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.errors import DataError, OptionError
 from hypothesis import given, settings, strategies as st
 import numpy as np

@@ -1,15 +1,15 @@
 """Fits of the chain: accuracy outside the motion, every kind of arm, bad starts, folds."""
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.chain import Chain
-from gravity_comp_ros.gravity.chain_angles import in_common_frame, upright
-from gravity_comp_ros.gravity.chain_fit import fit_chain
-from gravity_comp_ros.gravity.chain_solve import ChainProblem, solve
-from gravity_comp_ros.gravity.chain_start import LIMIT, search, SearchOptions, structure
-from gravity_comp_ros.gravity.design import EnergyDesign
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
+from gravity_comp_ros.models.kinematic.chain_starts import LIMIT, search, SearchOptions, structure
+from gravity_comp_ros.models.kinematic.right_angles import in_common_frame, upright
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.simulation import arms, generated, motions
 import numpy as np
 import pinocchio as pin

@@ -1,12 +1,11 @@
 """The chain: torque, derivatives and expansion."""
 
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.chain import aligned, Chain, tilt
-from gravity_comp_ros.gravity.chain_expand import expand
-from gravity_comp_ros.gravity.model import Coverage, GravityModel
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.chain import aligned, Chain, tilt
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.sparse import dictionary
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from serial_arms import planar_2r

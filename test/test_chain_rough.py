@@ -1,9 +1,9 @@
 """The chain on an arm like a real one: inertia, Coulomb friction on every joint, much noise."""
 
-from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.gravity.fit import FitOptions
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest

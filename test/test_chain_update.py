@@ -1,10 +1,10 @@
 """Few-sample update after a tool change."""
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.update import update, UpdateOptions
-from gravity_comp_ros.modelfile import load_model, save_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.update import update, UpdateOptions
+from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, generated, motions
 import numpy as np
 import pytest

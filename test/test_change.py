@@ -2,9 +2,10 @@
 
 from itertools import product
 
-from gravity_comp_ros.gravity import change
-from gravity_comp_ros.gravity.change import average_change, ChangeProblem, find_change, propose
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.sparse import sparse_change
+from gravity_comp_ros.models.sparse.sparse_change import (
+    average_change, ChangeProblem, find_change, propose)
 import numpy as np
 import pytest
 from scipy import stats
@@ -36,7 +37,7 @@ def small() -> ChangeProblem:
 
 
 def test_score_is_the_textbook_evidence(small):
-    evidence = change._Evidence(small, 0.3)
+    evidence = sparse_change._Evidence(small, 0.3)
     constant = -0.5 * small.residual @ small.residual - 0.5 * len(small.residual) * np.log(
         2 * np.pi)
     for support in product([False, True], repeat=5):
@@ -46,10 +47,10 @@ def test_score_is_the_textbook_evidence(small):
 
 
 def test_gains_are_differences_of_scores(small):
-    evidence = change._Evidence(small, 0.3)
+    evidence = sparse_change._Evidence(small, 0.3)
     for support in product([False, True], repeat=5):
         mask = np.array(support)
-        expected = [evidence.score(change._toggled(mask, k)) - evidence.score(mask)
+        expected = [evidence.score(sparse_change._toggled(mask, k)) - evidence.score(mask)
                     for k in range(5)]
         np.testing.assert_allclose(evidence.gains(mask), expected, atol=1e-8)
 
@@ -57,14 +58,14 @@ def test_gains_are_differences_of_scores(small):
 def test_the_likeliest_support_is_found(small):
     supports = list(product([False, True], repeat=5))
     best = max((log_evidence(small, np.array(support), share), support)
-               for share in change._SIZES for support in supports)
+               for share in sparse_change._SIZES for support in supports)
     np.testing.assert_array_equal(find_change(small).support, np.flatnonzero(best[1]))
 
 
 def test_average_is_the_sum_over_all_supports_and_sizes(small):
     scores, means, covariances = [], [], []
-    for share in change._SIZES:
-        evidence = change._Evidence(small, share)
+    for share in sparse_change._SIZES:
+        evidence = sparse_change._Evidence(small, share)
         for support in product([False, True], repeat=5):
             scores.append(evidence.score(np.array(support)))
             mean, covariance = evidence.posterior(np.array(support))

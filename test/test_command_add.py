@@ -4,11 +4,11 @@ import hashlib
 import json
 from pathlib import Path
 
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.gravity.applied import AppliedEffect, Value
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.models.applied_effects import AppliedEffect, Value
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links, VISCOUS
@@ -115,7 +115,7 @@ def test_undo_brings_the_model_back_to_the_last_bit(bags, model, capsys):
     back = load_model(model)
     np.testing.assert_array_equal(back.energy.weights, start.energy.weights)
     np.testing.assert_array_equal(back.noise, start.noise)
-    assert [(step.action, step.effects) for step in back.applied.history] == [
+    assert [(step.action, step.effects) for step in back.history] == [
         ('added', ('coulomb_friction:shoulder',)), ('added', ('torque_offset:elbow',)),
         ('removed', ('torque_offset:elbow',)), ('removed', ('coulomb_friction:shoulder',))]
     capsys.readouterr()

@@ -2,8 +2,8 @@
 
 import json
 
-from gravity_comp_ros.bag import read_bag
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
 

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.diagnosis.findings import VERDICTS
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
 

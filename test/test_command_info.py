@@ -2,8 +2,8 @@
 
 import json
 
-from gravity_comp_ros.bag_write import JointTopic, write_bag
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
 from recordings import messages, write_folder

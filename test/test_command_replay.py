@@ -2,11 +2,12 @@
 
 import json
 
-from gravity_comp_ros.bag import read_bag, ReadOptions
-from gravity_comp_ros.bag_write import JointTopic, write_bag
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 import numpy as np
 import pytest
 from recordings import messages, motion, NAMES, write_folder

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
@@ -103,7 +103,7 @@ def test_words_and_undo(folder, model, capsys):
     assert main(['update', '--undo', '--model', str(model)]) == 0
     back = load_model(model)
     np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))
-    assert [step.action for step in back.applied.history] == ['updated', 'removed']
+    assert [step.action for step in back.history] == ['updated', 'removed']
     assert 'updates' not in back.provenance
     assert 'taken back already' in refused(capsys, 'update', '--undo', '--model', model)
 
@@ -120,7 +120,7 @@ def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):
     assert worst(changed) <= 0.15
     assert found['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
     # Both were added and may be taken back, the last one first.
-    assert [step.action for step in changed.applied.history] == ['added', 'updated']
+    assert [step.action for step in changed.history] == ['added', 'updated']
     assert main(['update', '--undo', '--model', str(new)]) == 0
     assert 'coulomb_friction:iiwa_joint_4 was added' in refused(
         capsys, 'update', '--undo', '--model', new)
@@ -130,8 +130,8 @@ def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):
 def test_an_addition_is_not_taken_back_behind_a_payload(folder, tmp_path, capsys):
     # As a node leaves it: updated, with no step of that in its history.
     from dataclasses import replace
-    from gravity_comp_ros.gravity.applied import with_step
-    from gravity_comp_ros.modelfile import save_model
+    from gravity_comp_ros.models.history import with_step
+    from gravity_comp_ros.models.model_file import save_model
     old = load_model(folder / 'arm.json')
     added = with_step(old, old, ('coulomb_friction:iiwa_joint_4',), 'now', {}, {})
     save_model(tmp_path / 'm.json', replace(added, provenance={

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 import re
 
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.commands import terminal
-from gravity_comp_ros.modelfile import load_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import numpy as np
 import pytest
 

@@ -2,11 +2,12 @@
 
 import json
 
-from gravity_comp_ros.diagnosis.compare import compare, compare_prediction, Comparison
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.evaluation.compare import compare, compare_prediction, Comparison
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -1,8 +1,10 @@
 """Design matrices: what they yield without being built is what the built matrix yields."""
 
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.design import EnergyDesign, TorqueDesign
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -1,11 +1,11 @@
 """Products on another processor or in another precision: the same fits, certified in float64."""
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.design import EnergyDesign, TorqueDesign
-from gravity_comp_ros.gravity.device import Arrays
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.lasso import LassoProblem
-from gravity_comp_ros.gravity.sparse import SparseOptions
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.sparse.array_backend import Arrays
+from gravity_comp_ros.models.sparse.lasso import LassoProblem
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from bench.campaign.score import score
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
-from gravity_comp_ros.diagnosis.words import FOUND
+from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.simulation.case_list import case
 from gravity_comp_ros.simulation.cases import recordings
 import pytest

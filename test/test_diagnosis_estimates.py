@@ -1,14 +1,13 @@
 """Sizes of effects: their intervals, and whether they may be nothing."""
 
-from gravity_comp_ros.diagnosis.blocks import cut
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.candidates import Candidate, Columns
-from gravity_comp_ros.diagnosis.estimates import (
-    all_may_be_nothing, each_may_be_nothing, estimates)
+from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
 from gravity_comp_ros.diagnosis.evidence import joint_gram
 from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.evaluation.blocks import cut
 import numpy as np
 import pytest
 

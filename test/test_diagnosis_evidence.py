@@ -1,12 +1,12 @@
 """Evidence of effects: blocks, fits without a fold, and priors of other joints."""
 
-from gravity_comp_ros.diagnosis.blocks import cut
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.evidence import (
     absorbed, covariance, held_out_errors, joint_gram, largest_part, Prior, shared_information,
     solve)
 from gravity_comp_ros.diagnosis.selection import SelectionOptions
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.evaluation.blocks import cut
 import numpy as np
 import pytest
 

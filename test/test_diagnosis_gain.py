@@ -1,6 +1,6 @@
 """What an effect is worth, block by block, and how sure that is."""
 
-from gravity_comp_ros.diagnosis.gain import gain, gain_in_places, gain_of_motion, not_worse
+from gravity_comp_ros.evaluation.gain import gain, gain_in_places, gain_of_motion, not_worse
 import numpy as np
 import pytest
 

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-from gravity_comp_ros.diagnosis.recording import count_reversals, describe
-from gravity_comp_ros.gate import GateOptions
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.evaluation.recording_quality import count_reversals, describe
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.motions import MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions

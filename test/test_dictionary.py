@@ -1,7 +1,7 @@
 """The dictionary of 3^N products: indices, names, hand-worked features, products, gradients."""
 
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.models.sparse import dictionary
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -1,8 +1,8 @@
 """Hidden effects by name, and `synth --hidden`."""
 
-from gravity_comp_ros.bag import read_bag
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre

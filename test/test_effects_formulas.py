@@ -1,10 +1,10 @@
 """Columns of effects against the formulas that their pages print, in numbers made by hand."""
 
 from effect_motions import clean_motion, exact_model
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion_facts import reversals
+from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.registry import find_effect
-from gravity_comp_ros.samples import JointSamples
 import numpy as np
 import pytest
 

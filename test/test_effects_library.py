@@ -4,12 +4,13 @@ from dataclasses import replace
 import re
 
 from effect_motions import ARMS, base_columns, clean_motion, least_squares, NOISE
+from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.samples import concatenate
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 import pytest
 

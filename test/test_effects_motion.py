@@ -1,15 +1,15 @@
 """What effects are computed from: acceleration, gravity's gradient, the direction of motion."""
 
 from effect_motions import arm_of, clean_motion, clean_samples, exact_model, motions_of
-from gravity_comp_ros.effects.direction import (
-    direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
+from gravity_comp_ros.data.runs import run_time
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.excitation import reversals
 from gravity_comp_ros.effects.motion import (
     accelerations, build_motion, gravity_gradient, MotionOptions)
-from gravity_comp_ros.effects.motion_facts import reversals
+from gravity_comp_ros.effects.motion_direction import (
+    direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
 from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.effects.runs import run_time
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
-from gravity_comp_ros.samples import concatenate, JointSamples
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 import numpy as np
 import pytest

@@ -2,10 +2,10 @@
 
 from effect_motions import (
     arm_of, base_columns, clean_motion, exact_model, least_squares, motions_of, NOISE, samples_of)
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.presliding import presliding_state, steady_path
 from gravity_comp_ros.effects.registry import library_effects
-from gravity_comp_ros.samples import JointSamples
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 import numpy as np

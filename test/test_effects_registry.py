@@ -10,7 +10,7 @@ import sys
 
 from effect_motions import clean_motion
 from gravity_comp_ros.effects import document
-from gravity_comp_ros.effects.plug_in import guarded
+from gravity_comp_ros.effects.entry_points import guarded
 from gravity_comp_ros.effects.registry import all_effects, find_effect, library_effects
 from gravity_comp_ros.errors import OptionError
 import numpy as np

@@ -10,13 +10,13 @@ import threading
 import time
 
 from gravity_comp_ros import cli
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import find_robots, Robot
 from gravity_comp_ros.fleet.run import FleetRun, KEPT
 from gravity_comp_ros.fleet.tasks import FitTask
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest

@@ -1,9 +1,9 @@
 """The gate: hand-worked decisions, and the same decision online and offline."""
 
+from gravity_comp_ros.data.gate import (
+    ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE, slow_samples, TIME)
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gate import (ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE,
-                                   slow_samples, TIME)
-from gravity_comp_ros.samples import concatenate, JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -5,7 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from gravity_comp_ros.bag import read_bag
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
 

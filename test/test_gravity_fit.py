@@ -2,11 +2,11 @@
 
 import json
 
+from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.errors import FitError, OptionError
-from gravity_comp_ros.gravity import admm, dictionary
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.sparse import SparseOptions
-from gravity_comp_ros.samples import concatenate
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.sparse import admm, dictionary
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, with_base_tilt
 from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
 import numpy as np

@@ -1,7 +1,8 @@
 """The model itself: torques by hand, equations as the paper prints them, the trained range."""
 
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

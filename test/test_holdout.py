@@ -1,8 +1,8 @@
 """Held-out data: judged samples are never fitted ones, nor their neighbours."""
 
+from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.holdout import HoldoutOptions, split, within
-from gravity_comp_ros.samples import concatenate, JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

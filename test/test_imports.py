@@ -1,6 +1,7 @@
 """Imports flow one way, ROS stays in the node, and the core needs NumPy and SciPy alone."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 import re
 import subprocess
@@ -12,40 +13,40 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = 'gravity_comp_ros'
 MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 
-# Lowest first. A module may import from its own layer and from those below it.
-LAYERS = (
+# Lowest first. A module may import from its own room and from those below it.
+ROOMS = (
     ('__init__', 'errors', 'printable', 'atomic'),
-    ('samples', 'gate', 'buffer', 'holdout', 'velocity'),
-    ('gravity', 'effects'),
+    ('data',),
+    ('simulation', 'recordings', 'models'),
+    ('effects', 'description'),
+    ('evaluation',),
+    ('estimation',),
     ('diagnosis',),
-    ('bag', 'table', 'modelfile', 'urdf', 'simulation', 'report', 'fleet'),
-    ('node', 'commands', 'cli', 'workbench'),
+    ('report', 'fleet'),
+    ('node', 'workbench', 'commands', 'cli'),
 )
-LAYER_OF = {name: level for level, names in enumerate(LAYERS) for name in names}
-CORE = {name for names in LAYERS[:4] for name in names} | {'modelfile'}
-# Within a layer: who must not know whom.
+LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
+CORE = ({name for names in ROOMS[:7] for name in names}
+        - {'recordings', 'simulation', 'description'})
+# Rooms on one level: who must not import whom.
 STRANGERS = {
     'node': {'commands', 'cli', 'workbench', 'simulation'},
     'commands': {'node'},
     'workbench': {'commands', 'cli'},
     'cli': {'node', 'workbench'},
-    'gravity': {'effects'},
+    'models': {'recordings', 'simulation'},
+    'recordings': {'models', 'simulation'},
     # It makes the truth that effects are tested against, so it must share nothing with them.
-    'simulation': {'gravity', 'effects', 'diagnosis', 'bag'},
+    'simulation': {'models', 'recordings'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs',
        'rcl_interfaces', 'rosgraph_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'launch',
        'launch_ros'}
 
 
-def family(name: str) -> str:
-    """Return `bag` for `bag_mcap` and the like; other names as they are."""
-    return next((stem for stem in ('bag', 'table') if name.startswith(stem)), name)
-
-
 def room(path: Path) -> str:
     """Return the top-level module or subpackage of the package that `path` belongs to."""
-    return family(path.relative_to(ROOT / PACKAGE).parts[0].removesuffix('.py'))
+    return path.relative_to(ROOT / PACKAGE).parts[0].removesuffix('.py')
 
 
 def imported(path: Path) -> set[str]:
@@ -65,7 +66,7 @@ def imported(path: Path) -> set[str]:
 def rooms_imported(path: Path) -> set[str]:
     """Return the rooms of this package that a file imports from."""
     parts = [name.split('.') for name in imported(path)]
-    found = {family(part[1]) for part in parts if part[0] == PACKAGE and len(part) > 1}
+    found = {part[1] for part in parts if part[0] == PACKAGE and len(part) > 1}
     return found - {'__version__'}
 
 
@@ -77,10 +78,17 @@ def each(paths):
 @each(MODULES)
 def test_imports_flow_downwards(path):
     own = room(path)
-    assert own in LAYER_OF, f'give {own} a layer in this test'
+    assert own in LEVEL_OF, f'give {own} a level in this test'
     for other in rooms_imported(path):
-        assert LAYER_OF[other] <= LAYER_OF[own], f'{own} must not import {other}'
+        assert LEVEL_OF[other] <= LEVEL_OF[own], f'{own} must not import {other}'
         assert other not in STRANGERS.get(own, set()), f'{own} must not import {other}'
+
+
+def test_no_import_cycle():
+    dotted = {'.'.join(path.relative_to(ROOT).with_suffix('').parts): path for path in MODULES}
+    after = {name: {other for other in imported(path) if other in dotted and other != name}
+             for name, path in dotted.items()}
+    TopologicalSorter(after).prepare()  # raises CycleError, which names the modules
 
 
 @each(MODULES)
@@ -114,9 +122,9 @@ def test_the_rules_catch_a_breach(tmp_path):
 
 def test_the_core_loads_without_the_rest():
     blocked = ['rclpy', 'mcap', 'rosbags', 'rich', 'yaml', 'pinocchio', 'zstandard']
-    modules = ['gravity_comp_ros.gravity.fit', 'gravity_comp_ros.modelfile',
-               'gravity_comp_ros.diagnosis.compare', 'gravity_comp_ros.gate',
-               'gravity_comp_ros.buffer']
+    modules = ['gravity_comp_ros.estimation.fit', 'gravity_comp_ros.models.model_file',
+               'gravity_comp_ros.evaluation.compare', 'gravity_comp_ros.data.gate',
+               'gravity_comp_ros.data.sample_buffer']
     program = ('import sys\n'
                f'sys.modules.update(dict.fromkeys({blocked!r}))\n'
                + ''.join(f'import {name}\n' for name in modules) + 'print("loaded")')

@@ -1,10 +1,11 @@
 """How many samples count as one: held-out parts, and the largest choice that is as good."""
 
-from gravity_comp_ros.gravity import inflation, noise
-from gravity_comp_ros.gravity.design import TorqueDesign
-from gravity_comp_ros.gravity.folds import folds
-from gravity_comp_ros.gravity.sparse import Settled, SparseOptions, SparseProblem
-from gravity_comp_ros.gravity.support import Refit
+from gravity_comp_ros.data.folds import folds
+from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.sparse import variance_inflation
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_problem import Settled, SparseOptions, SparseProblem
+from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -48,8 +49,8 @@ def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, Settled]:
     ([[5, 2, 3], [5, 2, 1], [5, 2, 3], [5, 2, 2], [5, 2, 2]], 10.0)])
 def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, taken):
     left = [np.array(row, dtype=float) for row in errors]
-    monkeypatch.setattr(inflation, '_held_out', lambda *args: left.pop(0))
-    choice = inflation.choose_inflation(*correlated(9.0), SparseOptions())
+    monkeypatch.setattr(variance_inflation, '_held_out', lambda *args: left.pop(0))
+    choice = variance_inflation.choose_inflation(*correlated(9.0), SparseOptions())
     assert choice.tried == (1.0, 3.0, 10.0)
     assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
     assert choice.inflation == taken
@@ -57,6 +58,6 @@ def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, ta
 
 
 def test_white_residuals_are_not_tried_at_all(monkeypatch):
-    monkeypatch.setattr(inflation, '_held_out', None)
-    choice = inflation.choose_inflation(*correlated(1.0), SparseOptions())
+    monkeypatch.setattr(variance_inflation, '_held_out', None)
+    choice = variance_inflation.choose_inflation(*correlated(1.0), SparseOptions())
     assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())

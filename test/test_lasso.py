@@ -1,9 +1,9 @@
 """The L1 problem on a working set: optimal over ALL columns, and certified by itself."""
 
 from dense import breach, coordinate_descent, DenseDesign, objective
-from gravity_comp_ros.gravity import admm
-from gravity_comp_ros.gravity.design import Design, EnergyDesign, TorqueDesign
-from gravity_comp_ros.gravity.lasso import LassoProblem, LassoSolution
+from gravity_comp_ros.models.sparse import admm
+from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
+from gravity_comp_ros.models.sparse.regressor import Design, EnergyDesign, TorqueDesign
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

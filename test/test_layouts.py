@@ -8,10 +8,10 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-from gravity_comp_ros.bag import read_bag, ReadOptions
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 import numpy as np
 import pytest
 

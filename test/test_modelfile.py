@@ -6,12 +6,13 @@ import json
 import os
 from pathlib import Path
 
-from gravity_comp_ros import modelfile
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import ModelFileError
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.modelfile import load_model, save_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models import model_file
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -278,7 +279,7 @@ def test_provenance_that_json_cannot_hold_is_not_written(saved):
 
 
 def test_files_are_small(saved):
-    assert saved.stat().st_size < 20000 < modelfile._MAX_BYTES
+    assert saved.stat().st_size < 20000 < model_file._MAX_BYTES
 
 
 def test_a_joint_that_carries_nothing_is_kept(tmp_path):

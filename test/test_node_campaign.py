@@ -11,10 +11,10 @@ import os
 import signal
 import time
 
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
 from ros_harness import ROOT, running, set_parameter

@@ -8,10 +8,10 @@ import subprocess
 import sys
 import time
 
-from gravity_comp_ros.gravity.fit import FitOptions
-from gravity_comp_ros.node.fitting import BUSY, DOWN, Failure, FitProcess, READY
-from gravity_comp_ros.node.job import Job, Outcome, work
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.node.fit_job import Job, Outcome, work
+from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
 import numpy as np
 import pytest
 
@@ -141,7 +141,7 @@ def test_a_process_that_does_not_start_is_not_started_without_end(command, reaso
 
 def test_it_ends_with_the_process_that_started_it(tmp_path):
     import subprocess
-    code = ('import time\nfrom gravity_comp_ros.node.fitting import FitProcess\n'
+    code = ('import time\nfrom gravity_comp_ros.node.fit_process import FitProcess\n'
             'fits = FitProcess(9.0); fits.start(0.0)\n'
             'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
             'print(fits.pid, flush=True); time.sleep(60)')
@@ -182,7 +182,7 @@ def test_few_samples_change_the_old_model_rather_than_start_again():
 
 PRIORITY = """
 import os, sys, time
-from gravity_comp_ros.node.fitting import FitProcess, READY
+from gravity_comp_ros.node.fit_process import FitProcess, READY
 try:
     os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
 except PermissionError:

@@ -1,12 +1,13 @@
 """Effects told from one moment: those of the library, bounded where they go to a drive."""
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
-from gravity_comp_ros.gravity.applied import Applied, AppliedEffect, Value
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
-from gravity_comp_ros.node.instant import (compensable, CompensateOptions, INSTANT,
-                                           InstantEffects, SAFE)
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.node.realtime_effects import (
+    compensable, CompensateOptions, INSTANT, InstantEffects, SAFE)
 import numpy as np
 import pytest
 

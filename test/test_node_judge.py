@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.node.judge import judge as judge_predictions, Prediction
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.node.model_acceptance import judge as judge_predictions, Prediction
 import numpy as np
 
 

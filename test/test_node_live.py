@@ -2,12 +2,12 @@
 
 import time
 
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
-from gravity_comp_ros.node.live import Live
+from gravity_comp_ros.node.node_core import Live
 from gravity_comp_ros.node.parameters import defaults
-from gravity_comp_ros.samples import JointSamples
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.fit import FitOptions
+from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults, markdown, TABLE
 import pytest
 import yaml

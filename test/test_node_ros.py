@@ -6,11 +6,11 @@ import subprocess
 import sys
 import time
 
-from gravity_comp_ros.bag import read_bag
 from gravity_comp_ros.commands import replay
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 import numpy as np
@@ -85,7 +85,7 @@ def replay_command(model: Path, folder: Path) -> np.ndarray:
         [sys.executable, '-m', 'gravity_comp_ros.cli', 'replay', BAGS / 'eq17_later.mcap',
          '--model', model, '-o', out], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
-    from gravity_comp_ros.bag import ReadOptions
+    from gravity_comp_ros.recordings.bag import ReadOptions
     return read_bag(out, ReadOptions(topic=replay.PREDICTION)).samples.tau
 
 

@@ -1,7 +1,8 @@
 """Gravity in the effort of a trajectory: by name, within the trained range, or not at all."""
 
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.node.trajectory import fill_effort
 import numpy as np
 import pytest

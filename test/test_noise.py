@@ -1,6 +1,6 @@
 """Noise: its size absolute and relative, and over how many samples it is one."""
 
-from gravity_comp_ros.gravity import noise
+from gravity_comp_ros.models import noise
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

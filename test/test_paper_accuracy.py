@@ -8,8 +8,8 @@ of the joints. `pytest -rP` prints the worst figures.
 """
 
 from bench import accuracy
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest

@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import ModelMismatchError, OptionError
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.geometry import Geometry
-from gravity_comp_ros.gravity.update import update
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms, generated, motions
-from gravity_comp_ros.urdf import read_urdf
 import numpy as np
 import pytest
 from serial_arms import poses, samples_of

@@ -3,16 +3,18 @@
 from dataclasses import replace
 import json
 
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.refit import refit, RefitOptions
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque, rows_of
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelFileError, OptionError
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.applied import Applied, AppliedEffect, Step, Value, with_step
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.modelfile import load_model, save_model
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.refit import refit, RefitOptions
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import Step
+from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.model_file import load_model, save_model
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, NOISE, two_links, VISCOUS
@@ -55,7 +57,7 @@ def test_every_formulation_stays_what_it_is(formulation):
 
 def _slope(model, q, joint):
     """Return d U / d q of a joint from energies alone: the torques must have a potential."""
-    from gravity_comp_ros.gravity import dictionary
+    from gravity_comp_ros.models.sparse import dictionary
     step = np.zeros(q.shape[1])
     step[joint] = 1e-5
     energy = [dictionary.columns(x, model.energy.indices) @ model.energy.weights
@@ -160,7 +162,7 @@ def test_files_keep_effects_and_history(tmp_path):
     save_model(tmp_path / 'm.json', model)
     again = load_model(tmp_path / 'm.json')
     assert again.applied.effects == model.applied.effects
-    step = again.applied.history[0]
+    step = again.history[0]
     assert (step.action, step.effects) == ('added', FRICTION)
     assert step.before == result.by_joint()[0]
     np.testing.assert_array_equal(step.previous.energy.weights, MODEL.energy.weights)

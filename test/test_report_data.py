@@ -2,15 +2,15 @@
 
 from dataclasses import replace
 
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.gravity.fit import fit
+from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable
 from gravity_comp_ros.report.decimate import keep_extremes
 from gravity_comp_ros.report.pairs import pair_grid, places
 from gravity_comp_ros.report.spectra import over_angle, over_time
-from gravity_comp_ros.samples import concatenate, JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from rough_links import COULOMB, two_links

@@ -6,8 +6,8 @@ import subprocess
 import sys
 
 from browser import watched
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 from rough_links import two_links
 

@@ -2,8 +2,8 @@
 
 from dataclasses import FrozenInstanceError
 
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.samples import concatenate, JointSamples
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -1,8 +1,8 @@
 """From samples to a sparse fit: what an arm that waits may say."""
 
-from gravity_comp_ros.gravity.design import EnergyDesign
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.gravity.sparse import SparseProblem
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.sparse.sparse_problem import SparseProblem
 from hypothesis import given, settings, strategies as st
 import numpy as np
 from serial_arms import planar_2r, poses, samples_of

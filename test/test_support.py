@@ -1,8 +1,8 @@
 """The support search: prices, hand-worked steps, and no single step left that would pay."""
 
 from dense import DenseDesign
-from gravity_comp_ros.gravity import dictionary, support
-from gravity_comp_ros.gravity.design import EnergyDesign, TorqueDesign
+from gravity_comp_ros.models.sparse import dictionary, support
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

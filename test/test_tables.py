@@ -2,10 +2,10 @@
 
 import pickle
 
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.bag_write import DEFAULT_START_NS, write_bag
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.tables import read_table, TableOptions
+from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, write_bag
+from gravity_comp_ros.recordings.table import read_table, TableOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

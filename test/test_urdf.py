@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from gravity_comp_ros.description.urdf import parse_urdf, read_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gravity.chain import Chain
-from gravity_comp_ros.gravity.geometry import Geometry
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.urdf import parse_urdf, read_urdf
 import numpy as np
 import pytest
 from serial_arms import poses

@@ -1,7 +1,7 @@
 """Differentiated velocities: no delay, nothing across gaps, no amplified noise."""
 
+from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.velocity import differentiate, DifferentiationOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

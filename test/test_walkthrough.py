@@ -7,7 +7,7 @@ import re
 import shlex
 
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.model_file import load_model
 import pytest
 
 DOCS = Path(__file__).resolve().parent.parent / 'docs'
@@ -87,8 +87,8 @@ def test_the_model_file_tells_what_was_done_and_undone(walk):
     folder = walk[1]
     model = load_model(folder / 'with_effect.json')
     assert [effect.target for effect in model.applied.effects] == [f'coulomb_friction:{JOINT}']
-    step = model.applied.history[-1]
+    step = model.history[-1]
     assert step.action == 'added' and step.after[JOINT] < 0.2 * step.before[JOINT]
     back = load_model(folder / 'arm.json')
     assert not back.applied.effects
-    assert [step.action for step in back.applied.history] == ['added', 'removed']
+    assert [step.action for step in back.history] == ['added', 'removed']

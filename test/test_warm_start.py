@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import Expansion
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation.arms import gravity_torque
 import numpy as np
 import pytest

@@ -12,9 +12,9 @@ import urllib.parse
 
 from bokeh.util.token import generate_jwt_token, generate_session_id
 from browser import PLOTS, ROOT, watched
-from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
 import numpy as np
 import pytest
 from rough_links import COULOMB, two_links

@@ -7,10 +7,10 @@ import subprocess
 import sys
 
 from browser import ROOT, watched
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 from ros_harness import running
 

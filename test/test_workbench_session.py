@@ -6,10 +6,10 @@ import subprocess
 import sys
 import time
 
-from gravity_comp_ros.bag import ReadOptions
-from gravity_comp_ros.bag_write import joint_states, write_bag
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings.bag import ReadOptions
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Choice, chosen, Learn, Read, thinned
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Failed, Finished, Progressed, Worker

@@ -19,15 +19,15 @@ from dataclasses import dataclass
 from pathlib import Path
 import time
 
-from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.gravity.chain import aligned, Sweep
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.gravity.update import update
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
 from gravity_comp_ros.simulation import arms, generated, motions
-from gravity_comp_ros.urdf import read_urdf
 import numpy as np
 
 NOISE = 0.1
@@ -74,12 +74,14 @@ class Case:
         axes = np.stack([p.rotation for p in list(self.arm.model.jointPlacements)[1:]])
         up = -self.arm.model.gravity.linear
         axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        columns = Sweep(axes, samples.q).moment_columns().reshape(2 * len(axes), -1) / NOISE
+        columns = ForwardKinematics(axes, samples.q).moment_columns()
+        columns = columns.reshape(2 * len(axes), -1) / NOISE
         gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
         moments = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
         found = {}
         for name, q in (('motion', self.motion), ('range', self.range)):
-            torque = np.tensordot(moments, Sweep(axes, q).moment_columns(), axes=(0, 0)).T
+            columns = ForwardKinematics(axes, q).moment_columns()
+            torque = np.tensordot(moments, columns, axes=(0, 0)).T
             error = torque - arms.gravity_torque(self.arm, q)
             found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
         return found

@@ -8,15 +8,15 @@ from pathlib import Path
 import time
 
 from bench.paper.scenes import FloatArray, Scene
-from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.geometry import Geometry
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.gravity.update import update
-from gravity_comp_ros.samples import JointSamples
-from gravity_comp_ros.urdf import read_urdf
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
 URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'

@@ -13,17 +13,17 @@ from tempfile import TemporaryDirectory
 import time
 
 from bench.paper.scenes import FloatArray
-from gravity_comp_ros.bag import read_bag
-from gravity_comp_ros.bag_write import write_bag
-from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
-from gravity_comp_ros.diagnosis.refit import RefitOptions
+from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.holdout import HoldoutOptions, split, within
-from gravity_comp_ros.samples import JointSamples
-from gravity_comp_ros.tables import read_table, TableOptions
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.mcap_writer import write_bag
+from gravity_comp_ros.recordings.table import read_table, TableOptions
 import numpy as np
 
 FORMULATIONS = ('per_joint', 'potential', 'chain', 'auto')

@@ -18,9 +18,9 @@ from typing import Any
 
 from bench.paper.methods import Fitted, Method
 from bench.paper.scenes import FloatArray, Scene
-from gravity_comp_ros.gravity.chain import Chain
-from gravity_comp_ros.gravity.chain_expand import expand
-from gravity_comp_ros.gravity.geometry import STANDARD_GRAVITY
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
 from gravity_comp_ros.simulation import arms
 import numpy as np
 import pinocchio as pin

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 from numpy.typing import NDArray

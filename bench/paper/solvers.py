@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import time
 
 from bench.paper.scenes import FloatArray
-from gravity_comp_ros.gravity.design import TorqueDesign
-from gravity_comp_ros.gravity.factors import usable_for_torque
-from gravity_comp_ros.gravity.lasso import column_lengths, has_length, LassoProblem
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.sparse.identifiability import usable_for_torque
+from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length, LassoProblem
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 import numpy as np
 
 

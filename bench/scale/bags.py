@@ -21,10 +21,10 @@ import sys
 import tempfile
 import time
 
-from gravity_comp_ros.bag_gated import read_gated
-from gravity_comp_ros.bag_layout import LayoutDecoder
-from gravity_comp_ros.bag_storage import open_storage
-from gravity_comp_ros.bag_write import JointTopic, write_bag
+from gravity_comp_ros.recordings.gated_bag import read_gated
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.storage import open_storage
 import numpy as np
 from rosbags.highlevel import AnyReader
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.gravity import dictionary
+from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.simulation import arms, generated, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

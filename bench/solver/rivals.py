@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import time
 import warnings
 
-from gravity_comp_ros.gravity.design import TorqueDesign
-from gravity_comp_ros.gravity.lasso import LassoProblem
-from gravity_comp_ros.gravity.sparse import follow_path
+from gravity_comp_ros.models.sparse.lasso import LassoProblem
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_problem import follow_path
 import numpy as np
 from problems import Problem
 from scipy import linalg

@@ -19,10 +19,10 @@ import platform
 import sys
 import time
 
-from gravity_comp_ros.gravity.design import TorqueDesign
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.fit_sparse import fit_sparse
-from gravity_comp_ros.gravity.sparse import SparseOptions, SparseProblem
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseProblem
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -7,17 +7,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.bag import ReadReport
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.writing import check_model_target, json_file
-from gravity_comp_ros.diagnosis.refit import refit
-from gravity_comp_ros.diagnosis.refit_result import Refit
+from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.gravity.applied import undone, with_step
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.holdout import HoldoutOptions, within
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import undone, with_step
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import ReadReport
 
 VERB = 'add'
 HELP = 'add effects to a model, refit it as a whole, and see the held-out error fall'
@@ -80,7 +80,7 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
         back = undone(model, refitting.now())
     except DataError as problem:
         raise OptionError(f'{args.model}: {problem}') from problem
-    step = back.applied.history[-1]
+    step = back.history[-1]
     if not args.dry_run:
         save_model(args.model, back)
     left = [effect.target for effect in back.applied.effects]

@@ -9,12 +9,12 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.samples import JointSamples
 
 if TYPE_CHECKING:
-    from gravity_comp_ros.bag import ReadOptions
-    from gravity_comp_ros.gate import GateOptions
+    from gravity_comp_ros.data.gate import GateOptions
+    from gravity_comp_ros.recordings.bag import ReadOptions
 
 
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
@@ -49,7 +49,7 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
 
 def read_options(args: argparse.Namespace) -> ReadOptions:
     """Return the `ReadOptions` that the arguments of `add_reading` ask for."""
-    from gravity_comp_ros.bag import ReadOptions
+    from gravity_comp_ros.recordings.bag import ReadOptions
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
@@ -69,7 +69,7 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
 
 def gate_options(args: argparse.Namespace) -> GateOptions:
     """Return the `GateOptions` that --max-speed and --rate ask for."""
-    from gravity_comp_ros.gate import GateOptions
+    from gravity_comp_ros.data.gate import GateOptions
     given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
@@ -104,7 +104,7 @@ def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
     """
     if args.all_samples:
         return Gated(samples, samples.n_samples, {}, True)
-    from gravity_comp_ros.gate import slow_samples
+    from gravity_comp_ros.data.gate import slow_samples
     options = gate_options(args)
     result = slow_samples(samples, options)
     return slow_only(result.samples, samples.n_samples, result.dropped, options)

@@ -7,13 +7,13 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
-from gravity_comp_ros.diagnosis.compare import Calibration, compare, JointComparison
+from gravity_comp_ros.data.holdout import Block, within
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.holdout import Block, within
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.evaluation.compare import Calibration, compare, JointComparison
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.samples import JointSamples
 from rich.table import Table
 from rich.text import Text
 
@@ -104,7 +104,7 @@ def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSampl
     if args.previous is not None:
         other, name = load_model(args.previous), args.previous.name
     else:
-        steps = [step for step in model.applied.history if step.previous is not None]
+        steps = [step for step in model.history if step.previous is not None]
         if not steps or steps[-1].previous is None:
             return {}, ''
         other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'

@@ -5,24 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gravity_comp_ros.bag_write import write_bag, WriteOptions
-from gravity_comp_ros.commands.arguments import (
-    add_json,
-    finite,
-    joint_list,
-    names_shown,
-    positive,
-)
+from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, names_shown, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.writing import mcap_file
-from gravity_comp_ros.tables import (
-    ANGLE_UNITS,
-    Converted,
-    EFFORT_UNITS,
-    read_table,
-    TableOptions,
-    TIME_UNITS,
-)
+from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
+from gravity_comp_ros.recordings.table import (
+    ANGLE_UNITS, Converted, EFFORT_UNITS, read_table, TableOptions, TIME_UNITS)
 
 VERB = 'convert'
 HELP = 'bring a CSV or NPZ file with any columns, units and signs into an MCAP file'

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
-from gravity_comp_ros.diagnosis.recording import describe, RecordingFacts
-from gravity_comp_ros.effects.direction import least_widths
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.effects.motion_direction import least_widths
+from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 import numpy as np
 from rich.table import Table
 

@@ -8,20 +8,20 @@ from pathlib import Path
 import shlex
 import time
 
-from gravity_comp_ros.bag import ReadReport
 from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
-from gravity_comp_ros.diagnosis import words
-from gravity_comp_ros.diagnosis.compare import compare
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.fit import fit
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import load_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.bag import ReadReport
 from rich.table import Table
 
 VERB = 'diagnose'
@@ -89,14 +89,14 @@ def _run(args: argparse.Namespace) -> int:
     if args.html:
         _write_page(args, samples, model, diagnosis, reports)
     if args.json != '-':
-        terminal.show(f'[bold]{terminal.safe(words.verdict(diagnosis))}[/bold]', '')
+        terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         for line in reading.bag_lines(reports):
             terminal.show(terminal.safe(line))
         _show(args, diagnosis, check, model)
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
         terminal.emit_json(
-            {**diagnosis.to_json(), 'verdict': words.verdict(diagnosis),
+            {**diagnosis.to_json(), 'verdict': wording.verdict(diagnosis),
              'model': args.model.name if args.model else None,
              'data': check.to_json(), 'bags': [reading.bag_json(r) for r in reports],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
@@ -160,7 +160,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 def _table(diagnosis: Diagnosis) -> Table:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
-             f'{words.percent(f.nrmse_before)} → {words.percent(f.nrmse_after)}',
+             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}',
              ', '.join(f.rivals)] for f in diagnosis.findings]
     columns = [*_FINDINGS, _RIVALS]
     if not any(f.rivals for f in diagnosis.findings):
@@ -175,7 +175,7 @@ def _table(diagnosis: Diagnosis) -> Table:
 
 def _coefficients(finding: Finding) -> str:
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {words.plus_minus(x)}' for symbol, x in items[:_MOST_SHOWN])
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:_MOST_SHOWN])
     more = len(items) - _MOST_SHOWN
     return shown + (f' and {more} more' if more > 0 else '') or '–'
 
@@ -194,7 +194,7 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
 
 def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
     """Return lines of markup on what to do next."""
-    targets = words.targets(diagnosis.findings)
+    targets = wording.targets(diagnosis.findings)
     lines = []
     if targets and args.model is None:
         bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
@@ -204,7 +204,7 @@ def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
                                f'--model MODEL.json BAG...', args)
         lines.append(f'  {terminal.safe(command)}')
     for finding in diagnosis.findings:
-        if finding.verdict not in words.FOUND and finding.next_step:
-            place = f'{finding.effect or "unknown"} on {words.where(finding)}'
+        if finding.verdict not in wording.FOUND and finding.next_step:
+            place = f'{finding.effect or "unknown"} on {wording.where(finding)}'
             lines.append(f'  {terminal.safe(f"{place}: {finding.next_step}")}')
     return ['[bold]next step[/bold]', *lines, ''] if lines else []

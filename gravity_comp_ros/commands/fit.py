@@ -12,17 +12,17 @@ from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.writing import check_model_target, json_file
-from gravity_comp_ros.diagnosis.compare import compare, Comparison
-from gravity_comp_ros.diagnosis.fit_effects import fit_with_effects
-from gravity_comp_ros.diagnosis.refit_result import Refit
+from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.applied import with_step
-from gravity_comp_ros.gravity.fit import CHOICES, fit, FitOptions, FitResult
-from gravity_comp_ros.gravity.geometry import Geometry
-from gravity_comp_ros.holdout import HoldoutOptions, Split, split, within
-from gravity_comp_ros.modelfile import save_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.model_file import save_model
 from rich.table import Table
 
 VERB = 'fit'
@@ -129,7 +129,7 @@ def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
 def _geometry(args: argparse.Namespace, loaded: reading.Loaded) -> Geometry | None:
     if args.urdf is None:
         return None
-    from gravity_comp_ros.urdf import read_urdf
+    from gravity_comp_ros.description.urdf import read_urdf
     return read_urdf(args.urdf, loaded.samples.names)
 
 

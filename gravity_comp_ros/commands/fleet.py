@@ -10,10 +10,10 @@ from pathlib import Path
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.fleet.engine import Engine
 from gravity_comp_ros.fleet.folder import find_robots
 from gravity_comp_ros.fleet.run import FleetRun, Outcome
-from gravity_comp_ros.gravity.fit import CHOICES, FitOptions
 
 VERB = 'fleet'
 HELP = 'fit or diagnose every robot of a folder, here or on a Dask cluster'

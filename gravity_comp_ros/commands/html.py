@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.bag import ReadReport
-from gravity_comp_ros.diagnosis.compare import Comparison
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import GravityCompError, OptionError
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.recordings.bag import ReadReport
 
 if TYPE_CHECKING:
     from gravity_comp_ros.report.contents import Contents

@@ -8,14 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.bag import read_bag, ReadReport
-from gravity_comp_ros.bag_parallel import read_gated_bags
-from gravity_comp_ros.commands.arguments import (
-    gate_options, Gated, gated, read_options, slow_only)
+from gravity_comp_ros.commands.arguments import gate_options, Gated, gated, read_options, slow_only
 from gravity_comp_ros.commands.terminal import ProgressCallback
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.holdout import Block
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.data.holdout import Block
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.recordings.bag import read_bag, ReadReport
+from gravity_comp_ros.recordings.parallel import read_gated_bags
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from typing import Any
 
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.diagnosis.findings import Estimate
-from gravity_comp_ros.diagnosis.refit import RefitOptions
-from gravity_comp_ros.diagnosis.refit_result import Refit
-from gravity_comp_ros.diagnosis.words import percent, plus_minus
+from gravity_comp_ros.diagnosis.wording import percent, plus_minus
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.applied import AppliedEffect
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.models.applied_effects import AppliedEffect
 from rich.table import Table
 
 _MOST_SHOWN = 6

@@ -6,16 +6,17 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.bag import read_bag, Recording
-from gravity_comp_ros.bag_write import joint_states, JointTopic, write_bag, WriteOptions
 from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.bag import read_bag, Recording
+from gravity_comp_ros.recordings.mcap_writer import (
+    joint_states, JointTopic, write_bag, WriteOptions)
 import numpy as np
 from numpy.typing import NDArray
 

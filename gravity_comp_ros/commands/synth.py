@@ -6,12 +6,12 @@ import argparse
 from math import radians
 from pathlib import Path
 
-from gravity_comp_ros.bag_write import joint_states, write_bag
 from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import hidden, KINDS
 from gravity_comp_ros.simulation.noise import NoiseOptions

@@ -9,13 +9,13 @@ from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.writing import check_model_target, json_file
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.gravity.applied import undone, UPDATED, with_step
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.gravity.update import update, UpdateResult
-from gravity_comp_ros.modelfile import load_model, save_model
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.estimation.update import update, UpdateResult
+from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
+from gravity_comp_ros.models.history import undone, with_step
+from gravity_comp_ros.models.model_file import load_model, save_model
 from rich.table import Table
 
 VERB = 'update'
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
-    last = next((s for s in reversed(model.applied.history) if s.previous is not None), None)
+    last = next((s for s in reversed(model.history) if s.previous is not None), None)
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is no update: '
                           f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
@@ -92,7 +92,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         report('update', 0.5)
         geometry = None
         if args.urdf is not None:
-            from gravity_comp_ros.urdf import read_urdf
+            from gravity_comp_ros.description.urdf import read_urdf
             geometry = read_urdf(args.urdf, model.joints)
         result = update(model, _gravity(model, loaded), geometry=geometry)
         report('update', 1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.fit import CHOICES
+from gravity_comp_ros.estimation.fit import CHOICES
 
 VERB = 'workbench'
 HELP = 'see where a model fails, add effects and watch the error fall, in a browser'

@@ -13,28 +13,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.diagnosis.nuisance import nuisance
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.chain import Chain
-from gravity_comp_ros.gravity.chain_fit import fit_chain
-from gravity_comp_ros.gravity.design import EnergyDesign
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import Expansion, GravityModel
-from gravity_comp_ros.gravity.sparse import SparseOptions
-from gravity_comp_ros.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.estimation.base_level import is_level, levelled
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.nuisance import nuisance
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
 _CAUTIOUS = FitOptions(sparse=SparseOptions(inflation=4.0))
-# An arm whose first joint carries less than this share of the largest torque is level but for
-# a tilt; more is a wall or an incline, whose gravity the base must hold.
-_NEARLY_LEVEL = 0.15
 # Directions of the base that this motion excites less, next to the most excited, are left out.
 _EXCITED = 1e-3
 # Another base must take this part off some joint's error, or it is the same.
@@ -137,7 +134,7 @@ def _tangent(cleaned: JointSamples) -> FloatArray:
         chain = fit_chain(cleaned.select(_thin(cleaned, _CHAIN_SAMPLES))).chain
     except GravityCompError:
         return np.zeros((m, n, 0))
-    level = _is_level(chain.torque(cleaned.q))
+    level = is_level(chain.torque(cleaned.q))
     if level and n > 1:
         axes = chain.axes.copy()
         axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
@@ -175,22 +172,3 @@ def _nuisance(motion: Motion, model: GravityModel) -> FloatArray:
                             rcond=1e-10)[0]
         taken[:, joint] = extra @ x[-extra.shape[1]:]
     return taken
-
-
-def _is_level(torque: FloatArray) -> bool:
-    rms = np.sqrt((torque ** 2).mean(axis=0))
-    return bool(rms[0] <= _NEARLY_LEVEL * rms.max())
-
-
-def levelled(model: GravityModel, q: FloatArray) -> GravityModel:
-    """Return the model without features of the first joint, if they are small."""
-    energy, n = model.energy, model.n_joints
-    if energy is None or n < 2 or model.chain is not None:
-        return model
-    first = dictionary.digits(energy.indices, n)[:, 0] != dictionary.ONE
-    if not first.any() or not _is_level(model.predict(q)):
-        return model
-    kept = Expansion(energy.indices[~first], energy.weights[~first])
-    level = GravityModel.from_energy(model.joints, model.formulation, kept, model.noise,
-                                     model.coverage, model.provenance)
-    return replace(level, applied=model.applied)

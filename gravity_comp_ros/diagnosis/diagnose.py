@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.diagnosis import laws, other_laws, unknown as unknown_torque
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.diagnosis import (
+    alternative_models, nonparametric as unknown_torque, structure_tests)
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
-from gravity_comp_ros.diagnosis.blocks import Blocks, cut
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
 from gravity_comp_ros.diagnosis.verdict import Judge
 from gravity_comp_ros.effects.effect import Effect, Motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.estimation.nuisance import nuisance
+from gravity_comp_ros.evaluation.blocks import Blocks, cut
+from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -73,8 +74,9 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         selection = _select(base, columns, options.selection)
     tell('verdicts', 0.8)
     diagnosis = Judge(selection, motion, span).diagnosis()
-    tests = columns.of_family(laws.FAMILY)
-    diagnosis = replace(diagnosis, laws=laws.check_laws(selection, tests, samples.names))
+    tests = columns.of_family(structure_tests.FAMILY)
+    laws = structure_tests.check_laws(selection, tests, samples.names)
+    diagnosis = replace(diagnosis, laws=laws)
     tell('verdicts', 1.0)
     return diagnosis
 
@@ -84,14 +86,15 @@ def _effects(options: DiagnosisOptions) -> Mapping[str, Effect]:
     if options.effects is not None:
         known = {name: known[name] for name in options.effects}
     return {**known, unknown_torque.NAME: unknown_torque.UNKNOWN,
-            **{law.name: law for law in laws.LAWS}, **other_laws.other_laws(known)}
+            **{law.name: law for law in structure_tests.LAWS},
+            **alternative_models.other_laws(known)}
 
 
 def _select(base: Base, columns: Columns, options: SelectionOptions) -> Selection:
     """Return the finished selection among the effects that have names."""
     motion = base.motion
-    loose = [*columns.of_family(unknown_torque.FAMILY), *columns.of_family(laws.FAMILY)]
-    nameless = {c.key for c in (*loose, *columns.of_family(other_laws.FAMILY))}
+    loose = [*columns.of_family(unknown_torque.FAMILY), *columns.of_family(structure_tests.FAMILY)]
+    nameless = {c.key for c in (*loose, *columns.of_family(alternative_models.FAMILY))}
     effects = [c for c in columns.candidates if c.key not in base.given | nameless]
     blocks, grams = _evidence(motion, columns, loose)
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.evidence import covariance, Fit, largest_part
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 from scipy import stats
 

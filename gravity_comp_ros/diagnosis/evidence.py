@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.diagnosis.blocks import Blocks
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.evaluation.blocks import Blocks
 import numpy as np
 from scipy import linalg
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gravity_comp_ros.diagnosis.laws import LawReport
+from gravity_comp_ros.diagnosis.structure_tests import StructureTest
 
 VERDICTS = ('established', 'likely', 'ambiguous', 'weak', 'untestable', 'unexplained')
 
@@ -86,7 +86,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
-    laws: tuple[LawReport, ...] = ()
+    laws: tuple[StructureTest, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `diagnose --json` prints."""

@@ -13,13 +13,13 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gravity_comp_ros.diagnosis.blocks import Blocks
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.candidates import Candidate, Columns, MOTION, RARE
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, JointGram, Prior, shared_information, solve)
-from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_of_motion, not_worse, share
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.evaluation.blocks import Blocks
+from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, not_worse, share
 import numpy as np
 
 _ROUNDS = 4
@@ -215,7 +215,7 @@ class Selection:
     def _remove_idle(self) -> bool:
         """Drop chosen effects that the others have made needless."""
         # What corrects another effect goes before it.
-        for candidate in sorted(self.chosen, key=lambda c: not c.effect.mends):
+        for candidate in sorted(self.chosen, key=lambda c: not c.effect.corrects):
             rest = [c for c in self.chosen if c is not candidate]
             if not self.is_needed(candidate, rest):
                 self._change(rest)
@@ -297,8 +297,8 @@ class Selection:
                 and self._is_physical(c, [*self.chosen, c])]
 
     def _has_parent(self, candidate: Candidate, taken: set[tuple[str, int | None]]) -> bool:
-        mends, there = candidate.effect.mends, taken | self.given
-        return not mends or any((name, candidate.joint) in there for name in mends)
+        corrects, there = candidate.effect.corrects, taken | self.given
+        return not corrects or any((name, candidate.joint) in there for name in corrects)
 
     def _all_gains(self) -> dict[int, Gain]:
         before: dict[int | None, FloatArray] = {}

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gravity_comp_ros.diagnosis import other_laws, unknown as unknown_torque
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.diagnosis import alternative_models, nonparametric as unknown_torque
 from gravity_comp_ros.diagnosis.candidates import Candidate, expectation, MOTION, RARE
-from gravity_comp_ros.diagnosis.estimates import (
-    all_may_be_nothing, each_may_be_nothing, estimates)
+from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
 from gravity_comp_ros.diagnosis.evidence import absorbed
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
-from gravity_comp_ros.diagnosis.gain import Gain, gain, gain_in_places
 from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.gravity.noise import correlation_time
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.evaluation.gain import Gain, gain, gain_in_places
+from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
 # Unknown structure worth a finding takes this share of what is left of the error.
@@ -40,7 +39,7 @@ class Judge:
     def __init__(self, selection: Selection, motion: Motion, span: FloatArray) -> None:
         self.selection, self.motion, self.span = selection, motion, span
         self.unknown = selection.columns.of_family(unknown_torque.FAMILY)
-        self.other_laws = selection.columns.of_family(other_laws.FAMILY)
+        self.other_laws = selection.columns.of_family(alternative_models.FAMILY)
         self.names = motion.samples.names
         self.alpha = selection.options.alpha
 
@@ -65,7 +64,7 @@ class Judge:
     def _bent(self) -> list[Finding]:
         """Return what follows another law than its effect, which is no longer chosen then."""
         found = [bent for c in self.other_laws
-                 if (bent := other_laws.bent(self.selection, c, len(self.other_laws)))]
+                 if (bent := alternative_models.bent(self.selection, c, len(self.other_laws)))]
         if not found:
             return []
         bent = max(found, key=lambda one: one.gain.mean)
@@ -85,7 +84,7 @@ class Judge:
             bent.candidate.effect.experiment.replace('{joint}', self.names[place]),
             bent.gain.p)]
 
-    def _pays_beside(self, candidate: Candidate, bent: other_laws.Bent) -> bool:
+    def _pays_beside(self, candidate: Candidate, bent: alternative_models.Bent) -> bool:
         """Return whether an effect is more than part of what the other law describes."""
         rest = [c for c in bent.without if c is not candidate]
         return self.selection.is_needed(candidate, [*rest, bent.candidate])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.runs import run_slices, run_time
+from gravity_comp_ros.data.samples import BoolArray
 from gravity_comp_ros.effects.effect import Motion, Setting
-from gravity_comp_ros.effects.runs import run_slices, run_time
-from gravity_comp_ros.samples import BoolArray
 import numpy as np
 
 # Into how many parts a run is cut: a single one finely, several only coarsely, many not at all.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from itertools import product
 
+from gravity_comp_ros.data.runs import recorded_time
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import not_negative, within_torque
-from gravity_comp_ros.effects.runs import recorded_time
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import not_negative, within_torque
 import numpy as np
 
 _LEAST_ACCELERATION = 1e-3

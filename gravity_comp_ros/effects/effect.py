@@ -13,10 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from gravity_comp_ros.effects.direction import direction, Shape
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import direction, Shape
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
 
 Setting = Mapping[str, float]
 
@@ -123,7 +123,7 @@ class Effect:
     `experiment` is the motion that tells them apart, with `{joint}` for the joint's name;
     `signature` names the plot in which it shows (x axis). `taken` names the settings that are
     not scanned but taken from the motion as it is, such as the middle of a range, so that the
-    columns mean the same on other motions. `mends` names effects one of which must be there on
+    columns mean the same on other motions. `corrects` names effects one of which must be there on
     the joint before this one, which corrects it, is looked for. `otherwise` is another law by
     which the same cause could act, where no effect has it: what follows that is not this effect.
 
@@ -148,7 +148,7 @@ class Effect:
     implausible: Implausible = always_plausible
     setting_units: Mapping[str, str] = field(default_factory=dict)
     taken: tuple[str, ...] = ()
-    mends: tuple[str, ...] = ()
+    corrects: tuple[str, ...] = ()
     refine: Refinement = no_refinement
     symbols: Symbols | None = None
     otherwise: OtherLaw | None = None

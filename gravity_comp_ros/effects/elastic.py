@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, OtherLaw, Setting
-from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import all_of, not_negative, smaller_than, within_torque
 import numpy as np
 
 # Less travel leaves a spring, a ramp and gravity's sine alike.

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import Expansion
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
 _CHUNK = 4096

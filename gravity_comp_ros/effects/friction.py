@@ -7,16 +7,16 @@ torque, never the measured one, which holds the friction itself.
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects import motion_facts as facts
-from gravity_comp_ros.effects.direction import direction, find_shape, least_widths, Shape
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import all_of, not_negative, smaller_than, within_torque
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
+from gravity_comp_ros.effects.plausibility import all_of, not_negative, smaller_than, within_torque
 import numpy as np
 
 _TO_AND_FRO = ('move joint {joint} to and fro through its range with the others still, once '
                'each at three speeds')
-# A Stribeck speed must be this many sign widths, or it only mends the width.
+# A Stribeck speed must be this many sign widths, or it only corrects the width.
 _ABOVE_WIDTH = 4.0
 # ... and lie below this share of the top speed, or it is viscous friction upside down.
 _BELOW_TOP = 0.35
@@ -188,7 +188,7 @@ EFFECTS = (
         experiment='move joint {joint} to and fro through the same range at five speeds, from '
                    'the slowest that the drive holds steady to ten times that',
         signature='speed',
-        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
+        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         source='R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
                'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC '
                '2005',
@@ -212,7 +212,7 @@ EFFECTS = (
         experiment='move joint {joint} to and fro and let it stand for some seconds in several '
                    'places on the way',
         signature='speed',
-        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
+        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         source='B. Armstrong-Hélouvry et al., A survey of models, analysis tools and '
                'compensation methods for the control of machines with friction, Automatica '
                '30, 1994',

@@ -6,12 +6,12 @@ The memory starts anew with every run: nothing is known of what came before it.
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.data.runs import longest_run, run_slices, run_time
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import not_negative, within_torque
+from gravity_comp_ros.effects.plausibility import not_negative, within_torque
 from gravity_comp_ros.effects.presliding import presliding_state, steady_path
-from gravity_comp_ros.effects.runs import longest_run, run_slices, run_time
-from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 _SHORTEST_RUN = 60.0
@@ -113,8 +113,8 @@ EFFECTS = (
                'Systems, Measurement and Control 134, 2012',
         settings=drift_times,
         refine=_finer_times,
-        mends=('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
-               'load_dependent_friction', 'coupled_friction'),
+        corrects=('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
+                  'load_dependent_friction', 'coupled_friction'),
         untestable=_drift_untestable,
         implausible=within_torque(_drift),
         setting_units={'time': 's'}),
@@ -124,7 +124,7 @@ EFFECTS = (
         family='friction',
         equation='tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance',
         description='Friction that does not jump when the joint turns back, but builds up over '
-                    'some way; it mends Coulomb friction near reversals.',
+                    'some way; it corrects Coulomb friction near reversals.',
         coefficients=(Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),),
         columns=_presliding,
         confounders=('coulomb_friction', 'stribeck_friction', 'joint_spring', 'time_delay'),
@@ -136,7 +136,7 @@ EFFECTS = (
                'Transactions on Automatic Control 47, 2002',
         settings=presliding_distances,
         refine=_finer_distances,
-        mends=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
+        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
         untestable=_presliding_untestable,
         implausible=not_negative(_presliding, 'friction would come before the motion'),
         setting_units={'distance': 'rad'}),

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.effects.direction import find_shape, least_widths
+from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.runs import run_slices
+from gravity_comp_ros.effects.motion_direction import find_shape, least_widths
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import FloatArray, JointSamples
-from gravity_comp_ros.velocity import differentiate, DifferentiationOptions
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 # Rows of the feature matrix held at once.

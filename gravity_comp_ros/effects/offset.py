@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.runs import longest_run, run_time
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import smaller_than, within_torque
-from gravity_comp_ros.effects.runs import longest_run, run_time
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import smaller_than, within_torque
 import numpy as np
 
 _SHORTEST = 10.0

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from itertools import product
 
-from gravity_comp_ros.effects import energy_terms as terms
-from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
 from gravity_comp_ros.effects.change_points import after, change_points, finer_points
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import within_torque
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import Expansion, GravityModel
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import within_torque
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
 # The last joints get every feature, the one before them those of two factors.

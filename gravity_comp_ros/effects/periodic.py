@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.effects import motion_facts as facts
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import within_torque
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import within_torque
 import numpy as np
 
 # Gravity itself goes once a turn, and springs on cranks two or three times.

@@ -9,14 +9,14 @@ friction that builds up), so samples come as they were recorded; thin them out a
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Motion
 from gravity_comp_ros.effects.motion import accelerations, gravity_gradient
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import ModelMismatchError
-from gravity_comp_ros.gravity.applied import AppliedEffect
-from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.samples import FloatArray, IntArray, JointSamples
 import numpy as np
 
 

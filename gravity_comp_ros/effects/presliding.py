@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 # An encoder that flutters by this many times its noise has not moved.

@@ -14,7 +14,7 @@ from importlib.metadata import entry_points
 from gravity_comp_ros.effects import (
     dynamics, elastic, friction, friction_memory, geometry, offset, payload, periodic, timing)
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.effects.plug_in import effects_of, guarded
+from gravity_comp_ros.effects.entry_points import effects_of, guarded
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
 

@@ -9,7 +9,7 @@ from difflib import SequenceMatcher
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.applied import target
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.printable import printable
 
 _ALIKE = 0.6

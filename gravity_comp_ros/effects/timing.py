@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausible import smaller_than
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.effects.plausibility import smaller_than
 import numpy as np
 
 # N·m/s: below this, half a second makes no difference that could be measured.

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import hashlib
 from pathlib import Path
 
-from gravity_comp_ros.bag_storage import data_files
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.storage import data_files
 
 _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 

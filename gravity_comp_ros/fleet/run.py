@@ -10,18 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.bag import ReadOptions
-from gravity_comp_ros.bag_gated import GatedRecording
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
+from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
 from gravity_comp_ros.fleet.store import Store
 from gravity_comp_ros.fleet.tasks import (
     diagnose_robot, DiagnoseTask, fit_robot, FitTask, read, ReadTask)
-from gravity_comp_ros.gate import GateOptions
-from gravity_comp_ros.gravity.fit import FitOptions, FitResult
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import load_model, save_model
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import ReadOptions
+from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
 Progress = Callable[[str, float], None]
 KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use

@@ -10,10 +10,10 @@ from typing import Any
 import zipfile
 
 from gravity_comp_ros.atomic import write_atomically
-from gravity_comp_ros.bag import ReadReport
-from gravity_comp_ros.bag_gated import GatedRecording
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import BagError, GravityCompError
-from gravity_comp_ros.samples import JointSamples
+from gravity_comp_ros.recordings.bag import ReadReport
+from gravity_comp_ros.recordings.gated_bag import GatedRecording
 import numpy as np
 
 _ARRAYS = ('t', 'q', 'qd', 'tau')

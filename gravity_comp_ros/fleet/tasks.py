@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.bag import read_bag, ReadOptions
-from gravity_comp_ros.bag_gated import GatedRecording, read_gated
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.errors import BagError, FitError, GravityCompError
+from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.fleet.engine import Failure
-from gravity_comp_ros.gate import GateOptions
-from gravity_comp_ros.gravity.fit import fit, FitOptions, FitResult
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
+from gravity_comp_ros.recordings.gated_bag import GatedRecording, read_gated
 
 
 @dataclass(frozen=True)

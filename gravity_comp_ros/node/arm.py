@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, cast
 
+from gravity_comp_ros.data.gate import Gate, GateOptions
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, GravityCompError
-from gravity_comp_ros.gate import Gate, GateOptions
-from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
-from gravity_comp_ros.node.instant import compensable, CompensateOptions, InstantEffects
 from gravity_comp_ros.node.messages import Reader, Reading
 from gravity_comp_ros.node.parameters import Value
-from gravity_comp_ros.samples import FloatArray
+from gravity_comp_ros.node.realtime_effects import compensable, CompensateOptions, InstantEffects
 import numpy as np
 
 # rad. Torques that share no energy are fitted joint by joint, and go astray at once where nothing

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.messages import FAULTS, HANDLED
-from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.buffer import Coverage, SampleRing
+from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
+from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import concatenate, FloatArray, JointSamples
 import numpy as np
 
 # Every fourth block of samples is held out from fits and judges them.

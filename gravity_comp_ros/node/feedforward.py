@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 Predict = Callable[[FloatArray], FloatArray]

@@ -9,7 +9,7 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.job import ask, Question, work
+from gravity_comp_ros.node.fit_job import ask, Question, work
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1

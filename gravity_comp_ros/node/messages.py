@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import FloatArray
 import numpy as np
 
 # Faults: the message, or its part, is dropped.

@@ -9,10 +9,10 @@ from typing import Any, cast
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings
-from gravity_comp_ros.node.lane import InputGroup
-from gravity_comp_ros.node.live import Answer, check_effects, Live, Reply
+from gravity_comp_ros.node.node_core import Answer, check_effects, Live, Reply
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import check_together, Value
+from gravity_comp_ros.node.priority_executor import InputGroup
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.node.diagnostics import Status
-from gravity_comp_ros.samples import FloatArray
 from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray

@@ -7,8 +7,8 @@ import gc
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.lane import InputFirstExecutor
 from gravity_comp_ros.node.node import GravityCompNode
+from gravity_comp_ros.node.priority_executor import InputFirstExecutor
 import rclpy
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.executors import ExternalShutdownException

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.effect import Motion, Setting
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 # Gravity with more terms than this is not fitted again; its residual is taken as it is.

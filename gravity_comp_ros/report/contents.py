@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from gravity_comp_ros.bag import ReadReport
-from gravity_comp_ros.diagnosis.compare import Comparison
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.recording import describe, RecordingFacts
-from gravity_comp_ros.gravity.model import GravityModel
+from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.report.decimate import keep_extremes
-from gravity_comp_ros.samples import BoolArray, FloatArray, IntArray, JointSamples
 import numpy as np
 
 # Speeds below this are rest, for the colour of a point.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 import numpy as np
 
 MOST_ROWS = 8000

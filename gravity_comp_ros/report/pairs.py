@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 import numpy as np
 
 # No narrower than this, so that a joint that stands still has a cell.

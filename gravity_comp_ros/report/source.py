@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bokeh.models import ColumnDataSource
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report.contents import Contents, plot_time, STILL
-from gravity_comp_ros.samples import FloatArray, IntArray
 import numpy as np
 from numpy.typing import NDArray
 

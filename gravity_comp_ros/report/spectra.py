@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 import numpy as np
 from scipy import signal
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.report.contents import Contents
 
 # So many times the error of training is more than chance.
@@ -12,7 +12,7 @@ _WORSE = 2.0
 def verdict(contents: Contents) -> str:
     """Return the diagnosis in a sentence, or how good the model is where there is none."""
     if contents.diagnosis is not None:
-        return words.verdict(contents.diagnosis)
+        return wording.verdict(contents.diagnosis)
     found = {name: contents.comparison.joints[name] for name in contents.joints}
     useless = [name for name, joint in found.items()
                if joint.rmse > joint.rmse_constant and joint.rmse > 3.0 * _noise(contents, name)]
@@ -32,7 +32,7 @@ def largest(contents: Contents) -> str:
     worst = contents.worst
     found = contents.comparison.joints[worst]
     return (f'The error is largest on {worst}: {found.rmse:.3g} N·m RMSE, '
-            f'{words.percent(found.nrmse)} of the range of its torque')
+            f'{wording.percent(found.nrmse)} of the range of its torque')
 
 
 def _noise(contents: Contents, name: str) -> float:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from zlib import crc32
 
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import concatenate, JointSamples
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions, sample
 from gravity_comp_ros.simulation.pauses import Pause, with_pauses

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.samples import JointSamples
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter

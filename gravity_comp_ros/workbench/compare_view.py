@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from bokeh.models import ColumnDataSource, FactorRange, UIElement
 from bokeh.transform import dodge
-from gravity_comp_ros.diagnosis.compare import Comparison
-from gravity_comp_ros.diagnosis.words import percent
+from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.section import Section

@@ -6,8 +6,8 @@ from pathlib import Path
 import tempfile
 
 from bokeh.models import CustomJS, Div
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import save_model
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import save_model
 
 _SAVE = """
 if (cb_obj.tags.length < 3) return

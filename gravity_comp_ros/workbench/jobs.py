@@ -8,18 +8,18 @@ from datetime import datetime, UTC
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.bag import read_bag, ReadOptions, ReadReport
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.refit import refit
-from gravity_comp_ros.diagnosis.refit_result import Refit
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gate import slow_samples
-from gravity_comp_ros.gravity.applied import with_step
-from gravity_comp_ros.gravity.fit import fit, FitOptions
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.samples import concatenate, JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
 import numpy as np
 
 # So many samples are refitted in a second or two.

@@ -8,9 +8,9 @@ from typing import Protocol
 from bokeh.layouts import column, gridplot
 from bokeh.models import ColumnDataSource, DataRange1d, Div, Span, UIElement
 from bokeh.plotting import figure
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import plot, Style
-from gravity_comp_ros.samples import FloatArray
 from gravity_comp_ros.workbench import widgets
 import numpy as np
 

@@ -7,16 +7,16 @@ from collections.abc import Callable
 from bokeh.document import Document
 from bokeh.layouts import column, row
 from bokeh.models import CheckboxGroup, CustomJS, UIElement
-from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.gravity.fit import CHOICES
+from gravity_comp_ros.estimation.fit import CHOICES
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.report.verdict import largest, verdict
 from gravity_comp_ros.report.views.effects import coefficients, label
-from gravity_comp_ros.workbench import compare_view, history_view, looks, widgets
+from gravity_comp_ros.workbench import compare_view, history_view, page_style, widgets
 from gravity_comp_ros.workbench.downloads import Downloads, model_text
 from gravity_comp_ros.workbench.jobs import Added, described, Learned, Read, WasRead
 from gravity_comp_ros.workbench.live_view import Follower, LiveView
@@ -79,7 +79,7 @@ class Page:
         for root in (head, self.side, self.missing, self.history, views):
             self.document.add_root(root)
         # A string would be taken for blocks of Bokeh's own page.
-        self.document.template = Template(looks.TEMPLATE)
+        self.document.template = Template(page_style.TEMPLATE)
         self.document.title = 'gravity_comp workbench'
         self.document.js_on_event('document_ready', CustomJS(
             code="document.documentElement.dataset.ready = 'yes'"))
@@ -302,8 +302,8 @@ class Page:
         parts: list[UIElement] = []
         for number, (finding, target) in enumerate(found[:_MOST_ROWS]):
             place = finding.joint or 'whole arm'
-            change = (f'{words.percent(finding.nrmse_before)} → '
-                      f'{words.percent(finding.nrmse_after)} of the range')
+            change = (f'{wording.percent(finding.nrmse_before)} → '
+                      f'{wording.percent(finding.nrmse_after)} of the range')
             rivals = f'; or rather {", ".join(finding.rivals)}' if finding.rivals else ''
             text = (f'<p><b>{number + 1}. {markup.text(label(finding))}</b> on '
                     f'{markup.text(place)}, {markup.text(finding.verdict)}<br>'
@@ -336,7 +336,7 @@ class Page:
         chart = history_view.chart(stages, self.style)
         if chart is not None:
             parts.append(chart)
-        if stages and any(step.previous for step in stages[-1].model.applied.history):
+        if stages and any(step.previous for step in stages[-1].model.history):
             parts.append(widgets.button('Undo the last addition', self._undo, name='undo'))
         self.history.children = parts
 

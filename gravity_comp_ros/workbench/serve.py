@@ -15,10 +15,10 @@ from bokeh.application.application import SessionContext
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import Server
-from gravity_comp_ros.bag import ReadOptions
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.gravity.model import GravityModel
-from gravity_comp_ros.modelfile import load_model
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench.jobs import Read
 from gravity_comp_ros.workbench.live_view import Follower
 from gravity_comp_ros.workbench.page import Page
@@ -124,7 +124,7 @@ def _follower(node: str | None) -> Follower | None:
     if node is None:
         return None
     # The only way from here to ROS; whoever has no --live needs none.
-    from gravity_comp_ros.node.follow import follow
+    from gravity_comp_ros.node.node_client import follow
     return follow(node)
 
 

@@ -11,15 +11,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.diagnosis.compare import compare, Comparison
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.diagnosis.words import FOUND
+from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.gravity.applied import undone
-from gravity_comp_ros.gravity.model import Coverage, Expansion, GravityModel
+from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.history import undone
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.report.contents import Contents, Origin
-from gravity_comp_ros.samples import JointSamples
 from gravity_comp_ros.workbench.jobs import (
     Add, Added, Ask, Choice, chosen, Learn, Learned, now, slow_part, WasRead)
 import numpy as np
@@ -150,7 +151,7 @@ class Session:
             self.stages[-1] = replace(self.stages[-1], model=back)
         else:
             self.stages = [Stage('before ' + stage.name, back)]
-        return ', '.join(back.applied.history[-1].effects)
+        return ', '.join(back.history[-1].effects)
 
     def compared(self, model: GravityModel) -> Comparison:
         """Return the errors of a model on the slow part of the chosen samples."""

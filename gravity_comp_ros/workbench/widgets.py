@@ -7,7 +7,7 @@ from typing import Any
 
 from bokeh.models import Button, CheckboxGroup, Div, RadioButtonGroup, Select
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.workbench.looks import INSIDE
+from gravity_comp_ros.workbench.page_style import INSIDE
 
 
 def html(text: str, name: str | None = None) -> Div:

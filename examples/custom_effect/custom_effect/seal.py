@@ -6,8 +6,8 @@ finds it from then on, next to its own.
 """
 
 from gravity_comp_ros.effects.effect import Coefficient, Effect
-from gravity_comp_ros.effects.motion_facts import lacks_speeds
-from gravity_comp_ros.effects.plausible import not_negative
+from gravity_comp_ros.effects.excitation import lacks_speeds
+from gravity_comp_ros.effects.plausibility import not_negative
 import numpy as np
 
 

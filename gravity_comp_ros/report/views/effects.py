@@ -6,7 +6,7 @@ from bokeh.layouts import column, gridplot
 from bokeh.models import ColumnDataSource, FactorRange, Label, Slope, UIElement
 from bokeh.plotting import figure
 from bokeh.transform import dodge
-from gravity_comp_ros.diagnosis import words
+from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.printable import printable
@@ -31,7 +31,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
             'No diagnosis was made for this report: `gravity_comp diagnose --html` names the '
             'effects that the model lacks.'))
     if not diagnosis.findings:
-        return Section('effects', title, markup.paragraph(words.verdict(diagnosis))
+        return Section('effects', title, markup.paragraph(wording.verdict(diagnosis))
                        + summaries(diagnosis))
     findings = diagnosis.findings
     lead = markup.paragraph(
@@ -49,9 +49,9 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
 
 def findings_table(findings: tuple[Finding, ...]) -> str:
     """Return the ranked findings as a table."""
-    rows = [[f'{k + 1}  {label(f)}', words.where(f), f.verdict, coefficients(f),
-             f'{words.percent(f.nrmse_before)} → {words.percent(f.nrmse_after)}',
-             words.percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
+    rows = [[f'{k + 1}  {label(f)}', wording.where(f), f.verdict, coefficients(f),
+             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}',
+             wording.percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
              ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
     return markup.table(
         ['effect', 'where', 'verdict', 'coefficients, 95 %', 'held-out error',
@@ -67,7 +67,7 @@ def label(finding: Finding) -> str:
 def coefficients(finding: Finding) -> str:
     """Return the coefficients with units and 95 % intervals in one line."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {words.plus_minus(x)}'
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
                       for symbol, x in items[:_MOST_COEFFICIENTS])
     more = len(items) - _MOST_COEFFICIENTS
     return (shown + (f' and {more} more' if more > 0 else '')) or '–'
@@ -98,7 +98,7 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
 
 def details(findings: tuple[Finding, ...]) -> str:
     """Return why each finding is believed, and what to do next."""
-    parts = [f'<p><b>{k + 1}. {markup.text(label(f))}</b> on {markup.text(words.where(f))}: '
+    parts = [f'<p><b>{k + 1}. {markup.text(label(f))}</b> on {markup.text(wording.where(f))}: '
              f'{markup.text(f.why)}.<br>{markup.text("Next: " + f.next_step)}</p>'
              for k, f in enumerate(findings)]
     return markup.folded('Why, and what to do next', ''.join(parts))
@@ -135,7 +135,7 @@ def _added(contents: Contents, table: Table, style: Style) -> UIElement | None:
     motion = build_motion(contents.samples, contents.model)
     plots = []
     for k, finding in enumerate(findings[:_MOST_PLOTS]):
-        others = [f for f in findings if f is not finding and f.verdict in words.FOUND]
+        others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
         found = added_variable(motion, contents.model, finding, others, table.drawn)
         if found is not None:
             plots.append((k, found))

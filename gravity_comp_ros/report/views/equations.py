@@ -6,9 +6,9 @@ from bokeh.layouts import gridplot
 from bokeh.models import BasicTickFormatter, ColumnDataSource, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis.findings import Estimate
-from gravity_comp_ros.diagnosis.words import plus_minus
-from gravity_comp_ros.gravity import dictionary
-from gravity_comp_ros.gravity.applied import AppliedEffect
+from gravity_comp_ros.diagnosis.wording import plus_minus
+from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section

@@ -28,7 +28,7 @@ def section(contents: Contents) -> Section:
         html += markup.table(['the model was fitted to', 'SHA-256'],
                              [[bag.get('name', '?'), bag.get('sha256', '?')] for bag in known],
                              left=('SHA-256',))
-    steps = model.applied.history
+    steps = model.history
     if steps:
         html += markup.table(
             ['step', 'effects', 'when', 'held-out RMSE N·m'],

@@ -5,12 +5,12 @@ from __future__ import annotations
 from bokeh.layouts import gridplot
 from bokeh.models import BasicTickFormatter, CrosshairTool
 from bokeh.plotting import figure
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.spectra import over_angle, over_time
 from gravity_comp_ros.report.style import plot, Style
-from gravity_comp_ros.samples import FloatArray
 
 _HEIGHT = 190
 _TOOLS = 'xpan,xbox_zoom,hover,reset,save'

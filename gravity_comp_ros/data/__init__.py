@@ -1,0 +1,1 @@
+"""Samples of motion: the slow-motion gate, the sample buffer, hold-out, differentiation."""

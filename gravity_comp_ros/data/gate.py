@@ -1,0 +1,248 @@
+"""The slow-motion gate: which samples hold gravity alone, by messages, blocks or whole runs."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass
+import math
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+
+FAST = 'fast'
+ACCELERATING = 'accelerating'
+RATE = 'rate'
+TIME = 'time'
+NOT_FINITE = 'not_finite'
+REASONS = (FAST, ACCELERATING, RATE, TIME, NOT_FINITE)
+
+
+def _check_positive(name: str, value: float | tuple[float, ...]) -> None:
+    numbers = value if isinstance(value, tuple) else (value,)
+    if not numbers or not all(math.isfinite(x) and x > 0 for x in numbers):
+        raise OptionError(f'gate: {name} is {value}; it must be positive')
+
+
+@dataclass(frozen=True)
+class GateOptions:
+    """
+    Thresholds of the gate.
+
+    `max_speed` in rad/s and `max_acceleration` in rad/s² are one number for all joints or one
+    per joint. Inertia only matters where speed changes quickly, so acceleration is not judged
+    unless a threshold is given; it is the mean over the last `acceleration_window` seconds or
+    more, because the difference of two neighbouring messages is mostly noise. Of the slow
+    samples one is kept in each interval of 1 / `rate_hz` seconds, all if it is None.
+
+    The default speed keeps the motions of Yu 2022, Eq. (17), (up to 0.12 rad/s) whole.
+
+    :raises OptionError: if a threshold, window or rate is not a positive number.
+    """
+
+    max_speed: float | tuple[float, ...] = 0.15
+    max_acceleration: float | tuple[float, ...] | None = None
+    rate_hz: float | None = 5.0
+    acceleration_window: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_positive('max_speed', self.max_speed)
+        _check_positive('acceleration_window', self.acceleration_window)
+        if self.max_acceleration is not None:
+            _check_positive('max_acceleration', self.max_acceleration)
+        if self.rate_hz is not None:
+            _check_positive('rate_hz', self.rate_hz)
+
+    def check_joints(self, n_joints: int) -> None:
+        """
+        Check that thresholds per joint fit the arm.
+
+        :raises OptionError: if there is another number of thresholds than `n_joints`.
+        """
+        for name in ('max_speed', 'max_acceleration'):
+            value = getattr(self, name)
+            if isinstance(value, tuple) and len(value) != n_joints:
+                raise OptionError(f'gate: {name} has {len(value)} values for {n_joints} joints; '
+                                  'give one for all or one per joint')
+
+    def limits(self, n_joints: int) -> tuple[FloatArray, FloatArray | None]:
+        """
+        Return the greatest speed and, if it is judged, acceleration of each joint, (N,).
+
+        :raises OptionError: as `check_joints`.
+        """
+        self.check_joints(n_joints)
+        speed = _per_joint(self.max_speed, n_joints)
+        if self.max_acceleration is None:
+            return speed, None
+        return speed, _per_joint(self.max_acceleration, n_joints)
+
+
+@dataclass(frozen=True)
+class GateResult:
+    """What the gate kept of `total` samples, and how many it dropped for which reason."""
+
+    samples: JointSamples
+    kept: int
+    total: int
+    dropped: dict[str, int]
+
+
+class Gate:
+    """
+    The gate message by message.
+
+    :param n_joints: the number N of joints.
+    :raises OptionError: if the options hold another number of thresholds.
+    """
+
+    def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
+        self._options = options
+        self._max_speed, self._max_acceleration = options.limits(n_joints)
+        self._recent: deque[tuple[float, FloatArray]] = deque()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the next sample starts a new run."""
+        self._recent.clear()
+        self._first = math.nan
+        self._last = -math.inf
+        self._last_slot = -1
+
+    def offer(self, t: float, q: FloatArray, qd: FloatArray) -> str | None:
+        """
+        Return None if the sample passes, else the reason why not, one of `REASONS`.
+
+        :param t: time in s.
+        :param q: positions (N,) in rad.
+        :param qd: velocities (N,) in rad/s.
+        """
+        if not (math.isfinite(t) and np.isfinite(q).all() and np.isfinite(qd).all()):
+            return NOT_FINITE
+        if t <= self._last:
+            return TIME
+        if math.isnan(self._first):
+            self._first = t
+        self._last = t
+        calm = self._max_acceleration is None or self._is_calm(t, qd, self._max_acceleration)
+        if (np.abs(qd) > self._max_speed).any():
+            return FAST
+        if not calm:
+            return ACCELERATING
+        if self._options.rate_hz is not None:
+            # Slots centred on multiples of the period: input at the very rate that is asked
+            # for passes whole although its stamps jitter.
+            slot = math.floor((t - self._first) * self._options.rate_hz + 0.5)
+            if slot <= self._last_slot:
+                return RATE
+            self._last_slot = slot
+        return None
+
+    def _is_calm(self, t: float, qd: FloatArray, limit: FloatArray) -> bool:
+        recent = self._recent
+        recent.append((t, np.array(qd, dtype=np.float64)))
+        horizon = t - self._options.acceleration_window
+        while len(recent) > 1 and recent[1][0] <= horizon:
+            recent.popleft()
+        then, qd_then = recent[0]
+        if then > horizon:
+            return True
+        return not (np.abs(qd - qd_then) / (t - then) > limit).any()
+
+
+class BlockGate:
+    """
+    The gate of one run block by block, so that no recording need fit in memory.
+
+    :param n_joints: the number N of joints.
+    :raises OptionError: if the options hold another number of thresholds.
+    """
+
+    def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
+        self._options = options
+        self._max_speed, self._max_acceleration = options.limits(n_joints)
+        self._first: float | None = None
+        self._last_slot = -np.inf
+        # What the acceleration of the next sample may refer to.
+        self._recent_t, self._recent_qd = np.zeros(0), np.zeros((0, n_joints))
+        self.dropped: Counter[str] = Counter()
+
+    def offer(self, t: FloatArray, qd: FloatArray) -> BoolArray:
+        """
+        Return which samples of the next block pass, shape (M,).
+
+        :param t: times (M,) in s, all later than those before.
+        :param qd: velocities (M, N) in rad/s.
+        """
+        if not len(t):
+            return np.zeros(0, dtype=bool)
+        if self._first is None:
+            self._first = float(t[0])
+        fast = np.any(np.abs(qd) > self._max_speed, axis=1)
+        jerky = self._jerky(t, qd) & ~fast
+        slow = np.flatnonzero(~(fast | jerky))
+        kept = np.zeros(len(t), dtype=bool)
+        kept[slow[self._one_per_slot(t[slow], self._first)]] = True
+        for reason, lost in ((FAST, fast), (ACCELERATING, jerky), (RATE, ~(fast | jerky | kept))):
+            if lost.any():
+                self.dropped[reason] += int(lost.sum())
+        return kept
+
+    def _one_per_slot(self, t: FloatArray, first: float) -> BoolArray:
+        if self._options.rate_hz is None or not len(t):
+            return np.ones(len(t), dtype=bool)
+        slots = _slots(t, first, self._options.rate_hz)
+        fresh = np.concatenate([[slots[0] > self._last_slot], slots[1:] > slots[:-1]])
+        self._last_slot = max(self._last_slot, float(slots[-1]))
+        return fresh
+
+    def _jerky(self, t: FloatArray, qd: FloatArray) -> BoolArray:
+        if self._max_acceleration is None:
+            return np.zeros(len(t), dtype=bool)
+        window = self._options.acceleration_window
+        times = np.concatenate([self._recent_t, t])
+        speeds = np.concatenate([self._recent_qd, qd])
+        found = _accelerating(times, speeds, self._max_acceleration, window)[
+            len(self._recent_t):]
+        begin = max(int(np.searchsorted(times, times[-1] - window, side='right')) - 1, 0)
+        self._recent_t, self._recent_qd = times[begin:].copy(), speeds[begin:].copy()
+        return found
+
+
+def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
+    """
+    Return the samples that a gate, new at the start of every run, lets through.
+
+    :raises OptionError: if the options hold another number of thresholds than joints.
+    """
+    options.check_joints(samples.n_joints)
+    kept = np.zeros(len(samples), dtype=bool)
+    dropped: Counter[str] = Counter()
+    for run in range(samples.n_runs):
+        here = np.flatnonzero(samples.runs == run)
+        gate = BlockGate(samples.n_joints, options)
+        kept[here] = gate.offer(samples.t[here], samples.qd[here])
+        dropped += gate.dropped
+    return GateResult(samples.select(kept), int(kept.sum()), len(samples),
+                      {reason: dropped[reason] for reason in REASONS if dropped[reason]})
+
+
+def _slots(t: FloatArray, first: float, rate_hz: float) -> FloatArray:
+    """Return the interval that each sample of a run falls in; one is kept in each."""
+    return np.floor((t - first) * rate_hz + 0.5)
+
+
+def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
+                  window: float) -> BoolArray:
+    """Return which samples of a run exceed the mean acceleration `limit`."""
+    then = np.searchsorted(t, t - window, side='right') - 1
+    known = then >= 0
+    then = np.maximum(then, 0)
+    with np.errstate(divide='ignore', invalid='ignore'):
+        mean = np.abs(qd - qd[then]) / (t - t[then])[:, None]
+    return known & np.any(mean > limit, axis=1)
+
+
+def _per_joint(value: float | tuple[float, ...], n_joints: int) -> FloatArray:
+    """Return a threshold for all joints, or one per joint, as an array (N,)."""
+    return np.broadcast_to(np.asarray(value, dtype=np.float64), (n_joints,))

@@ -1,0 +1,110 @@
+"""Hold samples out of a fit, so that a model is judged on data that it never saw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.errors import DataError, OptionError
+import numpy as np
+from numpy.typing import NDArray
+
+# Two blocks, because the end of a motion alone is often like no other part of it.
+_BLOCKS = 2
+
+
+@dataclass(frozen=True)
+class HoldoutOptions:
+    """
+    How much to hold out.
+
+    Of several runs whole runs are held out, the last ones, `fraction` of all but at least one.
+    Of a single run, two blocks of consecutive time are, `fraction` of its duration together:
+    neighbouring samples are alike, so scattered ones would flatter the model. Samples within
+    `guard` seconds of a block are used for nothing.
+
+    :raises OptionError: if the fraction is not between 0 and 1, or the guard is negative.
+    """
+
+    fraction: float = 0.2
+    guard: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.fraction < 1.0:
+            raise OptionError(f'holdout: the fraction is {self.fraction}; it must be between '
+                              '0 and 1')
+        if not 0.0 <= self.guard < np.inf:
+            raise OptionError(f'holdout: the guard is {self.guard} s; it must not be negative')
+
+
+@dataclass(frozen=True)
+class Block:
+    """A stretch of time of one run, ends included: `start`, `end` in s."""
+
+    run: int
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Split:
+    """
+    Samples to fit, samples to judge, and the `blocks` of time that the latter lie in.
+
+    `guarded` are the same blocks with their margins, in which nothing is fitted.
+    """
+
+    fitted: JointSamples
+    held_out: JointSamples
+    blocks: tuple[Block, ...]
+    guarded: tuple[Block, ...]
+
+
+def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> Split:
+    """
+    Return samples to fit and samples to judge.
+
+    :raises DataError: if one of the two would be empty.
+    """
+    if samples.n_samples == 0:
+        raise DataError('there are no samples to hold out')
+    blocks = _whole_runs(samples, options) if samples.n_runs > 1 else _parts(samples, options)
+    held_out = within(samples, blocks)
+    margins = tuple(Block(b.run, b.start - options.guard, b.end + options.guard) for b in blocks)
+    guarded = within(samples, margins)
+    if not held_out.any() or guarded.all():
+        raise DataError(f'{samples.n_samples} samples are too few to hold {options.fraction:.0%} '
+                        'out and fit the rest')
+    return Split(samples.select(~guarded), samples.select(held_out), blocks, margins)
+
+
+def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:
+    """Return which samples (M,) lie in one of the blocks."""
+    inside = np.zeros(samples.n_samples, dtype=bool)
+    for block in blocks:
+        inside |= ((samples.runs == block.run) & (samples.t >= block.start)
+                   & (samples.t <= block.end))
+    return inside
+
+
+def _whole_runs(samples: JointSamples, options: HoldoutOptions) -> tuple[Block, ...]:
+    filled = np.unique(samples.runs)
+    count = min(max(1, round(options.fraction * filled.size)), filled.size - 1)
+    if count == 0:
+        return _parts(samples, options)
+    return tuple(Block(int(run), *_ends(samples.t[samples.runs == run]))
+                 for run in filled[-count:])
+
+
+def _parts(samples: JointSamples, options: HoldoutOptions) -> tuple[Block, ...]:
+    """Return the last part of each half of the only run that has samples."""
+    run = int(samples.runs[0])
+    first, last = _ends(samples.t)
+    half = (last - first) / _BLOCKS
+    return tuple(Block(run, first + half * (k + 1 - options.fraction), first + half * (k + 1))
+                 for k in range(_BLOCKS))
+
+
+def _ends(t: NDArray[np.float64]) -> tuple[float, float]:
+    return float(t[0]), float(t[-1])

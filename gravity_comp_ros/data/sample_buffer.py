@@ -1,0 +1,189 @@
+"""`SampleRing`: a bounded store that keeps diverse poses rather than the last ones."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import DataError, OptionError
+import numpy as np
+
+# Two samples of one pose, one moving up and one moving down, are not alike: their difference
+# is the friction. A difference of 0.1 rad/s counts as much as one of 0.1 rad.
+SECONDS_PER_RADIAN = 1.0
+
+# Below this distance in rad a sample says nothing new: it takes the place of the kept one. So
+# a ring that is not full yet counts poses, not seconds of standing still.
+SAME_POSE = 1e-3
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """
+    The poses that `n_samples` samples cover.
+
+    `q_min` and `q_max` (N,) in rad are NaN where there are no samples.
+    """
+
+    names: tuple[str, ...]
+    n_samples: int
+    q_min: FloatArray
+    q_max: FloatArray
+
+    @property
+    def span(self) -> FloatArray:
+        """The range of every joint, (N,) in rad; 0 where there are no samples."""
+        return np.nan_to_num(self.q_max - self.q_min)
+
+    def lacking(self, span: float) -> tuple[str, ...]:
+        """Return the joints that have moved over less than `span` rad."""
+        return tuple(name for name, x in zip(self.names, self.span) if x < span)
+
+
+class SampleRing:
+    """
+    At most `capacity` samples of N joints.
+
+    Samples are neighbours where pose and velocity are alike. A sample that is the same as a
+    kept one replaces it. Once the ring is full, every other new sample joins and then the older
+    one of the closest pair leaves: an hour of standing still replaces itself and leaves the
+    motion before it alone. Memory is O(capacity); an offer costs O(capacity · N), and as much
+    again for every sample whose nearest neighbour left.
+
+    :param names: joint names.
+    :param capacity: the number of samples to keep, at least 2.
+    :raises OptionError: if the capacity is below 2.
+    """
+
+    def __init__(self, names: Sequence[str], capacity: int) -> None:
+        if capacity < 2:
+            raise OptionError(f'buffer: capacity is {capacity}; it must be at least 2')
+        self._names = tuple(names)
+        n = len(self._names)
+        # One row more than the capacity: the newcomer is judged as one of them.
+        rows = capacity + 1
+        self._capacity = capacity
+        self._count = 0
+        self._offered = 0
+        self._run = 0
+        self._last = -np.inf
+        self._t = np.zeros(rows)
+        self._values = np.zeros((rows, 3, n))
+        self._features = np.zeros((rows, 2 * n))
+        self._runs = np.zeros(rows, dtype=np.int64)
+        self._order = np.zeros(rows, dtype=np.int64)
+        self._near = np.full(rows, np.inf)
+        self._nearest = np.full(rows, -1, dtype=np.int64)
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self._names
+
+    @property
+    def capacity(self) -> int:
+        return self._capacity
+
+    @property
+    def offered(self) -> int:
+        """The number of samples that came since the ring was made or cleared."""
+        return self._offered
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._count = self._offered = self._run = 0
+        self._last = -np.inf
+
+    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
+        """
+        Take a sample in; where the ring is full, one leaves.
+
+        A time that does not increase starts a new run.
+
+        :param t: time in s.
+        :param q: positions (N,) in rad.
+        :param qd: velocities (N,) in rad/s.
+        :param tau: torques (N,) in N·m.
+        :raises DataError: if a value is not finite.
+        """
+        sample = np.array((q, qd, tau), dtype=np.float64)
+        if not (np.isfinite(sample).all() and np.isfinite(t)):
+            raise DataError('buffer: a sample is not finite; drop it before it gets here')
+        if t <= self._last:
+            self._run += 1
+        self._last = t
+        feature = np.concatenate((sample[0], sample[1] * SECONDS_PER_RADIAN))
+        distances = self._distances(feature)
+        same = int(np.argmin(distances)) if self._count else -1
+        if same >= 0 and distances[same] < SAME_POSE ** 2:
+            # The feature stays: a slow creep must not carry one sample along for ever.
+            self._put(same, t, sample)
+            return
+        row = self._count
+        self._count += 1
+        self._features[row] = feature
+        self._put(row, t, sample)
+        self._join(row, distances)
+        if self._count > self._capacity:
+            first = int(np.argmin(self._near[:self._count]))
+            second = int(self._nearest[first])
+            self._remove(first if self._order[first] < self._order[second] else second)
+
+    def samples(self) -> JointSamples:
+        """Return what the ring holds, in order of time, with runs numbered from 0."""
+        n = self._count
+        order = np.lexsort((self._t[:n], self._runs[:n]))
+        runs, numbers = np.unique(self._runs[:n][order], return_inverse=True)
+        values = self._values[:n][order]
+        labels = tuple(f'live {run}' for run in runs) or ('live 0',)
+        return JointSamples(self._names, self._t[:n][order], values[:, 0], values[:, 1],
+                            values[:, 2], numbers.reshape(-1), labels)
+
+    def coverage(self) -> Coverage:
+        """Return the range of every joint over the samples that the ring holds."""
+        nothing = np.full(len(self._names), np.nan)
+        if not self._count:
+            return Coverage(self._names, 0, nothing, nothing)
+        q = self._values[:self._count, 0]
+        return Coverage(self._names, self._count, q.min(axis=0), q.max(axis=0))
+
+    def _put(self, row: int, t: float, sample: FloatArray) -> None:
+        self._t[row] = t
+        self._values[row] = sample
+        self._runs[row] = self._run
+        self._order[row] = self._offered
+        self._offered += 1
+
+    def _distances(self, feature: FloatArray) -> FloatArray:
+        difference = self._features[:self._count] - feature
+        return np.einsum('ij,ij->i', difference, difference)
+
+    def _join(self, row: int, distances: FloatArray) -> None:
+        """Make the newest row known; `distances` are those to the rows before it."""
+        self._near[row], self._nearest[row] = np.inf, -1
+        if row == 0:
+            return
+        closer = np.flatnonzero(distances < self._near[:row])
+        self._near[closer] = distances[closer]
+        self._nearest[closer] = row
+        self._nearest[row] = np.argmin(distances)
+        self._near[row] = distances[self._nearest[row]]
+
+    def _remove(self, row: int) -> None:
+        last = self._count - 1
+        orphans = np.flatnonzero(self._nearest[:self._count] == row)
+        for array in (self._t, self._values, self._features, self._runs, self._order,
+                      self._near, self._nearest):
+            array[row] = array[last]
+        self._count = last
+        nearest = self._nearest[:last]
+        nearest[nearest == last] = row
+        for orphan in orphans:
+            place = row if orphan == last else int(orphan)
+            distances = self._distances(self._features[place])
+            distances[place] = np.inf
+            nearest[place] = np.argmin(distances)
+            self._near[place] = distances[nearest[place]]

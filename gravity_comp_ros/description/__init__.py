@@ -1,0 +1,1 @@
+"""Robot descriptions: where a URDF puts the axes of an arm."""

@@ -1,0 +1,106 @@
+"""A diagnosis in words: one sentence first, then one for each finding."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import math
+
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.models.applied_effects import target
+
+FOUND = ('established', 'likely')
+_MOST_COEFFICIENTS = 2
+
+
+def verdict(diagnosis: Diagnosis) -> str:
+    """Return the whole answer in one sentence."""
+    found = [f for f in diagnosis.findings if f.verdict in FOUND]
+    if found:
+        if len(found) == 1:
+            return f'Missing: {sentence(found[0])}.'
+        return f'{len(found)} effects are missing, above all {sentence(found[0])}.'
+    if diagnosis.findings:
+        return f'{_capital(sentence(diagnosis.findings[0]))}.'
+    return 'Nothing is missing that this motion could show.'
+
+
+def sentence(finding: Finding) -> str:
+    """Return one finding in words, without a full stop."""
+    place = where(finding)
+    if finding.effect is None:
+        at = finding.setting.get('angle')
+        near = '' if at is None else f' near {at:.2f} rad'
+        return f'something on {place}{near} that no effect of the library describes'
+    what = f'{title(finding.effect)} on {place}'
+    size = sizes(finding.coefficients)
+    what += f' ({size})' if size else ''
+    change = (f'the held-out error goes from {percent(finding.nrmse_before)} to '
+              f'{percent(finding.nrmse_after)} of the range of the torque with it')
+    rivals = ', '.join(finding.rivals)
+    if finding.verdict == 'untestable':
+        return f'{what}, or {rivals}: this motion cannot tell' if rivals else \
+            f'{what} cannot be judged from this motion'
+    if finding.verdict == 'ambiguous':
+        return f'{what} or, as well, {rivals}; {change}'
+    if finding.verdict == 'weak':
+        return f'perhaps {what}, too weak to be sure; {change}'
+    return f'{what}; {change}'
+
+
+def where(finding: Finding) -> str:
+    """Return the finding's place in words."""
+    return 'the whole arm' if finding.joint is None else f'joint {finding.joint}'
+
+
+def title(effect: str) -> str:
+    """Return the effect's title, as it stands within a sentence; its name if it is unknown."""
+    known = all_effects().get(effect)
+    if known is None:
+        return effect
+    words = known.title
+    first = words.split(' ')[0]
+    # A name keeps its capital: Coulomb, Stribeck.
+    return words if first in ('Coulomb', 'Stribeck') else words[0].lower() + words[1:]
+
+
+def sizes(coefficients: Mapping[str, Estimate], most: int = _MOST_COEFFICIENTS) -> str:
+    """Return coefficients with their intervals, or nothing where there are too many."""
+    items = dict(coefficients)
+    if not items or len(items) > most:
+        return ''
+    if len(items) == 1:
+        return plus_minus(next(iter(items.values())))
+    return ', '.join(f'{symbol} {plus_minus(x)}' for symbol, x in items.items())
+
+
+def plus_minus(estimate: Estimate) -> str:
+    """Return `0.790 ± 0.028 N·m`: as many digits as the interval is worth, two."""
+    low, high = estimate.ci95
+    half = 0.5 * (high - low)
+    unit = f' {estimate.unit}' if estimate.unit else ''
+    if not (math.isfinite(half) and half > 0.0):
+        return f'{estimate.value:.4g}{unit}'
+    digits = 1 - math.floor(math.log10(half))
+    if digits > 6 or digits < -3:
+        return f'{estimate.value:.3g} ± {half:.2g}{unit}'
+    digits = max(digits, 0)
+    return f'{estimate.value:.{digits}f} ± {half:.{digits}f}{unit}'
+
+
+def percent(share: float | None) -> str:
+    """Return a share as people read it, 9.63 % or 18.2 %; a dash where there is none."""
+    if share is None or not math.isfinite(share):
+        return '–'
+    value = 100.0 * share
+    return f'{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f} %'
+
+
+def targets(findings: Sequence[Finding]) -> list[str]:
+    """Return what `add` would be given for findings that are sure enough."""
+    return [target(f.effect, f.joint) for f in findings
+            if f.verdict in FOUND and f.effect is not None]
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]

@@ -1,0 +1,1 @@
+"""From samples to a model: fit, update after a payload change, refit with effects."""

@@ -1,0 +1,13 @@
+"""What every joint may have beside gravity, and what must not be taken for anything rarer."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Motion
+import numpy as np
+
+
+def nuisance(motion: Motion, joint: int) -> FloatArray:
+    """Return the columns (M, 3 + N) of dry and viscous friction, an offset and inertia."""
+    qd = motion.samples.qd[:, joint]
+    return np.column_stack([motion.direction(joint), qd, np.ones(len(qd)), motion.qdd])

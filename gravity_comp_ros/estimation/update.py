@@ -1,0 +1,280 @@
+"""
+Few-sample update: a model after a tool change, from the model before it and seconds of motion.
+
+A tool changes few of the numbers that a model consists of: some moments of a chain, some weights
+of an energy. What the old model knew about all others stays, with its uncertainty (`change`).
+Where the arm's lengths are known a tool is only four numbers (`payload`), and the model changes
+by them, unless the samples say that it was something else that changed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
+from gravity_comp_ros.estimation.payload_estimate import on_known_axes, PayloadEstimate, weigh
+from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.sparse.dictionary import feature_name
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.sparse.sparse_change import average_change, Change, ChangeProblem
+from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
+import numpy as np
+
+# Shorter correlation times than this are what chance makes of white noise.
+_WHITE = 2.0
+# Noise that the new samples show to differ by no more changes no weights that matter.
+_SAME_NOISE = 0.15
+# By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
+_NO_TOOL = 40.0
+
+
+@dataclass(frozen=True)
+class UpdateOptions:
+    """
+    How an update is made.
+
+    `min_samples` are asked for at least; `old_noise` is how many samples the noise of the old
+    model's training counts for beside that of the new ones.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    min_samples: int = 10
+    old_noise: float = 50.0
+
+    def __post_init__(self) -> None:
+        if self.min_samples < 2:
+            raise OptionError(f'update: min_samples is {self.min_samples}; it must be 2 or more')
+        if not 0.0 < self.old_noise < np.inf:
+            raise OptionError(f'update: old_noise is {self.old_noise}; it must be positive')
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """The model with the new tool, and a report ready for JSON."""
+
+    model: GravityModel
+    report: dict[str, Any]
+
+
+def update(model: GravityModel, samples: JointSamples,
+           options: UpdateOptions = UpdateOptions(),
+           geometry: Geometry | None = None) -> UpdateResult:
+    """
+    Return the model that explains `samples`, taken after a tool change, by a sparse change.
+
+    :param model: of the chain or the potential formulation.
+    :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
+        Their torque is gravity: what the effects of the model do must have been taken off.
+    :param geometry: of this arm, to weigh the tool; the new model is a chain on its axes, with
+        the joints in its order.
+    :raises ModelMismatchError: if the samples lack a joint, the model is per_joint and there is
+        no geometry, or the geometry is of another arm.
+    :raises FitError: if there are too few samples.
+    """
+    samples = samples.joints(model.joints)
+    if samples.n_samples < options.min_samples:
+        raise FitError(f'{samples.n_samples} slow samples since the tool changed; an update needs '
+                       f'{options.min_samples}. Move on slowly')
+    if geometry is not None:
+        return _update(_on_axes(model, geometry), samples.joints(geometry.joints), options,
+                       geometry)
+    if model.energy is None:
+        raise ModelMismatchError('a per_joint model has no energy whose change a tool would be; '
+                                 'fit it again, or keep a chain or potential model')
+    return _update(model, samples, options, None)
+
+
+def _update(model: GravityModel, samples: JointSamples, options: UpdateOptions,
+            geometry: Geometry | None) -> UpdateResult:
+    sigma = np.maximum(model.noise, noise.floor(samples.tau))
+    found = _step(model, samples, sigma, geometry)
+    old_sigma, sigma = sigma, _noise(found.model, samples, sigma, options)
+    if not np.allclose(sigma, old_sigma, rtol=_SAME_NOISE):
+        found = _step(model, samples, sigma, geometry)
+    residual = samples.tau - found.model.predict(samples.q)
+    rmse = np.sqrt((residual ** 2).mean(axis=0))
+    report = _report(model, found, samples, rmse, sigma)
+    provenance = {**model.provenance,
+                  'updates': [*model.provenance.get('updates', []), report]}
+    updated = replace(found.model, noise=sigma, coverage=_coverage(model, samples),
+                      provenance=provenance)
+    return UpdateResult(updated, report)
+
+
+def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
+    """Return the same gravity as a chain on known axes."""
+    chain, covariance = on_known_axes(model, geometry)
+    order = [model.joints.index(name) for name in geometry.joints]
+    coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
+                       q_max=model.coverage.q_max[order])
+    made = GravityModel.from_energy(
+        geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
+        chain, ChainUncertainty(chain, covariance))
+    direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
+    return replace(made, applied=replace(model.applied, direction=direction),
+                   history=model.history)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """
+    A changed model, what changed by name and in N·m, and how it was found.
+
+    `tool` is what was weighed, None without lengths; `is_tool` says that the model changed by it.
+    """
+
+    model: GravityModel
+    changed: dict[str, float]
+    change: Change
+    tool: PayloadEstimate | None = None
+    is_tool: bool = False
+
+
+def _step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
+          geometry: Geometry | None) -> _Step:
+    if model.chain is None:
+        return _energy_step(model, samples, sigma)
+    free = _chain_step(model, samples, sigma)
+    return free if geometry is None else _tool_step(model, samples, sigma, geometry, free)
+
+
+def _tool_step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
+               geometry: Geometry, free: _Step) -> _Step:
+    """Return the change by a tool, or the free one if that explains much more."""
+    assert model.chain is not None and model.uncertainty is not None
+    assert free.model.chain is not None
+    new = NewSamples(samples.q, samples.tau, sigma)
+    tool = weigh(model.chain, model.uncertainty.covariance, new, geometry)
+    left = new.residual(free.model.chain)
+    if tool.chi2 - float(left @ left) > _NO_TOOL:
+        return replace(free, tool=tool.weighed)
+    spread = ChainUncertainty(tool.chain, tool.covariance)
+    changed = (tool.chain.moments - model.chain.moments).ravel()
+    return _Step(_with_energy(model, expand(tool.chain), tool.chain, spread),
+                 {name: float(x) for name, x in zip(_moment_names(model), changed)},
+                 free.change, tool.weighed, True)
+
+
+def _moment_names(model: GravityModel) -> list[str]:
+    return [f'{name} {axis}' for name in model.joints for axis in 'xy']
+
+
+def _chain_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -> _Step:
+    assert model.chain is not None
+    n = model.n_joints
+    covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
+        else model.uncertainty.covariance
+    found = update_chain(model.chain, covariance, NewSamples(samples.q, samples.tau, sigma))
+    names, moments = _moment_names(model), found.chain.moments - model.chain.moments
+    changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
+    energy = expand(found.chain)
+    return _Step(_with_energy(model, energy, found.chain,
+                              ChainUncertainty(found.chain, found.covariance)),
+                 changed, found.change)
+
+
+def _energy_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -> _Step:
+    """Let the weights of the energy change; a tool brings no new features to an old chain."""
+    old = model.energy
+    assert old is not None
+    count = len(old.indices)
+    covariance = np.zeros((count, count)) if model.uncertainty is None \
+        else model.uncertainty.covariance
+    design = EnergyDesign(samples.q, np.broadcast_to(1.0 / sigma, samples.tau.shape))
+    columns = design.columns(old.indices)
+    left = samples.tau - model.predict(samples.q)
+    residual, size = (left / sigma).T.ravel(), float(np.abs(left).max())
+    change = average_change(ChangeProblem(columns.T, residual, covariance, np.arange(count),
+                                          size))
+    energy = Expansion(old.indices, old.weights + change.mean)
+    changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
+               for k in change.support}
+    spread = EnergyUncertainty(energy.indices, change.covariance)
+    return _Step(_with_energy(model, energy, None, spread), changed, change)
+
+
+def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
+                 uncertainty: Any) -> GravityModel:
+    changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
+                                       model.coverage, model.provenance, chain, uncertainty)
+    return replace(changed, applied=model.applied, history=model.history)
+
+
+def _noise(fitted: GravityModel, samples: JointSamples, sigma: FloatArray,
+           options: UpdateOptions) -> FloatArray:
+    """Return each joint's noise (N,), from training and from the residual of the new samples."""
+    residual = samples.tau - fitted.predict(samples.q)
+    times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
+    inflation = np.where(times < _WHITE, 1.0, times)
+    squares = inflation * (residual ** 2).sum(axis=0)
+    return np.asarray(np.sqrt((options.old_noise * sigma ** 2 + squares)
+                              / (options.old_noise + samples.n_samples)))
+
+
+def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:
+    """Return the range that old and new samples span: the old ones taught all but the change."""
+    return Coverage(np.minimum(model.coverage.q_min, samples.q.min(axis=0)),
+                    np.maximum(model.coverage.q_max, samples.q.max(axis=0)),
+                    samples.n_samples, samples.n_runs)
+
+
+def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatArray,
+            sigma: FloatArray) -> dict[str, Any]:
+    names = old.joints
+    before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
+    difference = found.model.predict(samples.q) - old.predict(samples.q)
+    spread = found.model.predict_std(samples.q).max(axis=0)
+
+    def by_joint(values: FloatArray) -> dict[str, float]:
+        return dict(zip(names, np.asarray(values, dtype=float).tolist()))
+
+    lasso = asdict(found.change.lasso)
+    report: dict[str, Any] = {
+        'formulation': found.model.formulation, 'n_samples': samples.n_samples,
+        'rmse_before': by_joint(before), 'rmse': by_joint(rmse), 'noise': by_joint(sigma),
+        'std': by_joint(spread),
+        'effect_mean': by_joint(difference.mean(axis=0)),
+        'effect_max': by_joint(np.abs(difference).max(axis=0)),
+        'changed': found.changed, 'payload': None,
+        'log_evidence': found.change.log_evidence,
+        'solver': {key: lasso[key] for key in
+                   ('iterations', 'primal_residual', 'dual_residual', 'converged')},
+        'warnings': [],
+    }
+    report['warnings'] += _unsure(found.model, sigma)
+    if found.tool is not None:
+        report['payload'] = _payload_json(found.tool)
+        if not found.is_tool:
+            report['warnings'] += ['a rigid body on the last link does not explain what changed; '
+                                   'the mass and centre told here are only the nearest to it']
+    return report
+
+
+def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
+    """Say how far a chain may be off away from the samples, if that is much."""
+    if model.chain is None or model.uncertainty is None:
+        return []
+    joint = unsure_joint(model.chain, model.uncertainty.covariance, sigma)
+    if joint is None:
+        return []
+    std = std_anywhere(model.chain, model.uncertainty.covariance)[joint]
+    return [f'away from these poses the torque of {model.joints[joint]} may be off by '
+            f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']
+
+
+def _payload_json(tool: PayloadEstimate) -> dict[str, Any]:
+    found: dict[str, Any] = {'link': tool.link, 'mass': {
+        'value': tool.mass, 'unit': 'kg', 'ci95': list(tool.mass_ci95)}, 'centre': None}
+    if tool.centre is not None and tool.centre_ci95 is not None:
+        found['centre'] = {axis: {'value': float(value), 'unit': 'm', 'ci95': interval.tolist()}
+                           for axis, value, interval in zip('xyz', tool.centre, tool.centre_ci95)}
+    return found

@@ -1,0 +1,1 @@
+"""Compare a model with measurements, and judge the recordings themselves."""

@@ -1,0 +1,144 @@
+"""Compare a model with measurements, joint by joint, and say where it fails."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import predict_torque, rows_of
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.evaluation.residual_regions import find_places, Place
+from gravity_comp_ros.models.gravity_model import GravityModel
+import numpy as np
+
+
+# A normal error lies within this many standard deviations with a probability of 95 %.
+_BAND = 1.96
+
+
+@dataclass(frozen=True)
+class Share:
+    """Of `n` residuals, the `share` inside the 95 % band; None of none."""
+
+    n: int
+    share: float | None
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """
+    Whether a model knows how wrong it is: residuals inside its 95 % band.
+
+    The band is 1.96 sqrt(std^2 + noise^2) with the standard deviation of the prediction
+    (`GravityModel.predict_std`) and the noise of training. `trained` is where every joint is in
+    its trained range, `outside` where one is not.
+    """
+
+    trained: Share
+    outside: Share
+
+
+@dataclass(frozen=True)
+class JointComparison:
+    """
+    One joint's residual, measured minus predicted torque, over `n` samples.
+
+    `rmse`, `bias` (mean), `std` and `max_abs` are in N·m; rmse^2 = bias^2 + std^2. `nrmse` is
+    the RMSE as a fraction of the range of the measured torque (Yu 2022, Eq. 16), None where
+    that range is 0. `rmse_constant` is what predicting the mean measured torque would leave.
+    `band` is None of a model that does not know its uncertainty.
+    """
+
+    n: int
+    rmse: float
+    nrmse: float | None
+    std: float
+    bias: float
+    max_abs: float
+    rmse_constant: float
+    where: tuple[Place, ...]
+    band: Calibration | None = None
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """
+    The comparison of every joint; `residual` (M, N) in N·m.
+
+    `share_outside` of the poses lie outside the trained range; `band` counts all joints.
+    """
+
+    joints: dict[str, JointComparison]
+    residual: FloatArray
+    share_outside: float
+    band: Calibration | None = None
+
+    @property
+    def worst(self) -> str:
+        """Return the joint with the largest RMSE."""
+        return max(self.joints, key=lambda name: self.joints[name].rmse)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `compare --json` prints."""
+        return {'joints': {name: asdict(joint) for name, joint in self.joints.items()},
+                'worst_joint': self.worst, 'share_outside_trained_range': self.share_outside,
+                'band': None if self.band is None else asdict(self.band)}
+
+
+def compare(model: GravityModel, samples: JointSamples,
+            recorded: JointSamples | None = None) -> Comparison:
+    """
+    Compare `model`, with the effects that it has, with measured torques.
+
+    Joints are matched by name.
+
+    :param recorded: what `samples` were selected from; the model's effects may need what lies
+        between (acceleration, friction that builds up).
+    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
+        effect that is not installed here.
+    :raises DataError: if there are no samples.
+    """
+    samples = samples.joints(model.joints)
+    if recorded is None or not model.applied.effects:
+        predicted = predict_torque(model, samples)
+    else:
+        predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
+    band = None
+    if model.uncertainty is not None:
+        band = _BAND * np.hypot(model.predict_std(samples.q), model.noise)
+    return compare_prediction(samples, predicted,
+                              model.coverage.distance(samples.q).max(axis=1) > 0.0, band)
+
+
+def compare_prediction(samples: JointSamples, predicted: FloatArray, outside: BoolArray,
+                       band: FloatArray | None = None) -> Comparison:
+    """
+    Compare predicted torques (M, N) with the samples' measured ones.
+
+    :param outside: which poses (M,) lie outside the trained range.
+    :param band: how far (M, N) in N·m 95 % of the residuals should be off at most.
+    :raises DataError: if there are no samples.
+    """
+    if not samples.n_samples:
+        raise DataError('no samples to compare with; none passed the gate, or the bag is empty')
+    residual = samples.tau - predicted
+    inside = None if band is None else np.abs(residual) <= band
+    joints = {}
+    for n, name in enumerate(samples.names):
+        r, tau = residual[:, n], samples.tau[:, n]
+        rmse, spread = float(np.sqrt((r ** 2).mean())), float(np.ptp(tau))
+        joints[name] = JointComparison(
+            n=len(r), rmse=rmse, nrmse=rmse / spread if spread > 0.0 else None,
+            std=float(r.std()), bias=float(r.mean()), max_abs=float(np.abs(r).max()),
+            rmse_constant=float(tau.std()),
+            where=tuple(find_places(samples, predicted, outside, n)),
+            band=None if inside is None else _calibration(inside[:, n:n + 1], outside))
+    return Comparison(joints, residual, float(np.mean(outside)),
+                      None if inside is None else _calibration(inside, outside))
+
+
+def _calibration(inside: BoolArray, outside: BoolArray) -> Calibration:
+    def share(part: BoolArray) -> Share:
+        return Share(part.size, float(part.mean()) if part.size else None)
+    return Calibration(share(inside[~outside]), share(inside[outside]))

@@ -1,0 +1,238 @@
+"""
+The gravity model: what a fit yields, a file holds and a controller evaluates.
+
+Whatever the formulation, the torque of every joint is a sparse sum over the dictionary,
+tau_n(q) = sum_k w_nk phi_k(q) (Yu 2022, Eqs. 5-7), so one class prints, predicts and stores all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.errors import DataError, ModelFileError
+from gravity_comp_ros.models.applied_effects import Applied
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.uncertainty import Uncertainty
+import numpy as np
+
+# With more features than this a chain is evaluated faster as the chain that it is.
+_MANY = 1000
+# So many poses are predicted at once: hours of them would fill the memory with columns.
+_AT_ONCE = 8192
+ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Where a model was trained: `q_min`, `q_max` (N,) in rad, samples and runs."""
+
+    q_min: FloatArray
+    q_max: FloatArray
+    n_samples: int
+    n_runs: int = 1
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'q_min', np.asarray(self.q_min, dtype=np.float64))
+        object.__setattr__(self, 'q_max', np.asarray(self.q_max, dtype=np.float64))
+
+    def distance(self, q: FloatArray) -> FloatArray:
+        """Return how far each joint of q (..., N) is outside the trained range, rad."""
+        return np.maximum(np.maximum(self.q_min - q, q - self.q_max), 0.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """
+    One change of a model.
+
+    `action` is 'added' or 'removed' for effects, 'updated' for a payload; `effects` are their
+    targets (`payload` of an update), `when` a time as text (from
+    whoever asked for the change). `before` and `after` are held-out RMSE by joint in N·m,
+    empty where nothing was measured. `previous` is the model to go back to, None once that
+    has happened.
+    """
+
+    action: str
+    effects: tuple[str, ...]
+    when: str
+    before: Mapping[str, float] = field(default_factory=dict)
+    after: Mapping[str, float] = field(default_factory=dict)
+    previous: GravityModel | None = None
+
+    def __post_init__(self) -> None:
+        if self.action not in (ADDED, REMOVED, UPDATED):
+            raise DataError(f'history: unknown step {self.action!r}')
+
+
+@dataclass(frozen=True)
+class GravityModel:
+    """
+    The gravity torque of an arm of N joints, learned from motion.
+
+    `torques` holds one expansion per joint in N·m; `energy` is the potential energy U in J with
+    tau_n = dU/dq_n, for formulations that have one. `noise` (N,) is the residual's standard
+    deviation in training, N·m; `provenance` tells data, options and solver, ready for JSON.
+    `chain` is what the energy of the chain formulation was expanded from; `uncertainty` is None
+    where the formulation has none. `applied` are effects besides gravity; `predict` is gravity
+    alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
+    latest last.
+
+    :raises DataError: if the parts disagree in their number of joints, or an effect is on a
+        joint that there is not.
+    """
+
+    joints: tuple[str, ...]
+    formulation: str
+    torques: tuple[Expansion, ...]
+    energy: Expansion | None
+    noise: FloatArray
+    coverage: Coverage
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    chain: Chain | None = None
+    uncertainty: Uncertainty | None = None
+    applied: Applied = Applied()
+    history: tuple[Step, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        object.__setattr__(self, 'joints', tuple(self.joints))
+        object.__setattr__(self, 'noise', np.asarray(self.noise, dtype=np.float64))
+        limit = dictionary.n_features(n)
+        sizes = {len(self.torques), len(self.noise), len(self.coverage.q_min),
+                 len(self.coverage.q_max), *([self.chain.n_joints] if self.chain else [])}
+        if sizes != {n} or len(set(self.joints)) != n:
+            raise DataError(f'model: parts for {sorted(sizes)} joints, but {n} joint names')
+        for part in (*self.torques, *([self.energy] if self.energy else [])):
+            if part.indices.size and part.indices[-1] >= limit:
+                raise DataError(f'model: feature {part.indices[-1]} is outside the dictionary '
+                                f'of {n} joints ({limit} features)')
+        for effect in self.applied.effects:
+            if effect.joint is not None and effect.joint not in self.joints:
+                raise DataError(f'model: effect {effect.target} is on no joint of it')
+        for name, numbers in self.applied.direction.items():
+            if len(numbers) != n:
+                raise DataError(f'model: {name} of the direction for {len(numbers)} of {n} joints')
+
+    @classmethod
+    def from_energy(cls, joints: tuple[str, ...], formulation: str, energy: Expansion,
+                    noise: FloatArray, coverage: Coverage, provenance: Mapping[str, Any],
+                    chain: Chain | None = None,
+                    uncertainty: Uncertainty | None = None) -> GravityModel:
+        """Return the model whose torque is the gradient of `energy`."""
+        n = len(joints)
+        torques = tuple(energy.gradient(n, joint) for joint in range(n))
+        return cls(joints, formulation, torques, energy, noise, coverage, provenance, chain,
+                   uncertainty)
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joints)
+
+    def predict(self, q: FloatArray) -> FloatArray:
+        """
+        Return the gravity torque (M, N) in N·m of poses q (M, N) in rad.
+
+        :raises DataError: if q has another number of joints.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if q.shape[1] != self.n_joints:
+            raise DataError(f'model of {self.n_joints} joints was given poses of {q.shape[1]}')
+        evaluator = self._evaluator
+        if self.chain is not None and len(evaluator.indices) > _MANY:
+            return self.chain.torque(q)
+        parts = [dictionary.columns(q[start:start + _AT_ONCE], evaluator.indices)
+                 @ evaluator.weights for start in range(0, max(len(q), 1), _AT_ONCE)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+    def predict_one(self, q: FloatArray) -> FloatArray:
+        """Return the gravity torque (N,) of one pose q (N,): `predict` for a control loop."""
+        return self._evaluator(q)
+
+    def predict_std(self, q: FloatArray) -> FloatArray:
+        """
+        Return the standard deviation (M, N) in N·m of `predict` at poses q (M, N).
+
+        It is the model's own: the noise of a measurement comes on top, so that 95 % of
+        measured torques lie within 1.96 sqrt(std^2 + noise^2).
+
+        :raises DataError: if the model has no uncertainty, or q another number of joints.
+        """
+        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if self.uncertainty is None:
+            raise DataError(f'this {self.formulation} model holds no uncertainty; fit it again '
+                            f'as chain or potential')
+        if q.shape[1] != self.n_joints:
+            raise DataError(f'model of {self.n_joints} joints was given poses of {q.shape[1]}')
+        return self.uncertainty.std(q)
+
+    def n_features(self) -> IntArray:
+        """Return how many features each joint's torque has, shape (N,)."""
+        return np.array([len(torque.indices) for torque in self.torques], dtype=np.int64)
+
+    def extrapolation(self, q: FloatArray) -> float:
+        """Return how far the worst joint of pose q (N,) is outside the trained range, rad."""
+        return float(self.coverage.distance(q).max())
+
+    def equation(self, joint: str, digits: int = 2) -> str:
+        """
+        Return a joint's torque as the paper's Table B.1 prints it, the largest term first.
+
+        E.g. `-20.81 s1 c2 + 3.10 s2`; `0` for a joint without features.
+
+        :raises DataError: if there is no such joint.
+        """
+        if joint not in self.joints:
+            raise DataError(f'no joint {joint} in the model; it has {", ".join(self.joints)}')
+        terms = self.torques[self.joints.index(joint)]
+        order = np.argsort(-np.abs(terms.weights), kind='stable')
+        text = ''
+        for k in order:
+            name = dictionary.feature_name(int(terms.indices[k]), self.n_joints)
+            weight = terms.weights[k]
+            sign = ('-' if weight < 0 else '') if not text else (' - ' if weight < 0 else ' + ')
+            text += f'{sign}{abs(weight):.{digits}f} {name}'
+        return text or '0'
+
+    @cached_property
+    def _evaluator(self) -> _Evaluator:
+        return _Evaluator(self.torques, self.n_joints)
+
+
+class _Evaluator:
+    """All joints' torques over the union of their features, laid out for one fast product."""
+
+    def __init__(self, torques: tuple[Expansion, ...], n_joints: int) -> None:
+        every = np.concatenate([torque.indices for torque in torques])
+        self.indices = np.unique(every).astype(np.int64)
+        self.weights = np.zeros((len(self.indices), n_joints))
+        for joint, torque in enumerate(torques):
+            self.weights[np.searchsorted(self.indices, torque.indices), joint] = torque.weights
+        choice = dictionary.digits(self.indices, n_joints)
+        # Row n of the table holds factor n of {1, sin, cos}: a flat index picks all at once.
+        self._flat = np.ascontiguousarray((choice * n_joints + np.arange(n_joints)).T)
+        self._table = np.ones((3, n_joints))
+
+    def __call__(self, q: FloatArray) -> FloatArray:
+        table = self._table
+        np.sin(q, out=table[dictionary.SIN])
+        np.cos(q, out=table[dictionary.COS])
+        return np.multiply.reduce(table.take(self._flat), axis=0) @ self.weights
+
+
+def check_formulation(name: str) -> None:
+    """
+    Check that a formulation is known.
+
+    :raises ModelFileError: if it is not.
+    """
+    if name not in FORMULATIONS:
+        raise ModelFileError(f'unknown formulation {name!r}; known: {", ".join(FORMULATIONS)}')
+
+
+FORMULATIONS = ('per_joint', 'potential', 'chain')

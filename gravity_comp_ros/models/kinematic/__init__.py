@@ -1,0 +1,1 @@
+"""Gravity of a serial chain, with unknown axes or those of a URDF."""

@@ -1,0 +1,183 @@
+"""
+Levenberg-Marquardt for the chain, with its moments eliminated.
+
+    minimise  sum ((tau - tau(A, h)) / sigma)^2 + |h|^2 / s^2
+
+over rotations A and moments h. For given A the torque is linear in h, so h is solved for after
+every step and only 2N angles are searched (variable projection, in the form of Ruhe and Wedin,
+SIAM Review 22 (1980), algorithm 2: the step comes from the full Jacobian). s is far larger than
+any moment of the arm: it keeps moments that no torque shows at 0 and leaves the others alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+import numpy as np
+from scipy import linalg
+
+# Moments are kept under about this many times the largest torque.
+_LOOSE_MOMENT = 2.0
+# No axis turns further in one step, rad.
+_LONGEST_STEP = 0.7
+# A direction that no torque shows is taken as known to a radian.
+_ANGLE_SPREAD = 1.0
+_SHRINK, _GROW, _TRIES = 0.2, 5.0, 8
+
+
+@dataclass(frozen=True)
+class SolveOptions:
+    """When to stop: after `max_steps`, or when a step gains less than this share of the cost."""
+
+    max_steps: int = 100
+    tolerance: float = 1e-6
+
+
+@dataclass(frozen=True)
+class ChainProblem:
+    """Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N)."""
+
+    q: FloatArray
+    tau: FloatArray
+    weights: FloatArray
+    moment_precision: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        largest = max(float(np.abs(self.tau).max(initial=0.0)), 1e-9)
+        object.__setattr__(self, 'moment_precision', (_LOOSE_MOMENT * largest) ** -2)
+
+    @property
+    def n_joints(self) -> int:
+        return self.q.shape[1]
+
+    def prior_precision(self) -> FloatArray:
+        """Return the diagonal (4N,) of what is known of a step without data."""
+        n = self.n_joints
+        return np.concatenate([np.full(2 * n, _ANGLE_SPREAD ** -2),
+                               np.full(2 * n, self.moment_precision)])
+
+    def columns(self, jacobian: FloatArray) -> FloatArray:
+        """Return a Jacobian (K, N, M) in units of the noise, shape (K, N M)."""
+        return (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
+
+    def target(self) -> FloatArray:
+        return (self.weights * self.tau).T.ravel()
+
+
+@dataclass(frozen=True)
+class Solution:
+    """
+    A minimum: the chain, its cost and chi^2, and the precision (4N, 4N) of a step from it.
+
+    `free` (4N,) masks the numbers that were searched; the others were held.
+    """
+
+    chain: Chain
+    cost: float
+    chi2: float
+    steps: int
+    converged: bool
+    free: BoolArray
+    precision: FloatArray
+
+
+def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None,
+          options: SolveOptions = SolveOptions()) -> Solution:
+    """
+    Return the minimum that Levenberg-Marquardt reaches from `axes` (N, 3, 3).
+
+    :param free: which of a step's numbers (4N,) may move; moments that may not are 0.
+    """
+    n = problem.n_joints
+    free = np.ones(4 * n, dtype=bool) if free is None else free
+    search = _Search(problem, free)
+    point, damping = search.at(axes), 1e-2
+    for steps in range(1, options.max_steps + 1):
+        better, damping = search.step(point, damping)
+        if better is None:
+            break
+        gain, point = point.cost - better.cost, better
+        if gain < options.tolerance * point.cost:
+            break
+    else:
+        return search.solution(point, options.max_steps, converged=False)
+    return search.solution(point, steps, converged=True)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """Axes with the best moments for them."""
+
+    axes: FloatArray
+    sweep: ForwardKinematics
+    moments: FloatArray
+    moment_columns: FloatArray
+    residual: FloatArray
+    cost: float
+
+
+class _Search:
+    def __init__(self, problem: ChainProblem, free: BoolArray) -> None:
+        self.problem, self.free = problem, free
+        self.b = problem.target()
+        n = problem.n_joints
+        self.free_axes, self.free_moments = free[:2 * n], free[2 * n:]
+
+    def at(self, axes: FloatArray) -> _Point:
+        sweep = ForwardKinematics(axes, self.problem.q)
+        columns = self.problem.columns(sweep.moment_columns()[self.free_moments])
+        gram = columns @ columns.T
+        gram.flat[::len(gram) + 1] += self.problem.moment_precision
+        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), columns @ self.b,
+                                 check_finite=False) if len(gram) else np.zeros(0)
+        residual = self.b - found @ columns
+        moments = np.zeros(self.free_moments.shape)
+        moments[self.free_moments] = found
+        cost = float(residual @ residual + self.problem.moment_precision * (found @ found))
+        return _Point(axes, sweep, moments.reshape(-1, 2), columns, residual, cost)
+
+    def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
+        """Return the next point, or None where no step lowers the cost, and the damping."""
+        n_axes = int(self.free_axes.sum())
+        if not n_axes:
+            return None, damping
+        columns = self._columns(point)
+        gram, gradient = columns @ columns.T, columns @ point.residual
+        gradient[n_axes:] -= self.problem.moment_precision * point.moments.ravel()[
+            self.free_moments]
+        stiffness = np.diag(gram)[:n_axes].copy()
+        stiffness += 1e-9 * stiffness.max() + 1e-300
+        gram.flat[::len(gram) + 1] += self.problem.prior_precision()[self.free]
+        diagonal = gram.diagonal()[:n_axes].copy()
+        for _ in range(_TRIES):
+            gram.flat[:n_axes * len(gram):len(gram) + 1] = diagonal + damping * stiffness
+            d = np.zeros(self.free_axes.shape)
+            d[self.free_axes] = np.linalg.solve(gram, gradient)[:n_axes]
+            d *= min(1.0, _LONGEST_STEP / max(float(np.abs(d).max()), 1e-300))
+            tried = self.at(point.axes @ tilt(d.reshape(-1, 2)))
+            if tried.cost < point.cost:
+                return tried, max(_SHRINK * damping, 1e-12)
+            damping = max(_GROW * damping, 1e-6)
+        return None, damping
+
+    def _columns(self, point: _Point) -> FloatArray:
+        turned = point.sweep.axis_columns(point.moments)[self.free_axes]
+        return np.concatenate([self.problem.columns(turned), point.moment_columns])
+
+    def solution(self, point: _Point, steps: int, converged: bool) -> Solution:
+        axes = _orthogonal(point.axes)
+        jacobian = np.concatenate([point.sweep.axis_columns(point.moments),
+                                   point.sweep.moment_columns()])
+        columns = self.problem.columns(jacobian)
+        precision = columns @ columns.T + np.diag(self.problem.prior_precision())
+        return Solution(Chain(axes, point.moments), point.cost,
+                        float(point.residual @ point.residual), steps, converged, self.free,
+                        precision)
+
+
+def _orthogonal(axes: FloatArray) -> FloatArray:
+    """Return the rotations nearest to products of many that rounding has worn."""
+    u, _, vt = np.linalg.svd(axes)
+    return np.asarray(u @ vt)

@@ -1,0 +1,37 @@
+"""The chain's energy as a sum over the dictionary, exactly (Yu 2022, Property 1)."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.sparse.expansion import Expansion
+import numpy as np
+
+# Weights below this share of the largest are rounding.
+_ROUNDING = 1e-9
+
+
+def expand(chain: Chain) -> Expansion:
+    """
+    Return U in J as a sparse sum over the dictionary.
+
+    The vertical w_i is a sum over the products of the first i joints' factors; each joint
+    multiplies it by Rz.T A.T, which has a part for 1, one for sin and one for cos.
+    """
+    vertical = np.array([[0.0, 0.0, 1.0]])
+    energy = np.zeros(1)
+    for axis, moment in zip(chain.axes, chain.moments):
+        before = vertical @ axis
+        x, y, z = before.T
+        zero = np.zeros_like(x)
+        parts = np.empty((len(before), 3, 3))
+        parts[:, dictionary.ONE] = np.stack([zero, zero, z], axis=1)
+        parts[:, dictionary.SIN] = np.stack([y, -x, zero], axis=1)
+        parts[:, dictionary.COS] = np.stack([x, y, zero], axis=1)
+        vertical = parts.reshape(-1, 3)
+        grown = parts[:, :, :2] @ moment
+        grown[:, dictionary.ONE] += energy
+        energy = grown.ravel()
+    energy[0] = 0.0
+    kept = np.flatnonzero(np.abs(energy) > _ROUNDING * np.abs(energy).max(initial=0.0))
+    return Expansion(kept, energy[kept])

@@ -1,0 +1,1 @@
+"""Sparse sums over the dictionary, solved by ADMM (Yu 2022)."""

@@ -1,0 +1,147 @@
+"""
+The dictionary: all 3^N products of one factor {1, sin q_n, cos q_n} per joint.
+
+Every entry of the gravity torque of a serial arm of N revolute joints lies in the span of these
+products (Yu 2022, Property 1, Eqs. 3-4). A feature is known by its index; the index written in
+base 3, joint 1 first, tells which factor each joint takes: 0 is 1, 1 is sin, 2 is cos.
+
+The 3^N columns are never built. A feature row is the Kronecker product of the factors of the
+first joints with those of the last, so that with the halves L and R (Yu 2022, Eq. 6)
+
+    F.T r = vec(L.T diag(r) R)                 and    F F'.T = prod_n (1 + cos(q_n - q'_n)).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.errors import DataError
+import numpy as np
+
+ONE, SIN, COS = 0, 1, 2
+# 3^12 features are 4 MB a vector; one more joint would triple every product for arms that
+# nobody has.
+MAX_JOINTS = 12
+
+
+def n_features(n_joints: int) -> int:
+    """
+    Return 3^N.
+
+    :raises DataError: if N is not 1 to 12.
+    """
+    if not 1 <= n_joints <= MAX_JOINTS:
+        raise DataError(f'{n_joints} joints; the dictionary takes 1 to {MAX_JOINTS}. Choose '
+                        f'the joints that carry gravity')
+    return int(3 ** n_joints)
+
+
+def digits(indices: IntArray, n_joints: int) -> IntArray:
+    """Return the factor (ONE, SIN, COS) of each joint in each feature, shape (K, N)."""
+    powers = 3 ** np.arange(n_joints - 1, -1, -1, dtype=np.int64)
+    return (np.asarray(indices, dtype=np.int64)[:, None] // powers) % 3
+
+
+def index_of(factors: IntArray) -> IntArray:
+    """Return the indices of features given by their factors (K, N); the inverse of `digits`."""
+    factors = np.asarray(factors, dtype=np.int64)
+    powers = 3 ** np.arange(factors.shape[1] - 1, -1, -1, dtype=np.int64)
+    return factors @ powers
+
+
+def feature_name(index: int, n_joints: int) -> str:
+    """Return a feature as the paper prints it, e.g. `s1 c2`; the constant is `1`."""
+    factors = digits(np.array([index]), n_joints)[0]
+    parts = [f'{"sc"[d - 1]}{n + 1}' for n, d in enumerate(factors) if d != ONE]
+    return ' '.join(parts) or '1'
+
+
+def joint_factors(q: FloatArray) -> FloatArray:
+    """Return [1, sin q_n, cos q_n] for q (M, N) in rad, shape (N, M, 3)."""
+    factors = np.empty((q.shape[1], q.shape[0], 3))
+    factors[..., ONE] = 1.0
+    np.sin(q.T, out=factors[..., SIN])
+    np.cos(q.T, out=factors[..., COS])
+    return factors
+
+
+def columns(q: FloatArray, indices: IntArray) -> FloatArray:
+    """
+    Return the chosen columns of the feature matrix F (Yu 2022, Eqs. 5-7).
+
+    :param q: joint positions (M, N), rad.
+    :param indices: K features.
+    :return: shape (M, K).
+    """
+    factors, choice = joint_factors(q), digits(indices, q.shape[1])
+    product = np.ones((q.shape[0], len(choice)))
+    for n in range(q.shape[1]):
+        product *= factors[n][:, choice[:, n]]
+    return product
+
+
+def kernel(q: FloatArray, other: FloatArray) -> FloatArray:
+    """Return F F'.T for two sets of poses (M, N), (M', N): prod_n (1 + cos(q_n - q'_n))."""
+    product = np.ones((q.shape[0], other.shape[0]))
+    for n in range(q.shape[1]):
+        product *= 1.0 + np.cos(q[:, n, None] - other[None, :, n])
+    return product
+
+
+class Halves:
+    """
+    The row-wise Kronecker halves L (first joints) and R (last joints) of F for q (M, N).
+
+    Both are kept transposed, `left` (3^n_left, M) and `right` (3^n_right, M), so that what is
+    done sample by sample runs along contiguous memory.
+    """
+
+    def __init__(self, q: FloatArray) -> None:
+        n_features(q.shape[1])
+        factors = joint_factors(q).transpose(0, 2, 1)
+        self.n_left = (q.shape[1] + 1) // 2
+        self.n_right = q.shape[1] - self.n_left
+        self.left = _kronecker(factors[:self.n_left], q.shape[0])
+        self.right = _kronecker(factors[self.n_left:], q.shape[0])
+
+    @cached_property
+    def scratch(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Room for a changed L, a changed R, and a third of either; not for two threads."""
+        return np.empty_like(self.left), np.empty_like(self.right), np.empty(
+            (len(self.left) // 3, self.left.shape[1]))
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return the chosen columns of F, transposed, shape (K, M)."""
+        left, right = np.divmod(np.asarray(indices, dtype=np.int64), len(self.right))
+        return self.left[left] * self.right[right]
+
+    def correlate(self, r: FloatArray) -> FloatArray:
+        """Return F.T r for r (M,), over all 3^N features."""
+        product = np.multiply(r, self.right, out=self.scratch[1])
+        return (self.left @ product.T).ravel()
+
+    def correlate_squares(self, weights: FloatArray) -> FloatArray:
+        """Return sum_m weights_m F_mk^2 for weights (M,), over all 3^N features."""
+        return (self.left ** 2 @ (weights * self.right ** 2).T).ravel()
+
+
+def derivative(indices: IntArray, n_joints: int, joint: int) -> tuple[IntArray, FloatArray]:
+    """
+    Return d phi_k / d q_joint as (feature, sign): the derivative stays in the dictionary.
+
+    sin becomes cos, cos becomes -sin, and a feature without the joint has sign 0.
+    """
+    indices = np.asarray(indices, dtype=np.int64)
+    power = 3 ** (n_joints - 1 - joint)
+    factor = (indices // power) % 3
+    swapped = np.where(factor == SIN, indices + power,
+                       np.where(factor == COS, indices - power, indices))
+    return swapped, np.choose(factor, [0.0, 1.0, -1.0])
+
+
+def _kronecker(factors: FloatArray, n_rows: int) -> FloatArray:
+    product = np.ones((1, n_rows))
+    for factor in factors:
+        product = (product[:, None, :] * factor[None, :, :]).reshape(-1, n_rows)
+    return product

@@ -1,0 +1,38 @@
+"""A sparse sum over the dictionary (Yu 2022, Eqs. 5-7)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.sparse import dictionary
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """A sparse sum over the dictionary: rising feature `indices` (K,), `weights` (K,)."""
+
+    indices: IntArray
+    weights: FloatArray
+
+    def __post_init__(self) -> None:
+        indices = np.asarray(self.indices, dtype=np.int64)
+        weights = np.asarray(self.weights, dtype=np.float64)
+        if indices.ndim != 1 or indices.shape != weights.shape:
+            raise DataError(f'expansion: {indices.shape} features with {weights.shape} weights')
+        if np.any(np.diff(indices) <= 0) or np.any(indices < 0):
+            raise DataError('expansion: features must rise and not repeat')
+        if not np.isfinite(weights).all():
+            raise DataError('expansion: a weight is not finite')
+        object.__setattr__(self, 'indices', indices)
+        object.__setattr__(self, 'weights', weights)
+
+    def gradient(self, n_joints: int, joint: int) -> Expansion:
+        """Return d/dq_joint of this sum, which lies in the dictionary again."""
+        features, signs = dictionary.derivative(self.indices, n_joints, joint)
+        present = signs != 0.0
+        order = np.argsort(features[present])
+        return Expansion(features[present][order],
+                         (self.weights[present] * signs[present])[order])

@@ -1,0 +1,205 @@
+"""
+The L1 problem over all 3^N features, solved on a working set of few.
+
+    minimise  1/2 |A x - b|^2 + lambda sum_k s_k |x_k|        (Yu 2022, Eqs. 8-9)
+
+s_k is the length of column k, so that lambda is in units of the noise when the rows of A and b
+are divided by its standard deviation. ADMM solves the problem on the columns that matter; the
+optimality conditions are then checked over all 3^N columns, through products that never build
+them; violators join the working set. The certificate that a solution carries is computed from
+the problem again, not taken from the solver.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.models.sparse import admm
+from gravity_comp_ros.models.sparse.regressor import Design
+import numpy as np
+
+# Violators that join the working set in one round: few, because ADMM's work grows with the set,
+# but more where checking all 3^N columns is what takes the time.
+_BATCH, _LARGE_BATCH = 10, 40
+_LARGE = 3 ** 9
+_MAX_ROUNDS = 100
+# A working set larger than this forgets what has been 0 for long.
+_MANY = 300
+# How far a path is followed with products that are not precise.
+_ROUGH = 1e-4
+# A column shorter than this, relative to the longest, is what rounding left of a structural 0.
+_NEGLIGIBLE = 1e-9
+
+
+def column_lengths(design: Design) -> FloatArray:
+    """Return the length of every column of a design."""
+    return np.sqrt(np.maximum(design.squared_norms(), 0.0))
+
+
+def has_length(lengths: FloatArray) -> BoolArray:
+    """Return which columns are longer than what rounding leaves of a structural 0."""
+    return lengths > _NEGLIGIBLE * max(float(lengths.max(initial=0.0)), 1e-300)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """
+    How optimal a solution is, computed from the problem over all columns of unit length.
+
+    `gap` is the duality gap relative to the primal objective; `violation` the largest breach
+    of the optimality conditions relative to lambda. The residuals are those of the split x = z
+    at the final point: with y = A.T (b - A x), for which Eq. (12) yields x again, Eq. (13) yields
+    z = S_lambda(x + y), and `primal_residual` is |x - z|; `dual_residual` is the largest distance
+    of y from lambda times the subdifferential of |x|.
+    """
+
+    objective: float
+    dual_objective: float
+    gap: float
+    violation: float
+    primal_residual: float
+    dual_residual: float
+
+
+@dataclass(frozen=True)
+class LassoSolution:
+    """Non-zero coefficients x of features `indices`, for one lambda."""
+
+    lam: float
+    indices: IntArray
+    x: FloatArray
+    iterations: int
+    rounds: int
+    working_set: int
+    converged: bool
+    certificate: Certificate
+
+
+@dataclass
+class LassoProblem:
+    """
+    An L1 problem; solutions for a falling lambda share the working set and its Gram matrix.
+
+    :param design: A, weighted rows.
+    :param b: right-hand side (R,), weighted alike.
+    :param usable: mask over all columns; the others stay 0, as do columns of length 0.
+    """
+
+    design: Design
+    b: FloatArray
+    usable: BoolArray
+    options: admm.AdmmOptions = admm.AdmmOptions()
+
+    def __post_init__(self) -> None:
+        lengths = column_lengths(self.design)
+        usable = self.usable & has_length(lengths)
+        self._inverse_lengths = np.where(usable, 1.0 / np.where(usable, lengths, 1.0), 0.0)
+        self._precise = self.design.precise
+        self._c = self._precise.correlate(self.b) * self._inverse_lengths
+        self._correlation = self._c
+        self._batch = _BATCH if self.design.n_columns <= _LARGE else _LARGE_BATCH
+        self._set = np.zeros(0, dtype=np.int64)
+        self._columns = np.zeros((0, self.design.n_rows))
+        self._gram = np.zeros((0, 0))
+        self._state = admm.AdmmState(np.zeros(0), np.zeros(0), self.options.rho)
+
+    @property
+    def lambda_max(self) -> float:
+        """Return the least lambda at which every coefficient is 0."""
+        return float(np.abs(self._c).max(initial=0.0))
+
+    def solve(self, lam: float) -> LassoSolution:
+        """Return the solution for `lam` > 0, started from the last one, with its certificate."""
+        before = (0, 0)
+        if self._precise is not self.design:
+            before = self._run(lam, replace(self.options, tolerance=_ROUGH), self.design)[1:]
+        inner, iterations, rounds = self._run(lam, self.options, self._precise)
+        return self._solution(lam, inner, iterations + before[0], rounds + before[1])
+
+    def approach(self, lam: float, tolerance: float) -> None:
+        """Move to a rough solution for `lam`: a step of a path that ends elsewhere."""
+        self._run(lam, replace(self.options, tolerance=tolerance), self.design)
+
+    def _run(self, lam: float, options: admm.AdmmOptions,
+             design: Design) -> tuple[admm.AdmmResult, int, int]:
+        """Solve on the working set and enlarge it until no other column violates anything."""
+        iterations, rounds = 0, 0
+        # What the last lambda left over tells what this one needs, before anything is solved.
+        self._take_violators(lam, options.tolerance)
+        while True:
+            rounds += 1
+            inner = admm.solve(self._gram, self._c[self._set], np.full(len(self._set), lam),
+                               self._state, options)
+            self._state = inner.state
+            iterations += inner.iterations
+            self._correlation = self._residual_correlation(inner.state.z, design)
+            if (not inner.converged or rounds == _MAX_ROUNDS
+                    or not self._take_violators(lam, options.tolerance)):
+                return inner, iterations, rounds
+
+    def _take_violators(self, lam: float, tolerance: float) -> bool:
+        """Enlarge the working set by the worst violators; return whether there were any."""
+        excess = np.abs(self._correlation) - lam
+        excess[self._set] = -np.inf
+        violators = np.flatnonzero(excess > tolerance * lam)
+        worst = violators[np.argsort(-excess[violators], kind='stable')[:self._batch]]
+        if worst.size:
+            self._enlarge(worst, self._correlation[worst])
+        return bool(worst.size)
+
+    def _residual_correlation(self, z: FloatArray, design: Design) -> FloatArray:
+        active = np.flatnonzero(z)
+        residual = self.b - z[active] @ self._columns[active]
+        return design.correlate(residual) * self._inverse_lengths
+
+    def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
+        """Add columns, leaving out what has been 0 for long if the set has grown large."""
+        if len(self._set) > _MANY:
+            self._forget(np.flatnonzero(self._state.z == 0.0))
+        k, both = len(self._set), len(self._set) + len(new)
+        fresh = (self.design.columns(new) * self._inverse_lengths[new]).T
+        gram = np.empty((both, both))
+        gram[:k, :k] = self._gram
+        np.matmul(self._columns, fresh.T, out=gram[:k, k:])
+        gram[k:, :k] = gram[:k, k:].T
+        np.matmul(fresh, fresh.T, out=gram[k:, k:])
+        self._gram, self._columns = gram, np.concatenate([self._columns, fresh])
+        self._set = np.concatenate([self._set, new])
+        state = self._state
+        self._state = admm.AdmmState(np.concatenate([state.z, np.zeros(len(new))]),
+                                     np.concatenate([state.y, correlation / state.rho]),
+                                     state.rho)
+
+    def _forget(self, idle: IntArray) -> None:
+        """Take columns out of the working set."""
+        self._columns, self._set = np.delete(self._columns, idle, 0), np.delete(self._set, idle)
+        self._gram = np.delete(np.delete(self._gram, idle, 0), idle, 1)
+        self._state = admm.AdmmState(np.delete(self._state.z, idle),
+                                     np.delete(self._state.y, idle), self._state.rho)
+
+    def _solution(self, lam: float, inner: admm.AdmmResult, iterations: int,
+                  rounds: int) -> LassoSolution:
+        z = inner.state.z
+        active = np.flatnonzero(z)
+        order = active[np.argsort(self._set[active])]
+        indices = self._set[order]
+        certificate = self._certify(indices, z[order], lam)
+        return LassoSolution(lam, indices, z[order] * self._inverse_lengths[indices],
+                             iterations, rounds, len(self._set), inner.converged, certificate)
+
+    def _certify(self, indices: IntArray, z: FloatArray, lam: float) -> Certificate:
+        """Compute the certificate from A, b and z alone."""
+        unit_columns = self.design.columns(indices) * self._inverse_lengths[indices]
+        residual = self.b - unit_columns @ z
+        correlation = self._precise.correlate(residual) * self._inverse_lengths
+        full = np.zeros(self.design.n_columns)
+        full[indices] = z
+        objective = 0.5 * float(residual @ residual) + lam * float(np.abs(z).sum())
+        steepest = float(np.abs(correlation).max(initial=0.0))
+        dual_point = residual * min(1.0, lam / max(steepest, 1e-300))
+        dual = float(dual_point @ self.b - 0.5 * dual_point @ dual_point)
+        broken = admm.violation(full, -correlation, np.full(len(full), lam))
+        split = float(np.linalg.norm(full - admm.soft_threshold(full + correlation, lam)))
+        return Certificate(objective, dual, (objective - dual) / max(objective, 1e-300),
+                           broken, split, broken * lam)

@@ -1,0 +1,34 @@
+"""
+The per-joint formulation of the paper: each joint's torque is a sparse sum of its own.
+
+tau_n = F beta_n over all 3^N features (Yu 2022, Eqs. 5-9). Right where it was trained; outside,
+nothing holds the joints' torques together, and the error can exceed the torque itself.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.identifiability import usable_for_torque
+from gravity_comp_ros.models.sparse.regressor import TorqueDesign
+from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
+from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions, SparseProblem
+
+
+def fit_per_joint(samples: JointSamples, options: SparseOptions,
+                  old: tuple[Expansion, ...] | None = None
+                  ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
+    """
+    Fit each joint's torque by itself.
+
+    :param old: the torques of an old model to start from.
+    :return: one expansion per joint in N·m, and the sparse fits behind them.
+    :raises FitError: if there are no samples.
+    """
+    usable = usable_for_torque(samples.q)
+    design_type = options.arrays.design_type(TorqueDesign)
+    problems = [SparseProblem(design_type, samples.q, samples.tau[:, [joint]], samples.runs,
+                              usable) for joint in range(samples.n_joints)]
+    fits = [fit_sparse(problem, options, old[joint].indices if old else None)
+            for joint, problem in enumerate(problems)]
+    return tuple(Expansion(found.indices, found.x) for found in fits), fits

@@ -1,0 +1,31 @@
+"""
+The potential formulation: gravity is the gradient of ONE energy, and the energy is sparse.
+
+U = sum_k theta_k phi_k(q), tau_n = dU/dq_n. All joints share theta, so each joint's data tells
+about the others, and a torque that does no honest work (friction, an offset) cannot be
+represented: it stays in the residual, where it can be found.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.identifiability import usable_for_energy
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
+from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions, SparseProblem
+
+
+def fit_potential(samples: JointSamples, options: SparseOptions,
+                  old: Expansion | None = None) -> tuple[Expansion, list[SparseFit]]:
+    """
+    Fit one sparse potential energy to the torques of all joints.
+
+    :param old: the energy of an old model to start from.
+    :return: the energy in J, and the one sparse fit behind it.
+    :raises FitError: if there are no samples.
+    """
+    problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
+                            samples.runs, usable_for_energy(samples.q))
+    found = fit_sparse(problem, options, None if old is None else old.indices)
+    return Expansion(found.indices, found.x), [found]

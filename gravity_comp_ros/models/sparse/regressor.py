@@ -1,0 +1,178 @@
+"""
+Regressor matrices over the dictionary that are used without being built.
+
+A design is a matrix A with one column per feature and weighted rows. The solver needs few things
+of it: chosen columns, A.T r over all columns for one r or several, and the squared length of
+every column. What depends on the poses alone is computed once and shared by all `reweighted`
+designs: the noise, and with it the weights, are estimated anew in every round of a fit.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Protocol
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.models.sparse import dictionary
+import numpy as np
+
+
+class Design(Protocol):
+    """A matrix with R rows and 3^N columns, in the form that the working-set solver needs."""
+
+    n_rows: int
+    n_columns: int
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        """Return the chosen columns, shape (R, K)."""
+
+    def correlate(self, r: FloatArray) -> FloatArray:
+        """Return A.T r for r (R,), over all columns."""
+
+    def correlate_many(self, r: FloatArray) -> FloatArray:
+        """Return r.T A for r (R, K), shape (K, 3^N)."""
+
+    def squared_norms(self) -> FloatArray:
+        """Return the squared length of every column."""
+
+    def reweighted(self, row_weights: FloatArray) -> Design:
+        """Return the design of the same poses with other weights of the rows."""
+
+    @property
+    def precise(self) -> Design:
+        """The same design with products in float64."""
+
+
+class TorqueDesign:
+    """
+    The features of one joint's torque: A = diag(w) F (Yu 2022, Eqs. 5-7).
+
+    :param q: joint positions (M, N), rad.
+    :param row_weights: w (M, 1), one over the standard deviation of the joint's noise.
+    """
+
+    def __init__(self, q: FloatArray, row_weights: FloatArray,
+                 halves: dictionary.Halves | None = None) -> None:
+        self.q = q
+        self.row_weights = row_weights[:, 0]
+        self.n_rows = q.shape[0]
+        self.n_columns = dictionary.n_features(q.shape[1])
+        self.halves = halves or dictionary.Halves(q)
+
+    @property
+    def precise(self) -> TorqueDesign:
+        return self
+
+    def reweighted(self, row_weights: FloatArray) -> TorqueDesign:
+        return TorqueDesign(self.q, row_weights, self.halves)
+
+    def weighted_rows(self, r: FloatArray) -> FloatArray:
+        """Return r (R,) times the weights, a row for each torque: (1, M)."""
+        return (self.row_weights * r)[None]
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        return (self.halves.columns(indices) * self.row_weights).T
+
+    def correlate(self, r: FloatArray) -> FloatArray:
+        return self.halves.correlate(self.row_weights * r)
+
+    def correlate_many(self, r: FloatArray) -> FloatArray:
+        return _stacked([self.correlate(one) for one in r.T], self.n_columns)
+
+    def squared_norms(self) -> FloatArray:
+        return self._squared_norms
+
+    @cached_property
+    def _squared_norms(self) -> FloatArray:
+        return self.halves.correlate_squares(self.row_weights ** 2)
+
+
+class EnergyDesign:
+    """
+    The gradient of the features of ONE potential energy, for all joints together.
+
+    With U = sum_k theta_k phi_k(q) the torque of joint n is sum_k theta_k d phi_k / d q_n. Rows
+    are the samples of joint 1, then those of joint 2, and so on: R = N M.
+
+    A joint of the first half changes L alone, one of the second R alone. So the rows of the
+    joints of a half add up before the large product is taken,
+
+        A.T r = vec(L1.T R + L.T R1),    L1 = sum_n diag(r_n) dL/dq_n over the first half,
+
+    and R1 likewise over the second: two products, however many joints there are.
+
+    :param q: joint positions (M, N), rad.
+    :param row_weights: w (M, N), one over the standard deviation of each joint's noise.
+    """
+
+    def __init__(self, q: FloatArray, row_weights: FloatArray,
+                 halves: dictionary.Halves | None = None) -> None:
+        self.q = q
+        self.row_weights = row_weights
+        self.n_joints = q.shape[1]
+        self.n_rows = q.size
+        self.n_columns = dictionary.n_features(self.n_joints)
+        self.halves = halves or dictionary.Halves(q)
+
+    @property
+    def precise(self) -> EnergyDesign:
+        return self
+
+    def reweighted(self, row_weights: FloatArray) -> EnergyDesign:
+        return EnergyDesign(self.q, row_weights, self.halves)
+
+    def weighted_rows(self, r: FloatArray) -> FloatArray:
+        """Return r (R,) times the weights, a row for each torque: (N, M)."""
+        return r.reshape(self.n_joints, -1) * self.row_weights.T
+
+    def columns(self, indices: IntArray) -> FloatArray:
+        columns = np.zeros((len(indices), self.n_joints, len(self.q)))
+        for n in range(self.n_joints):
+            features, signs = dictionary.derivative(indices, self.n_joints, n)
+            present = np.flatnonzero(signs)
+            columns[present, n] = (self.halves.columns(features[present])
+                                   * (signs[present, None] * self.row_weights[:, n]))
+        return columns.reshape(len(indices), self.n_rows).T
+
+    def correlate(self, r: FloatArray) -> FloatArray:
+        halves, weighted = self.halves, self.weighted_rows(r)
+        left, right, scratch = halves.scratch
+        left[:] = 0.0
+        right[:] = 0.0
+        for n in np.flatnonzero(weighted.any(axis=1)).tolist():
+            target = _of_joint(left, right, halves.n_left, n)
+            source = _of_joint(halves.left, halves.right, halves.n_left, n)
+            product = scratch[:len(target) * target.shape[2]].reshape(target[:, 0].shape)
+            np.multiply(source[:, dictionary.COS], weighted[n], out=product)
+            target[:, dictionary.SIN] += product
+            np.multiply(source[:, dictionary.SIN], weighted[n], out=product)
+            target[:, dictionary.COS] -= product
+        return (left @ halves.right.T + halves.left @ right.T).ravel()
+
+    def correlate_many(self, r: FloatArray) -> FloatArray:
+        return _stacked([self.correlate(one) for one in r.T], self.n_columns)
+
+    def squared_norms(self) -> FloatArray:
+        return self._squared_norms
+
+    @cached_property
+    def _squared_norms(self) -> FloatArray:
+        halves, weights = self.halves, self.row_weights.T ** 2
+        left, right = np.zeros_like(halves.left), np.zeros_like(halves.right)
+        squares = halves.left ** 2, halves.right ** 2
+        for n in range(self.n_joints):
+            target = _of_joint(left, right, halves.n_left, n)
+            source = _of_joint(*squares, halves.n_left, n)
+            target[:, dictionary.SIN] += source[:, dictionary.COS] * weights[n]
+            target[:, dictionary.COS] += source[:, dictionary.SIN] * weights[n]
+        return (left @ squares[1].T + squares[0] @ right.T).ravel()
+
+
+def _of_joint(left: FloatArray, right: FloatArray, n_left: int, joint: int) -> FloatArray:
+    """Return a view (before, 3, after, M) of the half that a joint is in, by its factor."""
+    half, place = (left, joint) if joint < n_left else (right, joint - n_left)
+    return half.reshape(3 ** place, 3, -1, half.shape[1])
+
+
+def _stacked(rows: list[FloatArray], n_columns: int) -> FloatArray:
+    return np.array(rows) if rows else np.zeros((0, n_columns))

@@ -1,0 +1,251 @@
+"""
+From samples to a sparse weight vector: noise, L1 problem, support, refit.
+
+The steps feed each other. The noise gives the row weights and lambda; ADMM solves the L1 problem
+(Yu 2022, Eqs. 8-14), which proposes features; the support is settled by description length and
+refitted without the penalty, which undoes the shrinkage; the residual gives the noise anew. The
+noise starts as the torque itself and falls from round to round, so that each round explains the
+coarser part of what the last one left.
+
+Residuals of a real arm are correlated in time (friction keeps its sign for seconds), and samples
+are then worth less than their number. `inflation` says how many samples count as one: it
+multiplies the variance, and so lambda and every price. Growing happens without it, pruning with.
+Where supports tie in the end, their refits are averaged with their posterior probabilities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.errors import FitError, OptionError
+from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.sparse import admm, support
+from gravity_comp_ros.models.sparse.array_backend import Arrays
+from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
+from gravity_comp_ros.models.sparse.regressor import Design
+import numpy as np
+
+DesignType = Callable[[FloatArray, FloatArray], Design]
+
+_ROUNDS = 20
+_PATH_STEPS = 3
+_LOOSE = 1e-2
+
+
+@dataclass(frozen=True)
+class SparseOptions:
+    """
+    How a sparse fit is made.
+
+    `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
+    `inflation` says how many samples count as one, at least 1, or None to choose it by
+    cross-validation where the residual is correlated; `arrays` say on which processor and in
+    which precision the large products are made.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    lam: float | None = None
+    inflation: float | None = None
+    admm: admm.AdmmOptions = admm.AdmmOptions()
+    arrays: Arrays = Arrays()
+
+    def __post_init__(self) -> None:
+        if self.lam is not None and not 0.0 < self.lam < np.inf:
+            raise OptionError(f'lambda is {self.lam}; it must be positive')
+        if self.inflation is not None and not 1.0 <= self.inflation < np.inf:
+            raise OptionError(f'inflation is {self.inflation}; it must be at least 1')
+
+
+@dataclass(frozen=True)
+class SparseProblem:
+    """
+    Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
+
+    J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
+    features that may be taken; `runs` (M,) numbers the run of each sample.
+    """
+
+    design_type: DesignType
+    q: FloatArray
+    tau: FloatArray
+    runs: IntArray
+    usable: BoolArray
+
+    @property
+    def n_joints(self) -> int:
+        return self.q.shape[1]
+
+    @cached_property
+    def plain(self) -> Design:
+        """The design without weights; what depends on the poses alone is kept in it."""
+        return self.design_type(self.q, np.ones(self.tau.shape))
+
+    def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
+                 inflation: float) -> tuple[Design, FloatArray]:
+        """Return the design and the right-hand side in units of the noise."""
+        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
+        return self.plain.reweighted(weights), (weights * self.tau).T.ravel()
+
+    def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
+        """Return the torques (M, J) of a weight vector."""
+        return (self.plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
+
+    def thinned(self, most: int) -> SparseProblem:
+        """Return at most `most` samples, evenly spread; itself if it has no more."""
+        step = -(-len(self.q) // most)
+        return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
+
+    def merged(self, travel: float) -> SparseProblem:
+        """
+        Return the problem with each stretch of `travel` rad (of every joint) as one sample.
+
+        An arm that waits repeats one pose with one error, such as the friction it stopped with,
+        however many samples say so: their mean counts once.
+        """
+        group = _stretches(self.q, self.runs, travel)
+        if group.size == 0 or group[-1] + 1 == len(group):
+            return self
+        count = np.bincount(group)
+        first = np.concatenate([[0], np.cumsum(count)[:-1]])
+        return replace(self, q=np.add.reduceat(self.q, first) / count[:, None],
+                       tau=np.add.reduceat(self.tau, first) / count[:, None],
+                       runs=self.runs[first])
+
+    def select(self, keep: BoolArray) -> SparseProblem:
+        """Return the problem of some of the samples."""
+        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A support with its refit, and the noise and torques (M, J) that follow from it."""
+
+    refit: support.Refit
+    noise: noise.NoiseModel
+    predicted: FloatArray
+    rounds: int
+
+
+@dataclass(frozen=True)
+class SparseFit:
+    """Coefficients `x` (K,) of features `indices`, and how they came about."""
+
+    indices: IntArray
+    x: FloatArray
+    covariance: FloatArray
+    noise: noise.NoiseModel
+    lasso: LassoSolution
+    inflation: float
+    rounds: int
+    ties: int
+
+
+def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
+         old: IntArray | None = None) -> Settled:
+    """
+    Return the settled support, grown from nothing or from that of an old model.
+
+    :param inflation: how many samples count as one; 1 takes them as independent.
+    :param old: features to start with; what they leave over is the first guess of the noise, so
+        that nothing is taken for noise that they explain.
+    :raises FitError: if there are no samples.
+    """
+    if not problem.tau.size:
+        raise FitError('no samples to fit')
+    start = Settled(support.Refit.empty(), noise.first_guess(problem.tau),
+                    np.zeros(problem.tau.shape), 0)
+    design, b = problem.weighted(start.noise, start.predicted, 1.0)
+    if old is not None and old.size:
+        kept = support.refit(design, b, old[problem.usable[old]])
+        return _settle(problem, _judged(problem, start, kept), inflation)
+    proposal = propose(design, b, problem, options).indices
+    return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)),
+                   inflation)
+
+
+def prune(problem: SparseProblem, grown: Settled, inflation: float) -> Settled:
+    """Return the support that remains when `inflation` samples count as one."""
+    return _settle(problem, grown, inflation) if inflation > 1.0 else grown
+
+
+def with_all_samples(problem: SparseProblem, settled: Settled) -> Settled:
+    """Return a support that was settled on part of the samples, with the torques of all."""
+    refit = settled.refit
+    return replace(settled, predicted=problem.predict(refit.indices, refit.x))
+
+
+def finish(problem: SparseProblem, settled: Settled, inflation: float,
+           options: SparseOptions) -> SparseFit:
+    """Ask ADMM once more at the final noise, keep the better support, average its ties."""
+    design, b = problem.weighted(settled.noise, settled.predicted, inflation)
+    solution = propose(design, b, problem, options)
+    gram = support.gram_of(design, problem.usable)
+    finals = [support.settle(design, b, start, problem.n_joints, problem.usable, gram)
+              for start in (settled.refit.indices, solution.indices)]
+    best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
+    average, ties = support.average_ties(design, b, best, problem.n_joints, problem.usable, gram)
+    return SparseFit(average.indices, average.x, average.covariance, settled.noise, solution,
+                     inflation, settled.rounds, ties)
+
+
+def propose(design: Design, b: FloatArray, problem: SparseProblem,
+            options: SparseOptions) -> LassoSolution:
+    """Solve the L1 problem by ADMM, along a falling lambda that ends at the wanted one."""
+    lam = options.lam or float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
+    return follow_path(LassoProblem(design, b, problem.usable, options.admm), lam)
+
+
+def follow_path(lasso: LassoProblem, lam: float) -> LassoSolution:
+    """Return the solution for `lam`, reached along a falling lambda that shares all factors."""
+    top = 0.5 * lasso.lambda_max
+    path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
+    for step in path:
+        lasso.approach(float(step), _LOOSE)
+    return lasso.solve(lam)
+
+
+def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settled:
+    """Settle the support and estimate the noise in turn, until neither changes."""
+    for rounds in range(1, _ROUNDS + 1):
+        design, b = problem.weighted(settled.noise, settled.predicted, inflation)
+        refit = support.settle(design, b, settled.refit.indices, problem.n_joints,
+                               problem.usable)
+        last, settled = settled, _judged(problem, settled, refit)
+        if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
+                and settled.noise.is_close_to(last.noise):
+            break
+    return settled
+
+
+def _judged(problem: SparseProblem, last: Settled, refit: support.Refit) -> Settled:
+    """Return a refit with the torques that it predicts and the noise that it leaves."""
+    columns = problem.plain.columns(refit.indices)
+    predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
+    model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
+                           _spent(columns, problem))
+    return Settled(refit, model, predicted, last.rounds + 1)
+
+
+def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
+    """Return the number (M,) of the stretch, in which poses stay near its first, of each."""
+    group = np.zeros(len(q), dtype=np.int64)
+    rows, labels = q.tolist(), runs.tolist()
+    number = first = 0
+    for k in range(1, len(rows)):
+        if labels[k] != labels[first] or any(
+                abs(a - b) > travel for a, b in zip(rows[k], rows[first])):
+            number, first = number + 1, k
+        group[k] = number
+    return group
+
+
+def _spent(columns: FloatArray, problem: SparseProblem) -> FloatArray:
+    """Return the degrees of freedom that each of the J torques spent on K columns (R, K)."""
+    m, j = problem.tau.shape
+    touched = (columns.reshape(j, m, columns.shape[1]) != 0.0).any(axis=1)
+    sharing = np.maximum(touched.sum(axis=0), 1)
+    return np.asarray((touched / sharing).sum(axis=1))

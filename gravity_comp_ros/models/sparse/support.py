@@ -1,0 +1,327 @@
+"""
+Settle the support: which features stay, once the L1 problem has proposed some.
+
+Over a small motion many features look alike, and the L1 norm takes any of them. What tells them
+apart outside that motion is simplicity: the feature with fewer factors is the likelier one. The
+score is a description length, twice the negative log posterior of the support,
+
+    score(S) = chi^2(S) + sum_{k in S} cost(k),    cost(k) = ln R + 2 (-ln P(k)),
+
+where chi^2 is the weighted residual after an unpenalised fit, ln R prices a coefficient as BIC
+does, and P(k) is a prior over features in which each joint takes the factor 1 with probability
+2/3, sin and cos with 1/6 each. It sums to one over all 3^N features, so that it also pays for
+the many that were tried. Steps that lower the score are taken: leave a feature out, else add
+one, else put a neighbour (one factor changed) in the place of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.models.sparse.gram import Gram
+from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
+from gravity_comp_ros.models.sparse.regressor import Design
+import numpy as np
+from scipy import linalg
+
+_P_ONE = 2.0 / 3.0
+_P_SIN_OR_COS = 1.0 / 6.0
+_MAX_STEPS = 400
+# A step must lower the score by more than rounding does.
+_PAYS = 1e-6
+# How many features are looked at for an addition.
+_CANDIDATES = 30
+# Where a look at all features is dear, so many promising ones are looked at first.
+_POOL = 300
+# Models whose score is within this of the best (a posterior ratio of 1 to 50) are averaged.
+_TIE = 8.0
+# A column of which less than this share (of its squared length) lies outside the span of the
+# support adds nothing: what is left of it is rounding.
+_DEPENDENT = 1e-8
+# So many features leave one after another before the inverse is computed anew.
+_DOWNDATES = 20
+
+# What a step changes in the score, and the support that it leads to.
+Move = tuple[float, IntArray]
+
+
+@dataclass(frozen=True)
+class Refit:
+    """An unpenalised weighted fit on a support: coefficients, covariance and chi^2."""
+
+    indices: IntArray
+    x: FloatArray
+    covariance: FloatArray
+    chi2: float
+
+    @classmethod
+    def empty(cls) -> Refit:
+        """Return the fit on no features, before any data was seen."""
+        return cls(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, 0)), np.inf)
+
+
+def costs(n_joints: int, n_rows: int) -> FloatArray:
+    """Return the price of every feature in units of chi^2, shape (3^N,)."""
+    factor = -2.0 * np.log([_P_ONE, _P_SIN_OR_COS, _P_SIN_OR_COS])
+    price = np.array([np.log(max(n_rows, 2))])
+    for _ in range(n_joints):
+        price = (price[:, None] + factor).ravel()
+    return price
+
+
+def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
+    """
+    Fit b on the chosen columns without a penalty, which undoes the shrinkage of L1.
+
+    Columns that depend on each other get the least coefficients that fit.
+    """
+    indices = np.sort(np.asarray(indices, dtype=np.int64))
+    if not indices.size:
+        return Refit(indices, np.zeros(0), np.zeros((0, 0)), float(b @ b))
+    a = design.columns(indices)
+    lengths = np.linalg.norm(a, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    # The triangle that is left of [A b] after rotating its rows holds all that follows.
+    triangle = linalg.qr(np.column_stack([a / lengths, b]), mode='r', check_finite=False)[0]
+    k = len(indices)
+    u, s, vt = linalg.svd(triangle[:k, :k], full_matrices=False, check_finite=False)
+    keep = s > 1e-12 * s[0]
+    half = vt[keep].T / s[keep]
+    x = half @ (u[:, keep].T @ triangle[:k, k]) / lengths
+    covariance = (half @ half.T) / np.outer(lengths, lengths)
+    residual = b - a @ x
+    return Refit(indices, x, covariance, float(residual @ residual))
+
+
+def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
+    """Return the features that differ from each of K features in one factor, (K, 2 N)."""
+    powers = 3 ** np.arange(n_joints - 1, -1, -1, dtype=np.int64)
+    factors = (indices[:, None] // powers) % 3
+    other = np.stack([(factors + 1) % 3, (factors + 2) % 3], axis=-1)
+    return (indices[:, None, None] + (other - factors[:, :, None]) * powers[:, None]).reshape(
+        len(indices), 2 * n_joints)
+
+
+def gram_of(design: Design, usable: BoolArray) -> Gram:
+    """Return products of columns for searches of one design to share."""
+    lengths = column_lengths(design)
+    return Gram(design.precise, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
+
+
+def settle(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
+           usable: BoolArray, gram: Gram | None = None) -> Refit:
+    """
+    Return the support of least description length that single steps reach from `indices`.
+
+    :param usable: mask over all features; the others are never proposed.
+    :param gram: what earlier searches of this design have computed.
+    """
+    search = _Search(b, n_joints, gram or gram_of(design, usable),
+                     np.asarray(indices, dtype=np.int64))
+    for _ in range(_MAX_STEPS):
+        if not search.step():
+            break
+    return refit(design, b, search.support)
+
+
+def score(refit: Refit, n_joints: int, n_rows: int) -> float:
+    """Return the description length of a refitted support (module docstring)."""
+    return refit.chi2 + float(costs(n_joints, n_rows)[refit.indices].sum())
+
+
+def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
+                 usable: BoolArray, gram: Gram | None = None) -> tuple[Refit, int]:
+    """
+    Return the average of the best support with the single swaps that nearly tie with it.
+
+    Each model weighs exp(-score / 2), its posterior probability: where the data cannot tell two
+    features apart, the average halves what the wrong one would do outside the trained range.
+    The covariance holds the spread within and between the models.
+
+    :return: the average and how many other models went into it.
+    """
+    search = _Search(b, n_joints, gram or gram_of(design, usable), best.indices)
+    near = [refit(design, b, other) for change, other in search.swaps() if change < _TIE]
+    models = [best] + near
+    # From the refits, because what the search promises is rounded (`_Search.step`).
+    scores = np.array([score(model, n_joints, design.n_rows) for model in models])
+    weights = np.exp(-0.5 * (scores - scores.min()))
+    return _mixture(models, weights / weights.sum(), best.chi2), len(near)
+
+
+def _mixture(models: list[Refit], weights: FloatArray, chi2: float) -> Refit:
+    indices = np.unique(np.concatenate([m.indices for m in models]))
+    xs = np.zeros((len(models), len(indices)))
+    within = np.zeros((len(indices), len(indices)))
+    for k, (model, weight) in enumerate(zip(models, weights)):
+        here = np.searchsorted(indices, model.indices)
+        xs[k, here] = model.x
+        within[np.ix_(here, here)] += weight * model.covariance
+    mean = weights @ xs
+    spread = xs - mean
+    return Refit(indices, mean, within + (spread.T * weights) @ spread, chi2)
+
+
+class _Search:
+    """A support, what its columns are to each other and to b, and the steps from there."""
+
+    def __init__(self, b: FloatArray, n_joints: int, gram: Gram, support: IntArray) -> None:
+        self.b, self.n_joints, self.gram = b, n_joints, gram
+        self.usable = gram.per_length > 0.0
+        self.with_target = gram.with_target(b)
+        self.costs = costs(n_joints, gram.design.n_rows)
+        self.support = np.zeros(0, dtype=np.int64)
+        self.inverse: FloatArray = np.zeros((0, 0))
+        self._downdates = 0
+        self._pool = np.zeros(0, dtype=np.int64)
+        self.change_support(np.sort(support[self.usable[support]]))
+
+    def change_support(self, support: IntArray) -> None:
+        """Take a support, leaving out what its other features already span."""
+        gone = self._one_gone(support)
+        if gone is None:
+            support = self._independent(support)
+            self.inverse = np.asarray(np.linalg.inv(self.gram.within(support)), np.float64)
+            self._downdates = 0
+        else:
+            # What is left of independent columns is independent, and so of their inverse.
+            rest, row = np.delete(np.arange(len(self.support)), gone), self.inverse[gone]
+            downdate = np.outer(row[rest], row[rest] / row[gone])
+            self.inverse = np.asarray(self.inverse[rest[:, None], rest] - downdate)
+            self._downdates += 1
+        self.support = support
+        columns = self.gram.columns(support)
+        self.x = self.inverse @ (columns @ self.b)
+        self.residual = self.b - self.x @ columns
+        self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
+        self._correlation: FloatArray | None = None
+
+    def _one_gone(self, support: IntArray) -> int | None:
+        """Return the place of the one feature that a smaller support lacks, else None."""
+        if len(support) + 1 != len(self.support) or self._downdates == _DOWNDATES:
+            return None
+        here = np.isin(self.support, support, assume_unique=True)
+        return int(np.argmin(here)) if here.sum() == len(support) else None
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Return the products of all columns with the residual, 0 where unusable."""
+        if self._correlation is None:
+            self._correlation = self.with_target - self.gram.explained(self.support, self.x)
+        return self._correlation
+
+    def step(self) -> bool:
+        """
+        Take the best drop, else the best addition, else the best swap that pays.
+
+        What a move promises comes from the Gram matrix, whose rounding can exceed the noise
+        where columns look alike; so a move that does not keep its promise is taken back.
+        """
+        before, here = self.score, self.support
+        for moves in (self.drops, self.additions, self.swaps):
+            change, support = min(moves(), key=lambda move: move[0], default=(0.0, None))
+            if support is None or change >= -_PAYS:
+                continue
+            self.change_support(np.sort(support))
+            if self.score < before:
+                return True
+            self.change_support(here)
+        return False
+
+    def drops(self) -> list[Move]:
+        """Return the best feature to leave out: chi^2 rises by x_k^2 / (G^-1)_kk."""
+        if not self.support.size:
+            return []
+        change = self._losses() - self.costs[self.support]
+        best = int(np.argmin(change))
+        return [(float(change[best]), np.delete(self.support, best))]
+
+    def additions(self) -> list[Move]:
+        """Return the best addition among the most promising features."""
+        moves = self._best_of(self._pool, self.gram.built(self._pool) @ self.residual)
+        if moves and moves[0][0] < -_PAYS:
+            return moves
+        promise = np.where(self.usable, self.correlation ** 2 - self.costs, -np.inf)
+        if self.gram.is_large:
+            self._pool = _largest(promise, _POOL)
+        promise[self.support] = -np.inf
+        candidates = _largest(promise, _CANDIDATES)
+        return self._best_of(candidates, self.correlation[candidates])
+
+    def _best_of(self, features: IntArray, correlation: FloatArray) -> list[Move]:
+        """Return the best addition of a few features, given their products with the residual."""
+        free = np.flatnonzero(~np.isin(features, self.support))
+        promise = correlation[free] ** 2 - self.costs[features[free]]
+        free = free[_largest(promise, _CANDIDATES)]
+        if not free.size:
+            return []
+        candidates, correlation = features[free], correlation[free]
+        cross = self.gram.between(self.support, candidates)
+        outside = 1.0 - np.einsum('ij,ij->j', cross, self.inverse @ cross)
+        change = self.costs[candidates] - _gains(correlation, outside)
+        best = int(np.argmin(change))
+        return [(float(change[best]), np.append(self.support, candidates[best]))]
+
+    def swaps(self) -> list[Move]:
+        """
+        Return, for every feature, the best neighbour in its place and what it changes.
+
+        With H = G^-1 and u = H g for a candidate with products g, leaving feature k out gives
+        back u_k^2 / H_kk of the candidate's squared length outside the support, and u_k x_k /
+        H_kk of its product with the residual.
+        """
+        near = neighbours_of(self.support, self.n_joints)
+        near[~self.usable[near] | np.isin(near, self.support)] = -1
+        candidates = np.unique(near[near >= 0])
+        if not candidates.size:
+            return []
+        cross = self.gram.between(self.support, candidates)
+        u, spread = self.inverse @ cross, np.diag(self.inverse)
+        outside = 1.0 - np.einsum('ij,ij->j', cross, u)
+        correlation = self.correlation[candidates]
+        row, column = np.nonzero(near >= 0)
+        place = np.searchsorted(candidates, near[row, column])
+        own = u[row, place] / spread[row]
+        gain = _gains(correlation[place] + own * self.x[row],
+                      outside[place] + own * u[row, place])
+        change = np.full(near.shape, np.inf)
+        change[row, column] = (self._losses() - self.costs[self.support])[row] + self.costs[
+            candidates[place]] - gain
+        best = np.argmin(change, axis=1)
+        return [(float(change[k, j]), np.append(np.delete(self.support, k), near[k, j]))
+                for k, j in enumerate(best) if np.isfinite(change[k, j])]
+
+    def _losses(self) -> FloatArray:
+        return self.x ** 2 / np.maximum(np.diag(self.inverse), 1e-300)
+
+    def _independent(self, support: IntArray) -> IntArray:
+        """Keep the simple features of a set in which some depend on others."""
+        order = support[np.argsort(self.costs[support], kind='stable')]
+        gram = self.gram.within(order)
+        factor, failed = linalg.lapack.dpotrf(gram, lower=True) if order.size else (gram, 0)
+        if not failed and (np.diag(factor) ** 2 > _DEPENDENT).all():
+            return np.sort(order)
+        kept: list[int] = []
+        factor = np.zeros((0, 0))
+        for k in range(len(order)):
+            row = linalg.solve_triangular(factor, gram[kept, k], lower=True,
+                                          check_finite=False) if kept else np.zeros(0)
+            outside = gram[k, k] - row @ row
+            if outside > _DEPENDENT:
+                factor = np.block([[factor, np.zeros((len(kept), 1))],
+                                   [row[None, :], np.sqrt(outside)]])
+                kept.append(k)
+        return np.sort(order[kept])
+
+
+def _gains(correlation: FloatArray, outside: FloatArray) -> FloatArray:
+    """Return by how much candidates lower chi^2, from their parts outside the support."""
+    return np.where(outside > _DEPENDENT, correlation ** 2 / np.maximum(outside, _DEPENDENT), 0.0)
+
+
+def _largest(values: FloatArray, count: int) -> IntArray:
+    """Return where the largest finite values are, rising by index."""
+    count = min(count, int(np.isfinite(values).sum()))
+    return np.sort(np.argpartition(-values, count - 1)[:count]) if count else np.zeros(
+        0, dtype=np.int64)

@@ -1,0 +1,108 @@
+"""
+How sure a model is of its torque, pose by pose.
+
+Both kinds hold the covariance of what was fitted, noise and prior in it, and carry it to the
+torque through the derivative of the torque by what was fitted. That is exact for an energy, which
+is linear in its weights, and linearised for a chain. Model only: the noise of a measurement comes
+on top (`GravityModel.noise`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+import numpy as np
+
+# Poses that are worked on together: bounds the memory.
+_AT_ONCE = 1000
+
+
+class Uncertainty(Protocol):
+    """What a model knows of its own error."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Return the covariance of what was fitted."""
+
+    def std(self, q: FloatArray) -> FloatArray:
+        """Return the standard deviation (M, N) in N·m of the torque of poses q (M, N)."""
+
+
+@dataclass(frozen=True)
+class EnergyUncertainty:
+    """
+    The covariance (K, K) of the weights of an energy's features `indices` (K,).
+
+    :raises DataError: if shapes disagree or a number is not finite.
+    """
+
+    indices: IntArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'indices', np.asarray(self.indices, dtype=np.int64))
+        object.__setattr__(self, 'covariance', _checked(self.covariance, len(self.indices)))
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return _factor(self.covariance)
+
+    def std(self, q: FloatArray) -> FloatArray:
+        parts = [np.zeros((0, q.shape[1]))]
+        for some in _parts(q):
+            columns = EnergyDesign(some, np.ones(some.shape)).columns(self.indices)
+            parts.append(np.sqrt(((columns @ self._root) ** 2).sum(axis=1)).reshape(
+                q.shape[1], -1).T)
+        return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class ChainUncertainty:
+    """
+    The covariance (4N, 4N) of a step from a chain (`Chain.moved`).
+
+    :raises DataError: if shapes disagree or a number is not finite.
+    """
+
+    chain: Chain
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'covariance',
+                           _checked(self.covariance, 4 * self.chain.n_joints))
+
+    @cached_property
+    def _root(self) -> FloatArray:
+        return _factor(self.covariance)
+
+    def std(self, q: FloatArray) -> FloatArray:
+        parts = [np.zeros((0, q.shape[1]))]
+        for some in _parts(q):
+            spread = np.tensordot(self._root.T, self.chain.jacobian(some), axes=(1, 0))
+            parts.append(np.sqrt((spread ** 2).sum(axis=0)).T)
+        return np.concatenate(parts)
+
+
+def _parts(q: FloatArray) -> list[FloatArray]:
+    return [q[start:start + _AT_ONCE] for start in range(0, len(q), _AT_ONCE)]
+
+
+def _factor(covariance: FloatArray) -> FloatArray:
+    """Return L with L L.T = covariance; it may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _checked(covariance: FloatArray, size: int) -> FloatArray:
+    array = np.asarray(covariance, dtype=np.float64)
+    if array.shape != (size, size):
+        raise DataError(f'uncertainty: a covariance of {array.shape} for {size} numbers')
+    if not np.isfinite(array).all():
+        raise DataError('uncertainty: a number is not finite')
+    return array

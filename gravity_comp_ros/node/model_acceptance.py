@@ -1,0 +1,107 @@
+"""Whether a new model may take the old one's place: both meet samples that neither has seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+import numpy as np
+
+# Below this part of a joint's effort variance explained by pose there is no gravity in it.
+EXPLAINED = 0.2
+# To say "this arm compensates gravity itself" takes more than to say "not yet".
+CERTAIN_SAMPLES = 100
+CERTAIN_SPAN = 0.5
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """A model's torque of the samples to learn from and to judge by, and its noise (N,), N·m."""
+
+    train: FloatArray
+    held: FloatArray
+    noise: FloatArray
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    The outcome of a comparison on `n_held` samples.
+
+    `rmse_new` and `rmse_old` (N,) in N·m; without an old model `rmse_old` is that of a
+    constant torque. `explained` (N,) is the part of the effort's variance that the new model
+    explains in training and on held-out samples. `reason` says all this in one line.
+    """
+
+    better: bool
+    compensated: bool
+    n_held: int
+    rmse_new: FloatArray
+    rmse_old: FloatArray
+    explained: FloatArray
+    reason: str
+
+
+def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: JointSamples,
+          knows_more: bool = False) -> Verdict:
+    """
+    Return whether `new`, learned from `train`, predicts `held` better than `old` does.
+
+    The figure compared is the RMSE relative to each joint's noise, over all joints; besides,
+    no joint may get worse by more than a fifth and its noise. Where the two figures are equal
+    within what chance does to them, `new` is taken only if it knows more.
+
+    :param old: the model in use; without one, a constant torque is the rival.
+    :param knows_more: whether `new` was learned from more samples than `old`.
+    """
+    error_new = held.tau - new.held
+    mean = train.tau.mean(axis=0)
+    error_old = held.tau - (mean if old is None else old.held)
+    rmse_new, rmse_old = _rms(error_new), _rms(error_old)
+    noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
+    if old is not None:
+        noise = np.maximum(noise, old.noise)
+    # Of both sets the smaller share: in a few held-out seconds chance explains much, but hardly
+    # the same that it explains in training. Variance is that of all samples, because within a
+    # held-out second the arm may hardly have moved.
+    spread = np.maximum(np.concatenate((train.tau, held.tau)).std(axis=0), 1e-9)
+    residual = np.maximum(rmse_new, _rms(train.tau - new.train))
+    explained = 1.0 - (residual / spread) ** 2
+    figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
+    compensated = _is_compensated(train, explained)
+    if compensated:
+        return Verdict(False, True, len(held), rmse_new, rmse_old, explained,
+                       'the effort of no joint depends on pose: this arm seems to compensate '
+                       'gravity itself, or its axes are all vertical; nothing to learn '
+                       f'({figures})')
+    worse = np.flatnonzero(rmse_new > 1.2 * rmse_old + noise)
+    # The standard error of an RMSE of independent errors, as a part of it.
+    chance = 1.0 / np.sqrt(2.0 * held.tau.size) if knows_more and old is not None else 0.0
+    better = worse.size == 0 and bool(
+        _rms(rmse_new / noise) < (1.0 + chance) * _rms(rmse_old / noise))
+    if better and old is None and (explained < EXPLAINED).all():
+        return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
+                       f'pose does not explain the effort yet ({figures})')
+    reason = figures
+    if not better and worse.size:
+        names = ', '.join(train.names[k] for k in worse)
+        reason = f'worse on {names}: {figures}'
+    return Verdict(better, False, len(held), rmse_new, rmse_old, explained, reason)
+
+
+def _is_compensated(train: JointSamples, explained: FloatArray) -> bool:
+    if len(train) < CERTAIN_SAMPLES or (explained >= EXPLAINED).any():
+        return False
+    return bool((np.ptp(train.q, axis=0) >= CERTAIN_SPAN).any())
+
+
+def _figures(names: tuple[str, ...], rmse_new: FloatArray, rmse_old: FloatArray, n_held: int,
+             is_first: bool) -> str:
+    k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
+    rival = 'a constant torque' if is_first else 'the old model'
+    return (f'held-out RMSE {_rms(rmse_new):.3g} N·m, {rival} {_rms(rmse_old):.3g} N·m on '
+            f'{n_held} samples; worst joint {names[k]} {rmse_new[k]:.3g}, {rmse_old[k]:.3g}')
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.sqrt(np.mean(np.square(values), axis=0))

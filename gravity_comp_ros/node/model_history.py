@@ -1,0 +1,96 @@
+"""The models that the node holds: the one in use, those before it, and their file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.model_file import load_model, save_model
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A model, where it came from in words, and when it was taken into use (s)."""
+
+    model: GravityModel
+    origin: str
+    since: float
+
+    def describe(self) -> str:
+        """Return what the model is, in words and numbers."""
+        coverage = self.model.coverage
+        return (f'{self.model.formulation} model of {self.model.n_joints} joints, '
+                f'{int(self.model.n_features().sum())} features, {coverage.n_samples} samples, '
+                f'{self.origin}')
+
+
+class Models:
+    """
+    The model in use and up to `depth` that were in use before it.
+
+    :param path: the model file; empty if there is none.
+    """
+
+    def __init__(self, path: str, depth: int) -> None:
+        self.path = path
+        self.entry: Entry | None = None
+        self._depth = depth
+        self._past: list[Entry] = []
+
+    @property
+    def model(self) -> GravityModel | None:
+        """The model in use."""
+        return self.entry.model if self.entry else None
+
+    @property
+    def n_past(self) -> int:
+        return len(self._past)
+
+    def use(self, model: GravityModel, origin: str, now: float) -> Entry:
+        """Take a model into use; the one before can be brought back."""
+        if self.entry is not None:
+            self._past.append(self.entry)
+            del self._past[:-self._depth]
+        self.entry = Entry(model, origin, now)
+        return self.entry
+
+    def roll_back(self, now: float) -> Entry | None:
+        """Bring back the model before, or return None if there is none."""
+        if not self._past:
+            return None
+        past = self._past.pop()
+        self.entry = Entry(past.model, past.origin, now)
+        return self.entry
+
+    def load(self, joints: tuple[str, ...], now: float) -> Entry | None:
+        """
+        Take the model of the file into use, if there is such a file.
+
+        :param joints: the joints that the model must have, in this order; empty for any.
+        :raises ModelFileError: if the file is no valid model.
+        :raises ModelMismatchError: if it is of other joints.
+        """
+        if not self.path or not Path(self.path).expanduser().exists():
+            return None
+        model = load_model(Path(self.path).expanduser())
+        if joints and model.joints != joints:
+            raise ModelMismatchError(
+                f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
+                f'says {", ".join(joints)}')
+        return self.use(model, f'loaded from {self.path}', now)
+
+    def save(self) -> str:
+        """
+        Write the model in use to the file, and say so.
+
+        :raises ModelFileError: if there is no model, no file name, or it cannot be written.
+        """
+        if self.entry is None:
+            raise ModelFileError('there is no model to save yet')
+        if not self.path:
+            raise ModelFileError('no file to save to: set the parameter model_file')
+        path = Path(self.path).expanduser()
+        save_model(path, self.entry.model)
+        return f'saved the {self.entry.describe()} to {path}'

@@ -1,0 +1,193 @@
+"""Follow a running node through its topics, in a thread of its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from threading import Lock, Thread
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+import rclpy
+from rclpy.context import Context
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+
+# One row of every slot of this length is kept: the one with the largest residual.
+_SLOT = 0.02
+_MOST_ROWS = 6000
+_MOST_EVENTS = 200
+_MOST_PENDING = 200
+_WAIT = 0.2
+
+
+@dataclass(frozen=True)
+class Status:
+    """One status: `level` is 0 ok, 1 warning, 2 error, 3 stale."""
+
+    name: str
+    level: int
+    message: str
+
+
+class Following:
+    """Keeps the last minutes of a node's predictions and residuals, and what it says."""
+
+    def __init__(self, node: str) -> None:
+        self.node = f'/{node.strip("/")}'
+        self._lock = Lock()
+        self._names: tuple[str, ...] = ()
+        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=_MOST_ROWS)
+        self._count = 0
+        self._first: float | None = None
+        self._pending: dict[tuple[int, int], JointState] = {}
+        self._slot: tuple[int, float, float, FloatArray, FloatArray] | None = None
+        self._low, self._high = np.zeros(0), np.zeros(0)
+        self._statuses: dict[str, Status] = {}
+        self._events: deque[tuple[str, str]] = deque(maxlen=_MOST_EVENTS)
+        self._context = Context()
+        rclpy.init(context=self._context)
+        self._listener = Node('gravity_comp_workbench', context=self._context,
+                              start_parameter_services=False, enable_rosout=False)
+        self._subscribe()
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._listener)
+        self._thread = Thread(target=self._spin, name='follow', daemon=True)
+        self._thread.start()
+
+    def joints(self) -> tuple[str, ...]:
+        """Return the joints that the node tells of."""
+        return self._names
+
+    def rows(self, after: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+        """Return the number of the last row, and time, measured, predicted after `after`."""
+        with self._lock:
+            new = min(self._count - after, len(self._rows))
+            kept = list(self._rows)[len(self._rows) - new:] if new > 0 else []
+            count, n = self._count, len(self._names)
+        if not kept:
+            return count, np.zeros(0), np.zeros((0, n)), np.zeros((0, n))
+        t, measured, predicted = zip(*kept)
+        return count, np.array(t), np.array(measured), np.array(predicted)
+
+    def coverage(self) -> tuple[FloatArray, FloatArray]:
+        """Return the least and largest angle seen of each joint (N,) in rad."""
+        with self._lock:
+            return self._low.copy(), self._high.copy()
+
+    def statuses(self) -> Sequence[Status]:
+        """Return what the node last said of itself."""
+        with self._lock:
+            return list(self._statuses.values())
+
+    def events(self) -> Sequence[tuple[str, str]]:
+        """Return when and what changed, the latest last."""
+        with self._lock:
+            return list(self._events)
+
+    def close(self) -> None:
+        """Stop following."""
+        self._context.try_shutdown()
+        self._thread.join(2.0)
+        self._listener.destroy_node()
+
+    def _subscribe(self) -> None:
+        best = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+        try:
+            self._listener.create_subscription(JointState, f'{self.node}/prediction',
+                                               self._on_prediction, best)
+        except InvalidTopicNameException as problem:
+            raise OptionError(f'--live: {self.node} is no name of a node') from problem
+        self._listener.create_subscription(JointState, f'{self.node}/residual',
+                                           self._on_residual, best)
+        self._listener.create_subscription(DiagnosticArray, '/diagnostics',
+                                           self._on_diagnostics, 10)
+
+    def _spin(self) -> None:
+        try:
+            while self._context.ok():
+                self._executor.spin_once(timeout_sec=_WAIT)
+        except (ExternalShutdownException, rclpy.exceptions.ROSInterruptException):
+            pass
+
+    def _on_prediction(self, message: JointState) -> None:
+        stamp = message.header.stamp
+        self._pending[stamp.sec, stamp.nanosec] = message
+        while len(self._pending) > _MOST_PENDING:
+            del self._pending[next(iter(self._pending))]
+
+    def _on_residual(self, message: JointState) -> None:
+        stamp = message.header.stamp
+        prediction = self._pending.pop((stamp.sec, stamp.nanosec), None)
+        if prediction is None or prediction.name != message.name:
+            return
+        residual, predicted = np.array(message.effort), np.array(prediction.effort)
+        if residual.shape != predicted.shape or len(residual) != len(message.name):
+            return
+        with self._lock:
+            if tuple(message.name) != self._names:
+                self._start(tuple(message.name))
+            q = np.array(message.position)
+            if q.shape == self._low.shape:
+                self._low, self._high = np.minimum(self._low, q), np.maximum(self._high, q)
+            self._keep(stamp.sec + 1e-9 * stamp.nanosec, residual, predicted)
+
+    def _start(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self._rows.clear()
+        self._slot = None
+        self._low, self._high = np.full(len(names), np.inf), np.full(len(names), -np.inf)
+
+    def _keep(self, t: float, residual: FloatArray, predicted: FloatArray) -> None:
+        """Keep the row of each slot of time whose residual is the largest."""
+        self._first = t if self._first is None else self._first
+        slot, size = int(t / _SLOT), float(np.abs(residual).max())
+        last = self._slot
+        if last is not None and last[0] != slot:
+            self._rows.append((last[2] - self._first, last[3] + last[4], last[4]))
+            self._count += 1
+            last = None
+        if last is None or size > last[1]:
+            self._slot = (slot, size, t, residual, predicted)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        name = self.node.rsplit('/', 1)[-1]
+        with self._lock:
+            for status in message.status:
+                if not status.name.startswith(f'{name}: '):
+                    continue
+                part = status.name[len(name) + 2:]
+                new = Status(part, int.from_bytes(status.level, 'little'), status.message)
+                old = self._statuses.get(part)
+                self._statuses[part] = new
+                if _is_news(old, new):
+                    when = datetime.fromtimestamp(time.time()).strftime('%H:%M:%S')
+                    self._events.append((when, f'{part}: {new.message}'))
+
+
+def _is_news(old: Status | None, new: Status) -> bool:
+    """Return whether a status says something else; figures alone are no news."""
+    if old is None or old.level != new.level:
+        return True
+    return new.name in ('learning', 'model') and _letters(old.message) != _letters(new.message)
+
+
+def _letters(text: str) -> str:
+    return ''.join(c for c in text if not (c.isdigit() or c in '.+-'))
+
+
+def follow(node: str) -> Following:
+    """
+    Return what follows the node of that name, such as `gravity_comp`.
+
+    :raises OptionError: if it is no name.
+    """
+    return Following(node)

@@ -1,0 +1,362 @@
+"""What the node does, free of ROS: messages and time go in, torques and sentences come out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+from gravity_comp_ros.data.gate import RATE
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node import diagnostics
+from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.fit_job import Findings, Job, Outcome, Question
+from gravity_comp_ros.node.fit_process import Failure, FitProcess
+from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.model_history import Entry, Models
+from gravity_comp_ros.node.parameters import check_together, Value
+from gravity_comp_ros.node.realtime_effects import compensable
+
+Answer = tuple[bool, str]
+Reply = Callable[[bool, str], None]
+
+NO_JOINTS = 'no joint states yet: is the topic right, and does the driver run?'
+
+
+class Live:
+    """
+    Reads joint states, learns, and says which torque to publish.
+
+    :param settings: all parameters of `parameters.TABLE`, checked.
+    :param topic: the input topic, to be named in diagnostics.
+    :raises OptionError: if the settings contradict each other.
+    """
+
+    def __init__(self, settings: Mapping[str, Value], topic: str, now: float) -> None:
+        self.settings = dict(settings)
+        self.problem = ''
+        self.wants_save = False
+        # How often messages came faster than they could be handled, since the start.
+        self.late = self._late_reported = 0
+        self._topic = topic
+        self._settings_checked(None)
+        self.models = Models(str(settings['model_file']), cast(int, settings['history']))
+        self.fits = FitProcess(cast(float, settings['fit_timeout']))
+        self.arm: Arm | None = None
+        self._jobs = 0
+        # Results of jobs up to this number come too late to be used.
+        self._outdated = 0
+        self._wanted: tuple[Reply, float, bool] | None = None
+        self._waiting: tuple[int, Reply, float] | None = None
+        # The model in use when the epoch began: what a new payload changes.
+        self._base: GravityModel | None = None
+        self._last_fit = 'none'
+        self._kept_old = self._compensated = False
+        self._unnamed: Counter[str] = Counter()
+        joints = cast(tuple[str, ...], settings['joints'])
+        try:
+            entry = self.models.load(joints, now)
+        except GravityCompError as problem:
+            # A damaged file must not stop the node: it starts without a model and says so.
+            entry, self.problem = None, str(problem)
+        if joints or entry:
+            self._begin(joints or entry.model.joints, entry)  # type: ignore[union-attr]
+
+    def _settings_checked(self, n_joints: int | None) -> None:
+        check_together(self.settings, n_joints)
+
+    def set(self, settings: Mapping[str, Value]) -> None:
+        """Use changed settings from now on; they have been checked."""
+        self.settings = dict(settings)
+        self.fits.timeout = cast(float, settings['fit_timeout'])
+        if self.arm is not None:
+            self.arm.set(self.settings)
+
+    def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
+        self._settings_checked(len(joints))
+        check_effects(self.settings, joints)
+        self.arm = Arm(joints, self.settings, is_open=entry is None,
+                       has_base=entry is not None and _can_change(entry.model))
+        if entry is not None:
+            self.arm.use(entry.model)
+            self._base = entry.model
+
+    def message(self, message: Any, now: float, arrival: float
+                ) -> tuple[Reading | None, FloatArray | None]:
+        """
+        Take in a `sensor_msgs/JointState`; return what it says and the torque to publish.
+
+        :param now: monotonic time in s, for ramps and the watchdog.
+        :param arrival: time in s for a message without a stamp.
+        """
+        arm = self.arm
+        if arm is None:
+            arm = self._meet(tuple(message.name))
+            if arm is None:
+                return None, None
+        reading = arm.reader.read(message, arrival)
+        if reading is None:
+            return None, None
+        tau = arm.torque(now, reading)
+        arm.last_seen, arm.pose = now, reading.q
+        if reading.new_run:
+            arm.gate.reset()
+        if reading.qd is not None and reading.tau is not None and arm.is_settled(now):
+            self._learn(arm, reading)
+        return reading, tau
+
+    def _meet(self, names: tuple[str, ...]) -> Arm | None:
+        """Take the joints from a first message."""
+        try:
+            if not names or len(set(names)) != len(names):
+                raise OptionError(f'the first message on {self._topic} has '
+                                  f'{"repeated" if names else "no"} joint names; set the '
+                                  'parameter joints')
+            if len(names) > 10:
+                raise OptionError(f'{self._topic} has {len(names)} joints and a model takes at '
+                                  'most 10; set the parameter joints')
+            self._begin(names, None)
+        except OptionError as problem:
+            self.problem = str(problem)
+            self._unnamed['missing_joint'] += 1
+            return None
+        self.problem = ''
+        return self.arm
+
+    def _learn(self, arm: Arm, reading: Reading) -> None:
+        q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
+        reason = arm.gate.offer(reading.t, q, qd)
+        if reason is not None:
+            if reason != RATE:
+                arm.gate_counts[reason] += 1
+            return
+        arm.epoch.offer(reading.t, q, qd, tau)
+        predicted = arm.predicted(reading)
+        if predicted is not None:
+            error = tau - predicted
+            arm.residual += error * error
+            arm.n_residual += 1
+
+    def tick(self, now: float, wall: float | None = None) -> FloatArray | None:
+        """
+        Look after fits and the watchdog; return the torque to publish without input.
+
+        :param wall: the time for fits and calls where `now` is that of a simulation, whose
+            pauses and leaps are no reason to give up a fit, or to wait for one for ever.
+        """
+        wall = now if wall is None else wall
+        for event in self.fits.poll(wall):
+            if isinstance(event, Outcome):
+                self._finish(event, now)
+            elif isinstance(event, Findings):
+                self._reply(event.number, True, event.text)
+            else:
+                self._fail(event)
+        arm = self.arm
+        if arm is None:
+            return None
+        self._expire(wall)
+        if self.fits.state == 'ready':
+            if self._wanted is not None:
+                self._serve(arm, wall)
+            elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
+                self._submit(arm, wall)
+        return arm.feed.watch(now)
+
+    def _serve(self, arm: Arm, wall: float) -> None:
+        """Start what somebody waits for."""
+        reply, until, is_question = cast(tuple[Reply, float, bool], self._wanted)
+        self._wanted = None
+        if (lack := arm.epoch.can_fit()) is not None:
+            # The payload has changed since it was asked for.
+            reply(False, lack)
+            return
+        number = self._submit_question(arm, wall) if is_question \
+            else self._submit(arm, wall, asked=True)
+        self._waiting = (number, reply, until)
+
+    def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
+        self._jobs += 1
+        options = FitOptions(formulation=str(self.settings['formulation']))
+        job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
+                  self._base, self.models.model, options,
+                  cast(tuple[str, ...], self.settings['effects']), asked)
+        self.fits.submit(job, now)
+        arm.epoch.fit_started()
+        return self._jobs
+
+    def _submit_question(self, arm: Arm, now: float) -> int:
+        self._jobs += 1
+        self.fits.submit(Question(self._jobs, arm.epoch.every(), self.models.model), now)
+        return self._jobs
+
+    def _finish(self, outcome: Outcome, now: float) -> None:
+        arm = cast(Arm, self.arm)
+        if outcome.number <= self._outdated:
+            if outcome.epoch == arm.epoch.number:
+                arm.epoch.fit_ended(False)
+            self._reply(outcome.number, False, 'payload_changed or rollback was called while '
+                        'it was fitted; the result was thrown away')
+            return
+        verdict = outcome.verdict
+        arm.epoch.fit_ended(True)
+        self._compensated = verdict.compensated
+        self._kept_old = not verdict.better
+        self.fits.last_failure = ''
+        self._last_fit = (f'{outcome.how}, {len_text(outcome)}, {outcome.seconds:.2f} s: '
+                          f'{verdict.reason}')
+        if verdict.better:
+            entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}',
+                                    now)
+            arm.use(entry.model)
+            self.problem = ''
+            self.wants_save = bool(self.settings['auto_save'] and self.models.path)
+            self._reply(outcome.number, True, f'new model in use: {self._last_fit}')
+        else:
+            kept = 'no model yet' if self.models.model is None else 'the old model stays'
+            self._reply(outcome.number, False, f'{kept}: {self._last_fit}')
+
+    def _fail(self, failure: Failure) -> None:
+        if self.arm is not None and failure.number is not None:
+            self.arm.epoch.fit_ended(False)
+            self._last_fit = f'failed: {failure.reason}'
+            kept = 'there is no model yet' if self.models.model is None else 'the old model stays'
+            self._reply(failure.number, False, f'{failure.reason}; {kept}')
+
+    def _reply(self, number: int, success: bool, text: str) -> None:
+        if self._waiting is not None and self._waiting[0] == number:
+            reply = self._waiting[1]
+            self._waiting = None
+            reply(success, text)
+
+    def _expire(self, now: float) -> None:
+        """Answer those who asked for a fit that takes too long."""
+        if self._wanted is not None and now > self._wanted[1]:
+            self._wanted[0](False, f'the fit process is {self.fits.state}: '
+                            f'{self.fits.last_failure or "no fit has begun"}; try again')
+            self._wanted = None
+        if self._waiting is not None and now > self._waiting[2]:
+            self._waiting[1](False, 'the fit still runs; its outcome will be in /diagnostics')
+            self._waiting = None
+
+    def payload_changed(self, now: float) -> Answer:
+        """Open a new epoch: old samples go, the model in use stays until a better one is there."""
+        arm = self.arm
+        if arm is None:
+            return False, NO_JOINTS
+        if arm.epoch.is_open and arm.epoch.n_samples == 0:
+            return True, f'{arm.epoch.describe()}; it was open already'
+        old = arm.epoch.n_samples
+        arm.new_epoch(self.settings, now, _can_change(self.models.model))
+        self._outdated = self._jobs
+        self._base = self.models.model
+        self._kept_old = self._compensated = False
+        model = 'no model yet' if self.models.model is None else 'the old model stays in use'
+        return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
+                      'a better one is learned: move the arm slowly through its range')
+
+    def refit(self, wall: float, reply: Reply) -> None:
+        """Fit what was collected; `reply` is called once, now or when the fit has ended."""
+        self._want(wall, reply, is_question=False)
+
+    def diagnose(self, wall: float, reply: Reply) -> None:
+        """Ask which effect the model lacks; `reply` as for `refit`."""
+        self._want(wall, reply, is_question=True)
+
+    def _want(self, wall: float, reply: Reply, is_question: bool) -> None:
+        arm = self.arm
+        if arm is None:
+            reply(False, NO_JOINTS)
+        elif self._wanted is not None or self._waiting is not None or self.fits.job is not None:
+            reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
+                  'outcome will be in /diagnostics')
+        elif (lack := arm.epoch.can_fit()) is not None:
+            reply(False, lack)
+        else:
+            until = wall + cast(float, self.settings['refit_timeout'])
+            self._wanted = (reply, until, is_question)
+
+    def rollback(self, now: float) -> Answer:
+        """Bring back the model before; no fit follows by itself until the next epoch."""
+        entry = self.models.roll_back(now)
+        if entry is None or self.arm is None:
+            return False, 'there is no earlier model to go back to'
+        self.arm.use(entry.model)
+        self.arm.epoch.is_open = False
+        self._outdated = self._jobs
+        return True, (f'back to the {entry.describe()}; {self.models.n_past} earlier models '
+                      'left; no fit until payload_changed or refit')
+
+    def enable(self, enabled: bool) -> Answer:
+        """Ramp torque up or down."""
+        if self.arm is None:
+            return False, NO_JOINTS
+        self.arm.feed.enable(enabled)
+        seconds = self.settings['ramp_time']
+        if enabled:
+            return True, f'torque ramps up over {seconds} s'
+        return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
+
+    def save(self) -> Answer:
+        """Write the model file; called from another thread, for a disk may be slow."""
+        try:
+            return True, self.models.save()
+        except ModelFileError as problem:
+            return False, str(problem)
+
+    def close(self) -> None:
+        """End the fit process, and answer whoever waits."""
+        for waiting in (self._wanted and self._wanted[0], self._waiting and self._waiting[1]):
+            if waiting:
+                waiting(False, 'the node shuts down')
+        self._wanted = self._waiting = None
+        self.fits.stop()
+
+    def statuses(self, now: float) -> list[diagnostics.Status]:
+        """Return what to publish on /diagnostics; counts since the last call start again."""
+        entry = self.models.entry
+        model = diagnostics.model_status(
+            entry.describe() if entry else None, max(0.0, now - entry.since) if entry else 0.0,
+            self.models.n_past, self.problem)
+        arm = self.arm
+        if arm is None:
+            received = sum(self._unnamed.values())
+            return [diagnostics.input_status(self._topic, received, received, None, False,
+                                             self._unnamed, self._unnamed), model]
+        late, self._late_reported = self.late - self._late_reported, self.late
+        return [arm.input_status(self._topic, now, late), model,
+                diagnostics.learning_status(self._learning(arm)),
+                *arm.statuses(self.models.model, now)]
+
+    def _learning(self, arm: Arm) -> diagnostics.Learning:
+        epoch, fits = arm.epoch, self.fits
+        return diagnostics.Learning(
+            epoch.describe(), epoch.n_samples, epoch.n_held, epoch.lacking(), arm.gate_counts,
+            fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
+            self._kept_old, self._compensated)
+
+
+def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:
+    """
+    Check that effects are named that there are, on joints of the arm.
+
+    :raises OptionError: if not, or if one to be compensated is not fit for that.
+    """
+    try:
+        requests(cast(tuple[str, ...], settings['effects']), joints)
+    except OptionError as problem:
+        raise OptionError(f'parameter effects: {problem}') from problem
+    compensable(cast(tuple[str, ...], settings['compensate']), joints)
+
+
+def _can_change(model: GravityModel | None) -> bool:
+    return model is not None and model.energy is not None
+
+
+def len_text(outcome: Outcome) -> str:
+    """Return how many samples a model was learned from."""
+    return f'{outcome.model.coverage.n_samples} samples'

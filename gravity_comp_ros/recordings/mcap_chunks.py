@@ -1,0 +1,212 @@
+"""
+Chunks of an MCAP file: read, unpacked and checked, and where one topic's messages lie in them.
+
+A chunk is followed by an index of its messages, channel by channel. That index is believed only
+if the records that it names tile the chunk, so that none is overlooked; otherwise, and where
+there is none, the records are walked one by one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import struct
+from typing import BinaryIO
+import zlib
+
+from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
+from mcap.records import ChunkIndex
+import numpy as np
+
+CHUNK, MESSAGE, MESSAGE_INDEX = 0x06, 0x05, 0x07
+_RECORD = struct.Struct('<BQ')              # opcode and length, before the content
+_CHUNK = struct.Struct('<QQQI')             # start, end, size unpacked, checksum
+_MESSAGE = 2 + 4 + 8 + 8                    # channel, sequence, log time, publish time
+_LARGEST = 1 << 30
+
+
+class ChunkError(ValueError):
+    """A chunk is not what the file says it is; the message says how."""
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """The bytes of a chunk, and its messages in the order of the file."""
+
+    data: Bytes
+    offset: Places
+    log_ns: np.ndarray
+    channel: np.ndarray
+    length: Places
+
+
+def topic_batches(stream: BinaryIO, indexes: Sequence[ChunkIndex], known: set[int],
+                  wanted: set[int]) -> Iterator[Batch]:
+    """
+    Yield the messages of channels `wanted`, chunk by chunk, in order of log time.
+
+    Chunks that overlap in time are sorted as one. Messages of equal time keep the file's order.
+
+    :param known: all channels of the file; a message on another is damage.
+    :raises ChunkError: if a chunk is damaged.
+    """
+    maybe = [index for index in indexes if not index.message_index_offsets
+             or wanted & set(index.message_index_offsets)]
+    for group in _overlapping(maybe):
+        parts = [_only(_read(stream, index, known), wanted) for index in group]
+        if any(len(part) for part in parts):
+            yield _sorted(parts)
+
+
+def _overlapping(indexes: Sequence[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
+    """Yield chunks, those together whose times overlap, each group in the file's order."""
+    group: list[ChunkIndex] = []
+    end = -1
+    for index in sorted(indexes, key=lambda i: (i.message_start_time, i.chunk_start_offset)):
+        if group and index.message_start_time > end:
+            yield sorted(group, key=lambda i: i.chunk_start_offset)
+            group = []
+        group.append(index)
+        end = max(end, index.message_end_time) if len(group) > 1 else index.message_end_time
+    if group:
+        yield sorted(group, key=lambda i: i.chunk_start_offset)
+
+
+def _read(stream: BinaryIO, index: ChunkIndex, known: set[int]) -> _Chunk:
+    stream.seek(index.chunk_start_offset)
+    head = stream.read(_RECORD.size + _CHUNK.size + 4)
+    if len(head) < _RECORD.size + _CHUNK.size + 4 or head[0] != CHUNK:
+        raise ChunkError('there is no chunk where the summary says')
+    length = _RECORD.unpack_from(head)[1]
+    _, _, size, checksum = _CHUNK.unpack_from(head, _RECORD.size)
+    (name,) = struct.unpack_from('<I', head, len(head) - 4)
+    rest = length - _CHUNK.size - 4
+    if not name + 8 <= rest <= _LARGEST or size > _LARGEST:
+        raise ChunkError('the length of a chunk is wrong')
+    body = stream.read(rest)
+    (packed,) = struct.unpack_from('<Q', body, name) if len(body) >= name + 8 else (-1,)
+    if packed < 0 or len(body) < name + 8 + packed:
+        raise ChunkError('a chunk ends after the file')
+    data = _unpacked(body[name + 8:name + 8 + packed], bytes(body[:name]), size)
+    if checksum and zlib.crc32(data) != checksum:
+        raise ChunkError('the checksum of a chunk is wrong')
+    buffer = np.frombuffer(data, dtype=np.uint8)
+    offset = _indexed(stream, index, buffer)
+    if offset is None:
+        offset = _walked(data, 0, len(data))
+    return _described(buffer, offset, known)
+
+
+def _unpacked(body: bytes, compression: bytes, size: int) -> bytes:
+    if compression == b'zstd':
+        import zstandard
+        try:
+            return zstandard.ZstdDecompressor().decompress(body, max_output_size=size)
+        except zstandard.ZstdError as error:
+            raise ChunkError(str(error)) from None
+    if compression == b'lz4':
+        try:
+            import lz4.frame  # type: ignore[import-untyped]
+            return bytes(lz4.frame.decompress(body))
+        except ImportError:
+            raise ChunkError('it is compressed by lz4, and lz4 is not installed') from None
+        except RuntimeError as error:
+            raise ChunkError(str(error)) from None
+    if compression:
+        raise ChunkError(f'compression {compression.decode(errors="replace")!r} is not known')
+    return body
+
+
+def _indexed(stream: BinaryIO, index: ChunkIndex, data: Bytes) -> Places | None:
+    """Return where the messages begin, by the index after the chunk; None if it is no use."""
+    if not index.message_index_offsets:
+        return None
+    stream.seek(index.chunk_start_offset + index.chunk_length)
+    raw = stream.read(min(index.message_index_length, _LARGEST))
+    found, at = [], 0
+    while at + _RECORD.size + 6 <= len(raw):
+        opcode, length = _RECORD.unpack_from(raw, at)
+        (size,) = struct.unpack_from('<I', raw, at + _RECORD.size + 2)
+        at += _RECORD.size
+        if opcode != MESSAGE_INDEX or size % 16 or size + 6 > length or at + length > len(raw):
+            return None
+        found.append(np.frombuffer(raw, dtype='<u8', count=size // 8, offset=at + 6)[1::2])
+        at += length
+    if at != len(raw) or not found:
+        return None
+    offset = np.sort(np.concatenate(found))
+    if not offset.size or offset[-1] + _RECORD.size + _MESSAGE > len(data):
+        return None
+    offset = offset.astype(np.int64)
+    return offset if _tiles(data, offset) else None
+
+
+def _tiles(data: Bytes, offset: Places) -> bool:
+    """Return whether these are all messages of a chunk: between them lie other records."""
+    if (data[offset] != MESSAGE).any():
+        return False
+    end = offset + _RECORD.size + _field(data, offset + 1, 8).astype(np.int64)
+    begin = np.concatenate([[0], end])
+    until = np.concatenate([offset, [len(data)]])
+    if (begin > until).any():
+        return False
+    try:
+        return not any(_walked(data[a:b].tobytes(), 0, int(b - a)).size
+                       for a, b in zip(begin[begin < until], until[begin < until]))
+    except ChunkError:
+        return False
+
+
+def _walked(data: bytes, begin: int, end: int) -> Places:
+    """Return where messages begin, record by record."""
+    found = []
+    while begin < end:
+        if begin + _RECORD.size > end:
+            raise ChunkError('a record ends after its chunk')
+        opcode, length = _RECORD.unpack_from(data, begin)
+        if opcode == MESSAGE:
+            found.append(begin)
+        begin += _RECORD.size + length
+    if begin != end:
+        raise ChunkError('a record ends after its chunk')
+    return np.array(found, dtype=np.int64)
+
+
+def _described(data: Bytes, offset: Places, known: set[int]) -> _Chunk:
+    length = _field(data, offset + 1, 8).astype(np.int64) - _MESSAGE
+    if (length < 0).any():
+        raise ChunkError('a message is too short')
+    channel = _field(data, offset + _RECORD.size, 2)
+    strange = set(np.unique(channel).tolist()) - known
+    if strange:
+        raise ChunkError(f'a message is on channel {min(strange)}, which is not described')
+    return _Chunk(data, offset, _field(data, offset + _RECORD.size + 6, 8), channel, length)
+
+
+def _only(chunk: _Chunk, wanted: set[int]) -> Batch:
+    start = chunk.offset + _RECORD.size + _MESSAGE
+    keep = np.isin(chunk.channel, list(wanted))
+    if keep.all():
+        return Batch(chunk.data, start, chunk.length, chunk.log_ns)
+    return Batch(chunk.data, start[keep], chunk.length[keep], chunk.log_ns[keep])
+
+
+def _sorted(parts: list[Batch]) -> Batch:
+    if len(parts) == 1:
+        joined = parts[0]
+    else:
+        sizes = np.array([len(part.data) for part in parts])
+        joined = Batch(
+            np.concatenate([part.data for part in parts]),
+            np.concatenate([p.start + b for p, b in zip(parts, np.cumsum(sizes) - sizes)]),
+            np.concatenate([part.length for part in parts]),
+            np.concatenate([part.log_ns for part in parts]))
+    if (joined.log_ns[1:] >= joined.log_ns[:-1]).all():
+        return joined
+    order = np.argsort(joined.log_ns, kind='stable')
+    return Batch(joined.data, joined.start[order], joined.length[order], joined.log_ns[order])
+
+
+def _field(data: Bytes, offset: Places, width: int) -> np.ndarray:
+    """Return the little-endian integers of `width` bytes at these places."""
+    return data[offset[:, None] + np.arange(width)].view(f'<u{width}')[:, 0]

@@ -1,0 +1,135 @@
+"""MCAP files as a storage of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+import struct
+import zlib
+
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.mcap_chunks import ChunkError, topic_batches
+from gravity_comp_ros.recordings.message_batch import Batch, batched
+from gravity_comp_ros.recordings.storage_interface import StoredTopic
+from mcap.reader import SeekingReader
+from mcap.records import Footer, Message
+from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
+
+_MAGIC = b'\x89MCAP0\r\n'
+_FOOTER = 1 + 8 + 8 + 8 + 4  # opcode, length, summary start, summary offsets, checksum
+_MAX_RECORD = 1 << 30
+
+
+class McapStorage:
+    """
+    An open MCAP file with a footer and a summary.
+
+    :raises BagError: if the file ends early or is damaged; the message says how much of it
+        can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stream = path.open('rb')
+        try:
+            self._check_end()
+            self._reader = SeekingReader(self._stream, validate_crcs=True,
+                                         record_size_limit=_MAX_RECORD)
+            self._summary = self._reader.get_summary()
+            self.topics = _topics(self._summary) if self._summary else self._scan()
+        except BagError:
+            self._stream.close()
+            raise
+        except Exception as error:  # a damaged file decides what the library raises
+            self._stream.close()
+            raise self._damaged(error) from None
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """Yield log time in ns and bytes of every message of a topic."""
+        try:
+            for _, _, message in self._reader.iter_messages(topic):
+                yield message.log_time, message.data
+        except Exception as error:
+            raise self._damaged(error) from None
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """Yield the same messages many at a time: whole chunks, where the file has chunks."""
+        if self._summary is None or not self._summary.chunk_indexes:
+            yield from batched(self.messages(topic))
+            return
+        channels = self._summary.channels
+        wanted = {number for number, channel in channels.items() if channel.topic == topic}
+        try:
+            yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
+                                     wanted)
+        except (ChunkError, OSError, struct.error) as error:
+            raise self._damaged(error) from None
+
+    def close(self) -> None:
+        self._stream.close()
+
+    def _check_end(self) -> None:
+        """Refuse a file without footer, or whose summary is not what its checksum says."""
+        size = self._stream.seek(0, 2)
+        if size < 2 * len(_MAGIC) + _FOOTER:
+            raise self._truncated(size)
+        self._stream.seek(size - len(_MAGIC) - _FOOTER)
+        tail = self._stream.read()
+        if tail[-len(_MAGIC):] != _MAGIC or tail[0] != 2:
+            raise self._truncated(size)
+        start = int.from_bytes(tail[9:17], 'little')
+        checksum = int.from_bytes(tail[25:29], 'little')
+        if start and checksum:
+            self._stream.seek(start)
+            summary = self._stream.read(size - len(_MAGIC) - 4 - start)
+            if zlib.crc32(summary) != checksum:
+                raise BagError(f'{self._path} is damaged: the checksum of its summary is wrong; '
+                               f'`mcap recover` makes a readable file of what is left')
+        self._stream.seek(0)
+
+    def _scan(self) -> tuple[StoredTopic, ...]:
+        """Return the topics of a file without summary by reading all of it."""
+        self._stream.seek(0)
+        counts: dict[tuple[str, str, str], int] = {}
+        for schema, channel, _ in SeekingReader(self._stream).iter_messages():
+            key = (channel.topic, schema.name if schema else '', channel.message_encoding)
+            counts[key] = counts.get(key, 0) + 1
+        self._stream.seek(0)
+        return tuple(StoredTopic(*key, count) for key, count in counts.items())
+
+    def _truncated(self, size: int) -> BagError:
+        readable = _readable_messages(self._path)
+        left = (f'its first {readable} messages can be saved with `mcap recover`' if readable
+                else 'no message in it can be read')
+        return BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
+                        f'an end; {left}')
+
+    def _damaged(self, error: Exception) -> BagError:
+        reason = ' '.join(str(error).split()) or type(error).__name__
+        return BagError(f'{self._path} is damaged: {reason}; `mcap recover` makes a readable '
+                        f'file of what is left')
+
+
+def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
+    counts = summary.statistics.channel_message_counts if summary.statistics else {}
+    found: dict[tuple[str, str, str], int] = {}
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        key = (channel.topic, schema.name if schema else '', channel.message_encoding)
+        found[key] = found.get(key, 0) + counts.get(channel.id, 0)
+    return tuple(StoredTopic(*key, count) for key, count in found.items())
+
+
+def _readable_messages(path: Path) -> int:
+    """Return how many messages come before the place where the file breaks off."""
+    count = 0
+    try:
+        with path.open('rb') as stream:
+            for record in StreamReader(stream, record_size_limit=_MAX_RECORD).records:
+                count += isinstance(record, Message)
+                if isinstance(record, Footer):
+                    break
+    except Exception:  # any error is the place where it breaks off
+        return count
+    return count

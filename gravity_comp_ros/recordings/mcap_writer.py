@@ -1,0 +1,143 @@
+"""JointState topics to an MCAP file that rosbag2, PlotJuggler and Foxglove read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import heapq
+from pathlib import Path
+from typing import BinaryIO
+
+from gravity_comp_ros.atomic import replacing
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.recordings.joint_state_cdr import (
+    encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
+from mcap.writer import CompressionType, Writer
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+# A stamp of 0 means "not set" in ROS, so time 0 of the samples becomes this date.
+DEFAULT_START_NS = 1_700_000_000 * 10**9
+
+_COMPRESSION = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
+                'none': CompressionType.NONE}
+
+
+@dataclass(frozen=True)
+class JointTopic:
+    """
+    One topic of M messages with N joints.
+
+    `t` (M,) in s; `position`, `velocity` and `effort` (M, N) or None for a field to leave
+    empty. Values may be NaN, as drivers do send NaN.
+
+    :raises OptionError: if a shape disagrees.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    t: FloatArray
+    position: FloatArray | None = None
+    velocity: FloatArray | None = None
+    effort: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.startswith('/'):
+            raise OptionError(f'topic {self.name!r} must begin with a slash')
+        shape = (len(self.t), len(self.joints))
+        for field in ('position', 'velocity', 'effort'):
+            values = getattr(self, field)
+            if values is not None and np.shape(values) != shape:
+                raise OptionError(f'topic {self.name}: {field} has shape {np.shape(values)}; '
+                                  f'expected {shape}')
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """
+    How to write: `compression` of the chunks, their size in bytes, and the time of t = 0.
+
+    :raises OptionError: if a value makes no sense.
+    """
+
+    compression: str = 'zstd'
+    chunk_bytes: int = 256 * 1024
+    start_ns: int = DEFAULT_START_NS
+
+    def __post_init__(self) -> None:
+        if self.compression not in _COMPRESSION:
+            raise OptionError(f'compression {self.compression!r} is not one of '
+                              f'{", ".join(_COMPRESSION)}')
+        if self.chunk_bytes < 1:
+            raise OptionError(f'chunk_bytes is {self.chunk_bytes}; it must be positive')
+        if not 0 <= self.start_ns < 2**31 * 10**9:
+            raise OptionError(f'start_ns {self.start_ns} is outside what a ROS stamp can hold')
+
+
+def joint_states(samples: JointSamples, topic: str = '/joint_states') -> JointTopic:
+    """
+    Return the samples of a single run as a topic.
+
+    :raises OptionError: if there are several runs: they belong in one bag each.
+    """
+    if samples.n_runs != 1:
+        raise OptionError(f'{samples.n_runs} runs cannot be one topic; write one bag a run')
+    return JointTopic(topic, samples.names, samples.t, samples.q, samples.qd, samples.tau)
+
+
+def write_bag(path: str | Path, topics: Sequence[JointTopic],
+              options: WriteOptions = WriteOptions()) -> int:
+    """
+    Write the topics to an MCAP file, in order of time, and return the number of messages.
+
+    The log time of a message is its header stamp. The file appears whole or not at all.
+
+    :raises BagError: if the file cannot be written; an older one then stays as it was.
+    :raises OptionError: if two topics have one name, or a time does not fit a stamp.
+    """
+    names = [topic.name for topic in topics]
+    if len(set(names)) != len(names):
+        raise OptionError(f'topics repeat: {", ".join(names)}')
+    stamps = [_stamps(topic, options.start_ns) for topic in topics]
+    with replacing(Path(path), BagError) as temporary:
+        with temporary.open('wb') as stream:
+            _write(stream, topics, stamps, options)
+    return sum(len(topic.t) for topic in topics)
+
+
+def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[NDArray[np.int64]],
+           options: WriteOptions) -> None:
+    writer = Writer(stream, chunk_size=options.chunk_bytes,
+                    compression=_COMPRESSION[options.compression])
+    writer.start(profile='ros2', library='gravity_comp_ros')
+    schema = writer.register_schema(JOINT_STATE, 'ros2msg', JOINT_STATE_DEFINITION.encode())
+    channels = [writer.register_channel(topic.name, 'cdr', schema,
+                                        {'topic_type_hash': JOINT_STATE_HASH})
+                for topic in topics]
+    counts = [0] * len(topics)
+    for stamp, number, row in heapq.merge(*(_events(k, s) for k, s in enumerate(stamps))):
+        topic = topics[number]
+        position, velocity, effort = (
+            () if values is None else values[row]
+            for values in (topic.position, topic.velocity, topic.effort))
+        data = encode(stamp, topic.joints, position, velocity, effort)
+        writer.add_message(channels[number], stamp, data, stamp, counts[number])
+        counts[number] += 1
+    writer.finish()
+
+
+def _stamps(topic: JointTopic, start_ns: int) -> NDArray[np.int64]:
+    t = np.asarray(topic.t, dtype=np.float64)
+    if not np.isfinite(t).all() or (np.diff(t) < 0).any():
+        raise OptionError(f'topic {topic.name}: times must be finite and not go back')
+    if t.size and not (0 <= start_ns + t[0] * 1e9 and start_ns + t[-1] * 1e9 < 2**31 * 1e9):
+        raise OptionError(f'topic {topic.name}: times from {t[0]} to {t[-1]} s do not fit a stamp')
+    return start_ns + np.round(t * 1e9).astype(np.int64)
+
+
+def _events(number: int, stamps: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+    for row, stamp in enumerate(stamps.tolist()):
+        yield stamp, number, row

@@ -1,0 +1,204 @@
+"""Find and open what a recording is stored in: an MCAP file, a .db3 file, a rosbag2 folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import hashlib
+from pathlib import Path, PurePosixPath
+import re
+import tempfile
+from typing import Any
+
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.mcap_storage import McapStorage
+from gravity_comp_ros.recordings.message_batch import Batch, batched
+from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
+from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic
+
+_MCAP_MAGIC = b'\x89MCAP0\r\n'
+_SQLITE_MAGIC = b'SQLite format 3\0'
+_ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
+_ROS1_MAGIC = b'#ROSBAG V'
+_DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
+
+
+class _Joined:
+    """Several files that one recording was split into, in order."""
+
+    def __init__(self, parts: list[Storage]) -> None:
+        self._parts = parts
+
+    @property
+    def topics(self) -> tuple[StoredTopic, ...]:
+        found: dict[tuple[str, str, str], int] = {}
+        for part in self._parts:
+            for topic in part.topics:
+                key = (topic.name, topic.type, topic.encoding)
+                found[key] = found.get(key, 0) + topic.count
+        return tuple(StoredTopic(*key, count) for key, count in found.items())
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        for part in self._parts:
+            yield from part.messages(topic)
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        for part in self._parts:
+            yield from part.batches(topic)
+
+    def close(self) -> None:
+        for part in self._parts:
+            part.close()
+
+
+class _Unpacking:
+    """Messages that rosbag2 compressed one by one."""
+
+    def __init__(self, inner: Storage, path: Path) -> None:
+        self._inner, self._path = inner, path
+        self.topics = inner.topics
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        import zstandard
+        unpacker = zstandard.ZstdDecompressor()
+        for stamp, data in self._inner.messages(topic):
+            try:
+                yield stamp, unpacker.decompressobj().decompress(data)
+            except zstandard.ZstdError as error:
+                raise BagError(f'{self._path}: a message on {topic} cannot be '
+                               f'decompressed: {error}') from None
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        return batched(self.messages(topic))
+
+    def close(self) -> None:
+        self._inner.close()
+
+
+@contextmanager
+def open_storage(path: Path) -> Iterator[Storage]:
+    """
+    Open a recording, and close it and remove temporary files at the end of the block.
+
+    :raises BagError: if there is nothing there, or nothing that is a ROS 2 recording.
+    """
+    with tempfile.TemporaryDirectory(prefix='gravity_comp_') as scratch:
+        storage = _open(path, Path(scratch))
+        try:
+            yield storage
+        finally:
+            storage.close()
+
+
+def data_files(path: Path) -> list[Path]:
+    """
+    Return the files that hold the messages of a recording: itself, or those of a folder.
+
+    :raises BagError: if there are none, or the folder's metadata names one that is missing.
+    """
+    try:
+        if not path.is_dir():
+            return [path]
+        metadata = _metadata(path)
+        present = sorted((p for p in path.iterdir() if _DATA_FILE.match(p.name)), key=_natural)
+    except OSError as error:
+        raise BagError(f'cannot read {path}: {error.strerror}') from None
+    if metadata is None:
+        if not present:
+            raise BagError(f'{path} is not a recording: it has neither metadata.yaml nor any '
+                           f'.mcap or .db3 file')
+        return present
+    names = metadata['relative_file_paths']
+    files = [path / PurePosixPath(name).name for name in names]
+    missing = [file.name for file in files if not file.exists()]
+    if missing:
+        instead = (f'; there is {", ".join(p.name for p in present)}: name that file instead'
+                   if present else '')
+        raise BagError(f'metadata.yaml of {path} names {", ".join(missing)}, which is not '
+                       f'there{instead}')
+    if not files:
+        raise BagError(f'metadata.yaml of {path} names no file')
+    return files
+
+
+def fingerprint(path: Path) -> str:
+    """Return the SHA-256 of a recording's data files, one after another."""
+    digest = hashlib.sha256()
+    for file in data_files(path):
+        with file.open('rb') as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
+def _open(path: Path, scratch: Path) -> Storage:
+    parts: list[Storage] = []
+    try:
+        for number, file in enumerate(data_files(path)):
+            parts.append(_open_file(file, scratch / str(number)))
+    except BaseException:
+        _Joined(parts).close()
+        raise
+    storage: Storage = parts[0] if len(parts) == 1 else _Joined(parts)
+    metadata = _metadata(path) if path.is_dir() else None
+    if metadata and str(metadata.get('compression_mode', '')).lower() == 'message':
+        return _Unpacking(storage, path)
+    return storage
+
+
+def _open_file(file: Path, scratch: Path) -> Storage:
+    try:
+        with file.open('rb') as stream:
+            magic = stream.read(16)
+    except FileNotFoundError:
+        raise BagError(f'no such recording: {file}') from None
+    except OSError as error:
+        raise BagError(f'cannot read {file}: {error.strerror}') from None
+    if magic.startswith(_MCAP_MAGIC):
+        return McapStorage(file)
+    if magic.startswith(_SQLITE_MAGIC):
+        return SqliteStorage(file)
+    if magic.startswith(_ZSTD_MAGIC) and not scratch.exists():
+        return _open_file(_unpacked(file, scratch), scratch)
+    if not magic:
+        raise BagError(f'{file} is empty (0 bytes)')
+    if magic.startswith(_ROS1_MAGIC):
+        raise BagError(f'{file} is a ROS 1 bag; convert it to ROS 2 first (rosbags-convert)')
+    raise BagError(f'{file} is neither an MCAP nor a .db3 file')
+
+
+def _unpacked(file: Path, scratch: Path) -> Path:
+    """Decompress a file that rosbag2 compressed as a whole."""
+    import zstandard
+    try:
+        with file.open('rb') as source, scratch.open('wb') as target:
+            zstandard.ZstdDecompressor().copy_stream(source, target)
+    except zstandard.ZstdError as error:
+        raise BagError(f'{file} cannot be decompressed: {error}') from None
+    except OSError as error:
+        raise BagError(f'{file} cannot be decompressed: {error.strerror}') from None
+    return scratch
+
+
+def _metadata(folder: Path) -> dict[str, Any] | None:
+    """Return what metadata.yaml says, None if there is none (a recording that was killed)."""
+    import yaml
+    file = folder / 'metadata.yaml'
+    if not file.exists():
+        return None
+    try:
+        content = yaml.safe_load(file.read_text(encoding='utf-8'))
+        metadata = content['rosbag2_bagfile_information']
+        names = metadata['relative_file_paths']
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError('relative_file_paths')
+    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, RecursionError):
+        raise BagError(f'{file} is not the metadata of a rosbag2 recording; remove it to read '
+                       f'the data files without it') from None
+    return dict(metadata)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sort bag_10 after bag_9."""
+    return [(int(part), '') if part.isdigit() else (-1, part)
+            for part in re.split(r'(\d+)', path.name)]

@@ -1,0 +1,44 @@
+"""What every storage of messages offers, whatever its file format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from gravity_comp_ros.recordings.message_batch import Batch
+
+
+@dataclass(frozen=True)
+class StoredTopic:
+    """A topic of a recording: its type, the encoding of its messages, and their number."""
+
+    name: str
+    type: str
+    encoding: str
+    count: int
+
+
+class Storage(Protocol):
+    """An open recording."""
+
+    @property
+    def topics(self) -> tuple[StoredTopic, ...]:
+        """All topics, those without messages included."""
+
+    def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
+        """
+        Yield log time in ns and bytes of every message of a topic, in order of log time.
+
+        :raises BagError: if the file turns out to be damaged.
+        """
+
+    def batches(self, topic: str) -> Iterator[Batch]:
+        """
+        Yield the same messages many at a time.
+
+        :raises BagError: if the file turns out to be damaged.
+        """
+
+    def close(self) -> None:
+        """Close the files."""

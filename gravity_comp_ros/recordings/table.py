@@ -1,0 +1,236 @@
+"""Turn a table of measurements, in whatever units, into joint states."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
+from gravity_comp_ros.recordings.table_columns import find_columns, has_columns
+from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
+ANGLE_UNITS = {'rad': 1.0, 'deg': np.pi / 180}
+EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'A': 1.0, 'mA': 1e-3}
+CURRENTS = ('A', 'mA')
+
+# Looked for in this order where no columns are given.
+TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp')
+POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
+VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
+                    'vel_{i}', 'vel{i}')
+EFFORT_COLUMNS = ('tau_{i}', 'tau{i}', 'effort_{i}', 'effort{i}', 'torque_{i}', 'torque{i}')
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """
+    What the columns of a table mean.
+
+    `time`, `position`, `velocity`, `effort` say which columns (see `find_columns`); None
+    looks for usual names. Without a time column `rate` in Hz is needed. `effort_sign`,
+    `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for all joints or
+    one per joint; the latter two apply to currents. `skip_bad_rows` drops rows with an empty
+    or not finite cell, or a time that does not increase, instead of refusing the file.
+
+    :raises OptionError: if a value makes no sense, or a current has no torque constant.
+    """
+
+    time: str | None = None
+    position: str | None = None
+    velocity: str | None = None
+    effort: str | None = None
+    rate: float | None = None
+    time_unit: str = 's'
+    angle_unit: str = 'rad'
+    effort_unit: str = 'Nm'
+    effort_sign: tuple[float, ...] = (1.0,)
+    torque_constant: tuple[float, ...] | None = None
+    gear_ratio: tuple[float, ...] = (1.0,)
+    joints: tuple[str, ...] | None = None
+    header: bool | None = None
+    delimiter: str | None = None
+    skip_bad_rows: bool = False
+
+    def __post_init__(self) -> None:
+        for what, unit, units in (('time', self.time_unit, TIME_UNITS),
+                                  ('angle', self.angle_unit, ANGLE_UNITS),
+                                  ('effort', self.effort_unit, EFFORT_UNITS)):
+            if unit not in units:
+                raise OptionError(f'{what} unit {unit!r} is not one of {", ".join(units)}')
+        if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
+            raise OptionError(f'rate is {self.rate} Hz; it must be positive')
+        if self.rate is not None and self.time is not None:
+            raise OptionError('give a time column or a fixed rate, not both')
+        if any(sign not in (-1.0, 1.0) for sign in self.effort_sign):
+            raise OptionError('effort signs are 1 or -1')
+        is_current = self.effort_unit in CURRENTS
+        if is_current != (self.torque_constant is not None):
+            raise OptionError('effort in A or mA needs a torque constant in N·m/A'
+                              if is_current else 'a torque constant is for effort in A or mA')
+        for what, values in (('torque constant', self.torque_constant or (1.0,)),
+                             ('gear ratio', self.gear_ratio)):
+            if not all(np.isfinite(value) and value != 0 for value in values):
+                raise OptionError(f'{what} must be finite and not 0')
+        if self.delimiter is not None and len(self.delimiter) != 1:
+            raise OptionError(f'delimiter {self.delimiter!r} is not one character')
+
+
+@dataclass(frozen=True)
+class Converted:
+    """Joint states from a table: the topic, when it starts, rows dropped, and notes."""
+
+    topic: JointTopic
+    start_ns: int
+    dropped: int
+    notes: tuple[str, ...]
+
+
+def read_table(path: str | Path, options: TableOptions = TableOptions(),
+               topic: str = '/joint_states') -> Converted:
+    """
+    Return the joint states in a CSV or NPZ file, in rad, rad/s and N·m.
+
+    :raises BagError: if the file cannot be read, a column is missing, or a cell is unusable;
+        the message names the row and the column.
+    :raises OptionError: if there is another number of signs or constants than joints.
+    """
+    path = Path(path)
+    if path.suffix.lower() in ('.npz', '.npy'):
+        table = read_npz(path)
+    else:
+        table = read_csv(path, options.header, options.delimiter)
+    chosen = _Chosen.of(table, options)
+    names = _joint_names(table, options, len(chosen.position))
+    keep = _usable_rows(table, chosen, options)
+    table_rows = table.values[keep]
+    q = table_rows[:, chosen.position] * ANGLE_UNITS[options.angle_unit]
+    qd = (table_rows[:, chosen.velocity] * ANGLE_UNITS[options.angle_unit]
+          if chosen.velocity else None)
+    tau = table_rows[:, chosen.effort] * _effort_scale(options, names)
+    if not tau.any():
+        raise BagError(f'{path}: effort is 0 throughout, for every joint')
+    if chosen.time is None:
+        # A skipped row leaves a hole: the rows after it keep their own time.
+        t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
+    else:
+        t = table_rows[:, chosen.time] * TIME_UNITS[options.time_unit]
+    start = t[0]
+    start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
+    notes = _notes(q, qd, options)
+    return Converted(JointTopic(topic, names, t - start, q, qd, tau), start_ns,
+                     int(keep.size - keep.sum()), notes)
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """The positions of the columns that are used."""
+
+    time: int | None
+    position: list[int]
+    velocity: list[int]
+    effort: list[int]
+
+    @classmethod
+    def of(cls, table: Table, options: TableOptions) -> _Chosen:
+        where = str(table.path)
+        position = _find(table, options.position, POSITION_COLUMNS, 'position')
+        effort = _find(table, options.effort, EFFORT_COLUMNS, 'effort')
+        velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
+        for what, found in (('velocity', velocity), ('effort', effort)):
+            if found and len(found) != len(position):
+                raise BagError(f'{where}: {len(position)} columns of position but {len(found)} '
+                               f'of {what}')
+        time = []
+        if options.rate is None:
+            time = _find(table, options.time, TIME_COLUMNS, 'time', optional=True)
+            if not time:
+                raise BagError(f'{where} has no column of time; name it, or give a fixed rate')
+            if len(time) > 1:
+                raise BagError(f'{where}: several columns of time')
+        return cls(time[0] if time else None, position, velocity, effort)
+
+
+def _find(table: Table, wanted: str | None, usual: tuple[str, ...], what: str,
+          optional: bool = False) -> list[int]:
+    where = str(table.path)
+    if wanted is not None:
+        # An NPZ array q of shape (M, N) can be called by its own name.
+        if wanted not in table.columns and has_columns(table.columns, wanted + '_{i}'):
+            wanted += '_{i}'
+        return find_columns(table.columns, wanted, what, where)
+    for pattern in usual:
+        if has_columns(table.columns, pattern):
+            return find_columns(table.columns, pattern, what, where)
+    if optional:
+        return []
+    raise BagError(f'{where}: no columns of {what} such as {usual[0]}; say which they are; it has '
+                   f'{", ".join(table.columns[:30])}')
+
+
+def _joint_names(table: Table, options: TableOptions, count: int) -> tuple[str, ...]:
+    names = options.joints or table.joints or tuple(f'joint_{k + 1}' for k in range(count))
+    if len(names) != count:
+        raise OptionError(f'{len(names)} joint names for {count} columns of position in '
+                          f'{table.path}')
+    if len(set(names)) < count or not all(names):
+        raise OptionError(f'joint names of {table.path} repeat or are empty: {", ".join(names)}')
+    return names
+
+
+def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> NDArray[np.bool_]:
+    """Return which rows to use; unless bad rows may be skipped, all or an error."""
+    used = [*chosen.position, *chosen.velocity, *chosen.effort]
+    used += [] if chosen.time is None else [chosen.time]
+    bad = ~np.isfinite(table.values[:, used])
+    keep = np.asarray(~bad.any(axis=1), dtype=bool)
+    if not keep.all() and not options.skip_bad_rows:
+        row, column = np.argwhere(bad)[0]
+        value = table.values[row, used[column]]
+        raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
+                       f'{"empty or not a number" if np.isnan(value) else "not finite"}')
+    if chosen.time is not None and keep.any():
+        keep = _rising_rows(table, table.values[:, chosen.time], keep, options)
+    if not keep.any():
+        raise BagError(f'{table.path} has no usable row')
+    return keep
+
+
+def _rising_rows(table: Table, time: FloatArray, keep: NDArray[np.bool_],
+                 options: TableOptions) -> NDArray[np.bool_]:
+    rows = np.flatnonzero(keep)
+    latest = np.maximum.accumulate(time[rows])
+    back = np.append(False, time[rows][1:] <= latest[:-1])
+    if back.any() and not options.skip_bad_rows:
+        row = int(rows[back][0])
+        raise BagError(f'{table.where(row)}: time does not increase ({time[row]:.9g} after '
+                       f'{latest[np.argmax(back) - 1]:.9g})')
+    out = keep.copy()
+    out[rows[back]] = False
+    return out
+
+
+def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:
+    """Return N·m per unit of effort, sign included, for every joint (N,)."""
+    scale = np.full(len(names), EFFORT_UNITS[options.effort_unit])
+    for what, values in (('effort signs', options.effort_sign),
+                         ('torque constants', options.torque_constant or (1.0,)),
+                         ('gear ratios', options.gear_ratio)):
+        if len(values) not in (1, len(names)):
+            raise OptionError(f'{len(values)} {what} for {len(names)} joints')
+        scale = scale * np.asarray(values)
+    return scale
+
+
+def _notes(q: FloatArray, qd: FloatArray | None, options: TableOptions) -> tuple[str, ...]:
+    notes = []
+    if options.angle_unit == 'rad' and np.abs(q).max() > 4 * np.pi:
+        notes.append(f'positions reach {np.abs(q).max():.0f} rad: are they degrees?')
+    if qd is None:
+        notes.append('no velocity in the table; it will be differentiated from the position')
+    return tuple(notes)

@@ -1,0 +1,83 @@
+"""Which topic and which joints of a recording to read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from gravity_comp_ros.errors import BagError, ModelMismatchError
+from gravity_comp_ros.recordings.joint_columns import Columns
+from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
+from gravity_comp_ros.recordings.storage_interface import Storage
+import numpy as np
+
+# A defect in at least half of the messages is a property of the recording, to be told as an
+# error; a rarer one is an accident, and its messages are dropped and counted.
+RULE = 0.5
+
+_DEFAULT_TOPIC = '/joint_states'
+
+
+def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str, list[str]]:
+    """
+    Return the topic to read, and notes about the ones that are not read.
+
+    :param wanted: a topic; None for the only JointState topic with messages, or the usual one.
+    :raises BagError: if there is no such topic, or several and none is wanted.
+    """
+    if not storage.topics:
+        raise BagError(f'{path} is empty: it has no topics')
+    found = {t.name: t for t in storage.topics}
+    usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
+    if wanted is not None:
+        name = wanted if wanted.startswith('/') else '/' + wanted
+        if name in usable:
+            return name, []
+        listed = f'its JointState topics are {", ".join(usable)}' if usable else \
+            'it has no JointState topic'
+        if name in found:
+            raise BagError(f'{path}: topic {name} is a {found[name].type} in '
+                           f'{found[name].encoding}, not a JointState in CDR; {listed}')
+        raise BagError(f'{path} has no topic {name}; {listed}')
+    if not usable:
+        others = ', '.join(f'{t.name} ({t.type})' for t in storage.topics[:8])
+        raise BagError(f'{path} has no topic of type sensor_msgs/msg/JointState; it has {others}')
+    filled = [name for name in usable if found[name].count] or usable
+    if len(filled) == 1:
+        return filled[0], []
+    if _DEFAULT_TOPIC in filled:
+        rest = ', '.join(name for name in filled if name != _DEFAULT_TOPIC)
+        return _DEFAULT_TOPIC, [f'JointState topics not read: {rest}']
+    raise BagError(f'{path} has several JointState topics, {", ".join(filled)}; choose one with '
+                   f'--topic')
+
+
+def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None,
+                  scaled: Iterable[str] = ()) -> tuple[str, ...]:
+    """
+    Return the joints to read: the chosen ones, or all in order of their first appearance.
+
+    :param where: the recording, to be named in errors.
+    :param scaled: joints that an effort scale names.
+    :raises ModelMismatchError: if a chosen or scaled joint is in no message.
+    :raises BagError: if at least half of the messages do not have one of the joints.
+    """
+    known = columns.names
+    for what, joints in (('chosen', chosen or ()), ('scaled', scaled)):
+        unknown = [joint for joint in joints if joint not in known]
+        if unknown:
+            raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it '
+                                     f'has {", ".join(known)}')
+    joints = chosen or known
+    present = columns.presence(joints)
+    present = present[present.any(axis=1)]
+    missing = 1 - present.mean(axis=0)
+    if (missing >= RULE).any():
+        worst = int(np.argmax(missing))
+        good = [joint for joint, share in zip(joints, missing) if share < RULE]
+        good = good or [joint for joint in columns.most_common if joint in joints]
+        raise BagError(
+            f'{where}: joint {joints[worst]} is missing from '
+            f'{int((~present[:, worst]).sum())} of {len(present)} messages; leave it out with '
+            f'--joints {",".join(good)}')
+    return joints
