@@ -20,7 +20,7 @@ from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.nuisance import nuisance
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain

@@ -17,7 +17,7 @@ from gravity_comp_ros.diagnosis.verdict import Judge
 from gravity_comp_ros.effects.effect import Effect, Motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.estimation.nuisance import nuisance
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.evaluation.blocks import Blocks, cut
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np

@@ -16,6 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.nuisance import NuisanceTerms
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import Uncertainty
@@ -81,7 +82,7 @@ class GravityModel:
     `chain` is what the energy of the chain formulation was expanded from; `uncertainty` is None
     where the formulation has none. `applied` are effects besides gravity; `predict` is gravity
     alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
-    latest last.
+    latest last. `nuisance` are terms that were fitted beside gravity and are not predicted.
 
     :raises DataError: if the parts disagree in their number of joints, or an effect is on a
         joint that there is not.
@@ -98,6 +99,7 @@ class GravityModel:
     uncertainty: Uncertainty | None = None
     applied: Applied = Applied()
     history: tuple[Step, ...] = ()
+    nuisance: NuisanceTerms = NuisanceTerms()
 
     def __post_init__(self) -> None:
         n = len(self.joints)

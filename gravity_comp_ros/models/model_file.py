@@ -19,6 +19,7 @@ from gravity_comp_ros.errors import GravityCompError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import check_formulation, Coverage, GravityModel, Step
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.nuisance import NuisanceTerm, NuisanceTerms
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty, Uncertainty
 import numpy as np
@@ -126,6 +127,8 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
                          'moments': model.chain.moments.tolist()}
     if model.uncertainty is not None:
         body['covariance'] = model.uncertainty.covariance.tolist()
+    if model.nuisance.width.size:
+        body['nuisance'] = model.nuisance.to_json()
     if model.applied.effects or model.history:
         body['applied'] = _applied_json(model)
     # Through JSON and back, so that the checksum is of what a reader will see.
@@ -157,6 +160,8 @@ def _step_json(step: Step) -> dict[str, Any]:
 
 def _from_json(body: dict[str, Any]) -> GravityModel:
     model = _gravity(body)
+    if 'nuisance' in body:
+        model = replace(model, nuisance=_nuisance(body['nuisance']))
     if 'applied' not in body:
         return model
     parts = body['applied']
@@ -164,6 +169,16 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
                       {name: _floats(x) for name, x in parts['direction'].items()})
     return replace(model, applied=applied,
                    history=tuple(_step(step) for step in parts['history']))
+
+
+def _nuisance(parts: dict[str, Any]) -> NuisanceTerms:
+    terms = tuple(
+        NuisanceTerm(_text(term['kind']), _text(term['joint']), float(term['value']),
+                     float(term['std']),
+                     None if term['source'] is None else _text(term['source']))
+        for term in parts['terms'])
+    return NuisanceTerms(terms, _floats(parts['width']), _floats(parts['hold']),
+                         _floats(parts['noise']))
 
 
 def _effect(parts: dict[str, Any]) -> AppliedEffect:

@@ -12,9 +12,11 @@ any moment of the arm: it keeps moments that no torque shows at 0 and leaves the
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.sparse.projected import orthonormal_basis
 import numpy as np
 from scipy import linalg
 
@@ -37,11 +39,17 @@ class SolveOptions:
 
 @dataclass(frozen=True)
 class ChainProblem:
-    """Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N)."""
+    """
+    Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N).
+
+    `nuisance` (K, N, M) are torques per unit of coefficients that are free beside gravity. Columns
+    and target are projected on the orthogonal complement of theirs (`models.sparse.projected`).
+    """
 
     q: FloatArray
     tau: FloatArray
     weights: FloatArray
+    nuisance: FloatArray | None = None
     moment_precision: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -59,11 +67,50 @@ class ChainProblem:
                                np.full(2 * n, self.moment_precision)])
 
     def columns(self, jacobian: FloatArray) -> FloatArray:
-        """Return a Jacobian (K, N, M) in units of the noise, shape (K, N M)."""
-        return (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
+        """Return a Jacobian (K, N, M) in units of the noise and projected, shape (K, N M)."""
+        rows = (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
+        if self.nuisance is None:
+            return rows
+        return np.asarray(rows - (rows @ self._basis) @ self._basis.T)
 
     def target(self) -> FloatArray:
-        return (self.weights * self.tau).T.ravel()
+        """Return the torques in units of the noise and projected, shape (N M,)."""
+        rows = (self.weights * self.tau).T.ravel()
+        return rows if self.nuisance is None else rows - self._basis @ (self._basis.T @ rows)
+
+    def with_weights(self, weights: FloatArray) -> ChainProblem:
+        """Return the same problem with other weights (M, N)."""
+        return ChainProblem(self.q, self.tau, weights, self.nuisance)
+
+    def select(self, keep: IntArray) -> ChainProblem:
+        """Return the problem of some of the samples."""
+        nuisance = None if self.nuisance is None else self.nuisance[:, :, keep]
+        return ChainProblem(self.q[keep], self.tau[keep], self.weights[keep], nuisance)
+
+    def nuisance_coefficients(self, chain: Chain) -> FloatArray:
+        """Return the coefficients (K,) that fit best beside the gravity of a chain."""
+        if self.nuisance is None:
+            return np.zeros(0)
+        left = self.tau - chain.torque(self.q)
+        return np.asarray(np.linalg.lstsq(self._nuisance_rows.T, (self.weights * left).T.ravel(),
+                                          rcond=1e-9)[0])
+
+    def residual(self, chain: Chain) -> FloatArray:
+        """Return what a chain and the nuisance terms leave of the torque, (M, N) in N·m."""
+        left = self.tau - chain.torque(self.q)
+        if self.nuisance is None:
+            return left
+        return np.asarray(left - np.tensordot(self.nuisance_coefficients(chain), self.nuisance,
+                                              axes=(0, 0)).T)
+
+    @property
+    def _nuisance_rows(self) -> FloatArray:
+        assert self.nuisance is not None
+        return (self.nuisance * self.weights.T).reshape(len(self.nuisance), self.tau.size)
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        return orthonormal_basis(self._nuisance_rows.T)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ nothing holds the joints' torques together, and the error can exceed the torque 
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.identifiability import usable_for_torque
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
@@ -16,19 +16,32 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 
 
 def fit_per_joint(samples: JointSamples, options: SparseOptions,
-                  old: tuple[Expansion, ...] | None = None
+                  old: tuple[Expansion, ...] | None = None,
+                  columns: FloatArray | None = None, trust: FloatArray | None = None
                   ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
     Fit each joint's torque by itself.
 
     :param old: the torques of an old model to start from.
+    :param columns: nuisance columns (K, N, M), torque per unit of coefficients that are free.
+    :param trust: weights (M, N) of squared residuals.
     :return: one expansion per joint in N·m, and the sparse fits behind them.
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
     design_type = options.arrays.design_type(TorqueDesign)
     problems = [SparseProblem(design_type, samples.q, samples.tau[:, [joint]], samples.runs,
-                              usable) for joint in range(samples.n_joints)]
+                              usable, _of_joint(columns, joint),
+                              None if trust is None else trust[:, [joint]])
+                for joint in range(samples.n_joints)]
     fits = [fit_sparse(problem, options, old[joint].indices if old else None)
             for joint, problem in enumerate(problems)]
     return tuple(Expansion(found.indices, found.x) for found in fits), fits
+
+
+def _of_joint(columns: FloatArray | None, joint: int) -> FloatArray | None:
+    """Return the nuisance columns (1, M, K) that act on a joint, None without any."""
+    if columns is None:
+        return None
+    own = columns[:, joint][columns[:, joint].any(axis=1)]
+    return own.T[None] if len(own) else None

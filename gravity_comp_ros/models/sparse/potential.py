@@ -8,7 +8,7 @@ represented: it stays in the residual, where it can be found.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.identifiability import usable_for_energy
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -17,15 +17,19 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 
 
 def fit_potential(samples: JointSamples, options: SparseOptions,
-                  old: Expansion | None = None) -> tuple[Expansion, list[SparseFit]]:
+                  old: Expansion | None = None, columns: FloatArray | None = None,
+                  trust: FloatArray | None = None) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
 
     :param old: the energy of an old model to start from.
+    :param columns: nuisance columns (K, N, M), torque per unit of coefficients that are free.
+    :param trust: weights (M, N) of squared residuals.
     :return: the energy in J, and the one sparse fit behind it.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
-                            samples.runs, usable_for_energy(samples.q))
+                            samples.runs, usable_for_energy(samples.q),
+                            None if columns is None else columns.transpose(1, 2, 0), trust)
     found = fit_sparse(problem, options, None if old is None else old.indices)
     return Expansion(found.indices, found.x), [found]

@@ -16,7 +16,7 @@ Where supports tie in the end, their refits are averaged with their posterior pr
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
@@ -25,6 +25,7 @@ from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import admm, support
 from gravity_comp_ros.models.sparse.array_backend import Arrays
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
+from gravity_comp_ros.models.sparse.projected import ProjectedDesign
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
@@ -66,7 +67,9 @@ class SparseProblem:
     Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
 
     J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
-    features that may be taken; `runs` (M,) numbers the run of each sample.
+    features that may be taken; `runs` (M,) numbers the run of each sample. `nuisance` (J, M, K)
+    are columns whose coefficients are free beside gravity; `trust` (M, J) weighs squared
+    residuals, 1 where a sample is trusted (Huber 1964).
     """
 
     design_type: DesignType
@@ -74,6 +77,8 @@ class SparseProblem:
     tau: FloatArray
     runs: IntArray
     usable: BoolArray
+    nuisance: FloatArray | None = None
+    trust: FloatArray | None = None
 
     @property
     def n_joints(self) -> int:
@@ -87,8 +92,33 @@ class SparseProblem:
     def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
                  inflation: float) -> tuple[Design, FloatArray]:
         """Return the design and the right-hand side in units of the noise."""
-        weights = 1.0 / (model.sigma(predicted) * np.sqrt(inflation))
-        return self.plain.reweighted(weights), (weights * self.tau).T.ravel()
+        weights = self.row_weights(model.sigma(predicted) * np.sqrt(inflation))
+        design, b = self.plain.reweighted(weights), (weights * self.tau).T.ravel()
+        if self.nuisance is None:
+            return design, b
+        projected = ProjectedDesign(design, self._rows_of_nuisance(weights))
+        return projected, projected.project(b)
+
+    def row_weights(self, sigma: FloatArray) -> FloatArray:
+        """Return the weights (M, J) of rows with standard deviations sigma."""
+        return 1.0 / sigma if self.trust is None else np.sqrt(self.trust) / sigma
+
+    def nuisance_coefficients(self, residual: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return the coefficients (K,) that fit a residual (M, J) with these weights best."""
+        if self.nuisance is None:
+            return np.zeros(0)
+        rows, target = self._rows_of_nuisance(weights), (weights * residual).T.ravel()
+        return np.asarray(np.linalg.lstsq(rows, target, rcond=1e-9)[0])
+
+    def nuisance_torque(self, coefficients: FloatArray) -> FloatArray:
+        """Return the torque (M, J) of the nuisance terms, N·m."""
+        if self.nuisance is None:
+            return np.zeros(self.tau.shape)
+        return np.asarray((self.nuisance @ coefficients).T)
+
+    def _rows_of_nuisance(self, weights: FloatArray) -> FloatArray:
+        assert self.nuisance is not None
+        return (self.nuisance * weights.T[:, :, None]).reshape(self.tau.size, -1)
 
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
         """Return the torques (M, J) of a weight vector."""
@@ -111,23 +141,40 @@ class SparseProblem:
             return self
         count = np.bincount(group)
         first = np.concatenate([[0], np.cumsum(count)[:-1]])
-        return replace(self, q=np.add.reduceat(self.q, first) / count[:, None],
-                       tau=np.add.reduceat(self.tau, first) / count[:, None],
-                       runs=self.runs[first])
+
+        def mean(values: FloatArray, axis: int = 0) -> FloatArray:
+            return np.asarray(np.add.reduceat(values, first, axis=axis) / count[:, None])
+
+        return replace(self, q=mean(self.q), tau=mean(self.tau), runs=self.runs[first],
+                       nuisance=None if self.nuisance is None else mean(self.nuisance, 1),
+                       trust=None if self.trust is None else mean(self.trust))
 
     def select(self, keep: BoolArray) -> SparseProblem:
         """Return the problem of some of the samples."""
-        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep])
+        return replace(self, q=self.q[keep], tau=self.tau[keep], runs=self.runs[keep],
+                       nuisance=None if self.nuisance is None else self.nuisance[:, keep],
+                       trust=None if self.trust is None else self.trust[keep])
 
 
 @dataclass(frozen=True)
 class Settled:
-    """A support with its refit, and the noise and torques (M, J) that follow from it."""
+    """
+    A support with its refit, and what follows from it.
+
+    `noise` and the gravity torque `predicted` (M, J) in N·m; `nuisance` (K,) are the coefficients
+    of the nuisance columns beside it.
+    """
 
     refit: support.Refit
     noise: noise.NoiseModel
     predicted: FloatArray
     rounds: int
+    nuisance: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def residual(self, problem: SparseProblem) -> FloatArray:
+        """Return the residual (M, J) in N·m of the problem, nuisance terms taken off."""
+        beside = problem.nuisance_torque(self.nuisance) if self.nuisance.size else 0.0
+        return np.asarray(problem.tau - self.predicted - beside)
 
 
 @dataclass(frozen=True)
@@ -225,9 +272,16 @@ def _judged(problem: SparseProblem, last: Settled, refit: support.Refit) -> Sett
     """Return a refit with the torques that it predicts and the noise that it leaves."""
     columns = problem.plain.columns(refit.indices)
     predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
-    model = noise.estimate(problem.tau - predicted, predicted, noise.floor(problem.tau),
-                           _spent(columns, problem))
-    return Settled(refit, model, predicted, last.rounds + 1)
+    residual, spent = problem.tau - predicted, _spent(columns, problem)
+    weights = problem.row_weights(last.noise.sigma(last.predicted))
+    nuisance = problem.nuisance_coefficients(residual, weights)
+    if nuisance.size:
+        residual = residual - problem.nuisance_torque(nuisance)
+        spent = spent + len(nuisance) / residual.shape[1]
+    if problem.trust is not None:
+        residual = residual * np.sqrt(problem.trust)
+    model = noise.estimate(residual, predicted, noise.floor(problem.tau), spent)
+    return Settled(refit, model, predicted, last.rounds + 1, nuisance)
 
 
 def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:

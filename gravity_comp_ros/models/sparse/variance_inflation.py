@@ -37,7 +37,7 @@ class Choice:
 def choose_inflation(problem: SparseProblem, grown: Settled,
                      options: SparseOptions) -> Choice:
     """Return the inflation for a grown support (module docstring)."""
-    residual = problem.tau - grown.predicted
+    residual = grown.residual(problem)
     time = correlation_time(problem, grown)
     tried = [k for k in _LADDER if k == 1.0 or k < 2.0 * time]
     if time < _WHITE or len(tried) < 2:
@@ -55,9 +55,8 @@ def choose_inflation(problem: SparseProblem, grown: Settled,
 
 def correlation_time(problem: SparseProblem, settled: Settled) -> float:
     """Return the median over the torques of how many samples of the residual count as one."""
-    residual = problem.tau - settled.predicted
     return float(np.median([noise.correlation_time(column, problem.runs)
-                            for column in residual.T]))
+                            for column in settled.residual(problem).T]))
 
 
 def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
@@ -68,6 +67,7 @@ def _held_out(problem: SparseProblem, test: BoolArray, tried: list[float],
     errors = []
     for inflation in tried:
         settled = prune(train, settled, inflation)
-        predicted = unseen.predict(settled.refit.indices, settled.refit.x)
+        predicted = (unseen.predict(settled.refit.indices, settled.refit.x)
+                     + unseen.nuisance_torque(settled.nuisance))
         errors.append(float((((unseen.tau - predicted) / scale) ** 2).mean()))
     return np.array(errors)

@@ -1,0 +1,63 @@
+"""
+Measure the default fit on many builds, against least squares with known kinematics.
+
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.estimator.arms [--seeds 10] [--friction 0 0.01]
+
+100 s of slow motion at 5 Hz with 0.1 N·m of noise; friction is Coulomb plus viscous, each that
+share of the joint's gravity range. Errors are the worst joint's RMSE over 1000 poses of the whole
+joint range. Builds marked `tuning` were used while the estimator was written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+from bench.estimator.builds import Build, builds, Case
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+import numpy as np
+
+
+def measure(build: Build, friction: float, seed: int, formulation: str) -> dict:
+    """Return error, floor and processor time of one fit."""
+    case = Case(build, friction, seed)
+    samples = case.samples()
+    start = time.process_time()
+    result = fit(samples, FitOptions(formulation))
+    seconds = time.process_time() - start
+    error = case.error(result.model.predict, case.poses())
+    return {'error': float(error.max()), 'joint': int(error.argmax()), 'seconds': seconds,
+            'floor': case.floor(samples), 'formulation': result.model.formulation}
+
+
+def main() -> None:
+    """Measure and print one line a build."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--friction', type=float, nargs='+', default=[0.0, 0.01])
+    parser.add_argument('--formulation', default=FitOptions().formulation)
+    parser.add_argument('--only', choices=['tuning', 'judging'])
+    args = parser.parse_args()
+    for friction in args.friction:
+        ratios: dict[bool, list[float]] = {True: [], False: []}
+        for build in builds():
+            if args.only and build.tuning != (args.only == 'tuning'):
+                continue
+            rows = [measure(build, friction, seed, args.formulation)
+                    for seed in range(args.seeds)]
+            found = [row['error'] / row['floor'] for row in rows]
+            ratios[build.tuning] += found
+            print(f'friction {friction:5.3f} {"tuning " if build.tuning else "judging"} '
+                  f'{build.name:17s} error {max(r["error"] for r in rows):7.3f} N·m, floor '
+                  f'{np.mean([r["floor"] for r in rows]):6.3f}, ratio worst {max(found):6.2f} '
+                  f'median {np.median(found):5.2f}, CPU {max(r["seconds"] for r in rows):5.2f} s, '
+                  f'{"/".join(sorted({r["formulation"] for r in rows}))}', flush=True)
+        for tuning, found in ratios.items():
+            if found:
+                print(f'friction {friction:5.3f} {"tuning" if tuning else "judging"}: ratio worst '
+                      f'{max(found):.2f}, median {np.median(found):.2f}, above 3: '
+                      f'{np.mean(np.array(found) > 3):.0%}')
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,138 @@
+"""Arms and motions that the estimator is measured on: some to tune with, others to judge by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
+from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
+import numpy as np
+import pinocchio as pin
+
+NOISE = 0.1
+RATE = 5.0
+DURATION = 100.0
+RANGE_POSES = 1000
+
+
+@dataclass(frozen=True)
+class Build:
+    """An arm, the seed of its slow motion, and whether anything was tuned on it."""
+
+    name: str
+    arm: Arm
+    seed: int
+    tuning: bool
+
+
+def shoulder_arm(seed: int) -> Arm:
+    """
+    Return a seven-axis arm like those of two-armed robots: a shoulder at any angle.
+
+    Upper arm and forearm are long; wrist axes meet at right angles; every axis is off by up to
+    three degrees, as assembled.
+    """
+    rng = np.random.default_rng([seed, 7])
+    turns = [(rng.uniform(-1.2, 1.2), rng.uniform(-1.2, 1.2)), (np.pi / 2, 0.0), (-np.pi / 2, 0.0),
+             (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0)]
+    lengths = rng.uniform(0.7, 1.3, 7) * np.array([0.1, 0.07, 0.36, 0.07, 0.37, 0.02, 0.12])
+    masses = rng.uniform(0.7, 1.3, 7) * np.array([5.7, 3.2, 4.3, 2.0, 2.2, 1.6, 0.5])
+    model, parent = pin.Model(), 0
+    names = tuple(f'arm_{k + 1}' for k in range(7))
+    for k, name in enumerate(names):
+        roll, pitch = turns[k] + rng.normal(scale=1e-3, size=2)
+        # Long links run along their own axis, short ones across it.
+        along = np.array([0.0, 0.0, 1.0]) if k % 2 == 0 else np.array([1.0, 0.0, 0.0])
+        place = pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, 0.0), lengths[k] * along)
+        parent = model.addJoint(parent, pin.JointModelRZ(), place, name)
+        centre = 0.5 * lengths[min(k + 1, 6)] * along + rng.normal(scale=0.02, size=3)
+        model.appendBodyToJoint(parent, pin.Inertia(masses[k], centre, 0.02 * np.eye(3)),
+                                pin.SE3.Identity())
+    limit = np.full(7, 2.5)
+    return Arm(f'shoulder_{seed}', names, model, -limit, limit, np.full(7, 1.5))
+
+
+def builds() -> list[Build]:
+    """Return all builds; those of `tuning` were used while the estimator was written."""
+    tuning = [Build(f'any angle {seed}', generated.generated_arm(seed), seed, True)
+              for seed in range(4)]
+    tuning += [Build(f'right angles {seed}', generated.generated_arm(seed, right_angles=True),
+                     seed, True) for seed in range(4)]
+    tuning += [Build('iiwa', arms.iiwa7(), 1, True), Build('shoulder 0', shoulder_arm(0), 0, True)]
+    judging = [Build(f'any angle {seed}', generated.generated_arm(seed), seed, False)
+               for seed in range(100, 104)]
+    judging += [Build(f'right angles {seed}', generated.generated_arm(seed, right_angles=True),
+                      seed, False) for seed in range(100, 104)]
+    judging += [Build(f'shoulder {seed}', shoulder_arm(seed), seed, False)
+                for seed in range(100, 103)]
+    judging += [Build('iiwa tilted', with_base_tilt(arms.iiwa7(), 0.5, -0.3), 101, False)]
+    return tuning + judging
+
+
+@dataclass(frozen=True)
+class Case:
+    """Samples of a build with 100 s of slow motion, poses over its whole range, and the floor."""
+
+    build: Build
+    friction: float
+    noise_seed: int
+
+    def motion(self, start: float = 0.0, duration: float = DURATION) -> motions.Motion:
+        """Return the slow motion of Yu 2022's kind, or random sines where nothing is tuned."""
+        build = self.build
+        if build.tuning or build.seed % 2:
+            return generated.small_motion(build.arm, build.seed, duration, RATE, start)
+        options = motions.MultisineOptions(max_speed=0.15)
+        arm = build.arm
+        return motions.multisine(0.3 * arm.lower, 0.3 * arm.upper, arm.max_speed, build.seed,
+                                 options, duration, RATE, start)
+
+    def sizes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return Coulomb (N,) in N·m and viscous friction (N,) in N·m·s/rad."""
+        rms = np.ptp(arms.gravity_torque(self.build.arm, self.poses()), axis=0)
+        return self.friction * rms, self.friction * rms / 0.15
+
+    def samples(self, start: float = 0.0, duration: float = DURATION, payload=None,
+                arm: Arm | None = None) -> JointSamples:
+        """Return the samples; friction turns over 2 mrad/s, noise is white."""
+        motion = self.motion(start, duration)
+        arm = arm or self.build.arm
+        rng = np.random.default_rng([self.noise_seed, self.build.seed, int(start)])
+        tau = arms.gravity_torque(arm, motion.q)
+        coulomb, viscous = self.sizes()
+        tau = tau + coulomb * motion.qd / np.hypot(motion.qd, 0.002) + viscous * motion.qd
+        tau = tau + NOISE * rng.normal(size=tau.shape)
+        return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
+
+    def poses(self) -> np.ndarray:
+        rng = np.random.default_rng(1234)
+        return rng.uniform(self.build.arm.lower, self.build.arm.upper,
+                           (RANGE_POSES, self.build.arm.n_joints))
+
+    def error(self, predict, q: np.ndarray, arm: Arm | None = None) -> np.ndarray:
+        """Return each joint's RMSE of gravity in N·m at poses q."""
+        wrong = predict(q) - arms.gravity_torque(arm or self.build.arm, q)
+        return np.sqrt((wrong ** 2).mean(axis=0))
+
+    def floor(self, samples: JointSamples) -> float:
+        """Return the worst joint's error of least squares with known axes, friction beside."""
+        arm = self.build.arm
+        axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
+        up = -arm.model.gravity.linear
+        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
+        n, m = arm.n_joints, samples.n_samples
+        columns = ForwardKinematics(axes, samples.q).moment_columns()
+        beside = np.zeros((2 * n if self.friction else 0, n, m))
+        for k in range(len(beside)):
+            qd = samples.qd[:, k // 2]
+            beside[k, k // 2] = qd / np.hypot(qd, 0.002) if k % 2 else qd
+        every = np.concatenate([columns, beside]).reshape(-1, n * m) / NOISE
+        gram = every @ every.T + 1e-4 * np.eye(len(every))
+        moments = np.linalg.solve(gram, every @ (samples.tau.T.ravel() / NOISE))[:2 * n]
+
+        def predict(q: np.ndarray) -> np.ndarray:
+            return np.tensordot(moments, ForwardKinematics(axes, q).moment_columns(),
+                                axes=(0, 0)).T
+        return float(self.error(predict, self.poses()).max())

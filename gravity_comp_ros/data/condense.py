@@ -1,0 +1,92 @@
+"""
+Fewer samples that say the same: means over short stretches of the path.
+
+What a fit needs grows with the poses and directions of motion that a recording has, not with its
+length. The path length s = sum over samples of max_n |dq_n| is cut into stretches of equal travel,
+each replaced by the means of its samples. A mean is exact for everything that is linear in
+coefficients; gravity bends by no more than travel^2 / 24 of its second derivative within a
+stretch. Where stretches of the longest travel are still too many, every k-th is taken, so that
+the poses stay evenly spread along the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+
+
+@dataclass(frozen=True)
+class CondenseOptions:
+    """
+    At most `most` stretches, each at most `travel` rad long, at least `rest` rad.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    most: int = 1500
+    travel: float = 0.02
+    rest: float = 2e-3
+
+    def __post_init__(self) -> None:
+        if self.most < 10:
+            raise OptionError(f'condense: at most {self.most} stretches; ask for 10 or more')
+        if not 0.0 < self.rest <= self.travel < np.inf:
+            raise OptionError(f'condense: rest {self.rest} rad and travel {self.travel} rad; both '
+                              f'must be positive, travel no less than rest')
+
+
+@dataclass(frozen=True, eq=False)
+class Condensation:
+    """The stretches of M samples: where each begins, and how many samples it has (m,)."""
+
+    first: IntArray
+    count: IntArray
+    n_samples: int
+
+    @property
+    def is_identity(self) -> bool:
+        """Return whether every sample is a stretch by itself."""
+        return len(self.first) == self.n_samples
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Return the means (m, ...) over stretches of values (M, ...)."""
+        if self.is_identity:
+            return values
+        if int(self.count.sum()) == self.n_samples:
+            total = np.add.reduceat(values, self.first, axis=0)
+        else:
+            # Pairs of begin and end; every second sum is of samples between stretches.
+            ends = self.first + self.count
+            bounds = np.column_stack([self.first, ends]).ravel()
+            padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
+            total = np.add.reduceat(padded, bounds, axis=0)[::2]
+        return np.asarray(total / self.count.reshape(-1, *[1] * (values.ndim - 1)))
+
+    def samples(self, samples: JointSamples) -> JointSamples:
+        """Return the stretches as samples; time is that of the middle."""
+        if self.is_identity:
+            return samples
+        return JointSamples(samples.names, self.mean(samples.t), self.mean(samples.q),
+                            self.mean(samples.qd), self.mean(samples.tau),
+                            samples.runs[self.first], samples.run_labels)
+
+
+def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()) -> Condensation:
+    """Return stretches of the samples; few samples stay as they are unless the arm rests."""
+    m = samples.n_samples
+    if m == 0:
+        return Condensation(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0)
+    steps = np.abs(np.diff(samples.q, axis=0, prepend=samples.q[:1])).max(axis=1)
+    begins = np.diff(samples.runs, prepend=-1) != 0
+    steps[begins] = 0.0
+    path = np.cumsum(steps)
+    travel = float(np.clip(path[-1] / options.most, options.rest, options.travel))
+    place = np.floor(path / travel)
+    new = begins | (np.diff(place, prepend=-1.0) != 0.0)
+    first = np.flatnonzero(new)
+    count = np.diff(np.append(first, m))
+    every = -(-len(first) // options.most)
+    return Condensation(first[::every], count[::every], m)

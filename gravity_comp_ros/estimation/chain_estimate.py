@@ -1,0 +1,125 @@
+"""
+The chain beside friction, offset and outliers: rough, then settled.
+
+A first search takes all nuisance columns along. Its residual shows how the friction of each joint
+turns and which samples are outliers; coefficients that are not told from 0 are dropped. Then the
+chain is fitted with what remains, from the axes that were found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.motion import accelerations
+from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.nuisance_columns import fitted_shapes, significant
+from gravity_comp_ros.estimation.regression import Regression
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain, rough_fit
+from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.noise import floor
+import numpy as np
+
+_ROBUST_ROUNDS = 3
+_ROUGH = SearchOptions(starts=24, rivals=0)
+_FINAL = SearchOptions()
+# Samples that the search is made on.
+_SEARCHED = 250
+# Samples that nuisance terms are tested on.
+_SETTLED = 600
+
+
+@dataclass(frozen=True, eq=False)
+class ChainEstimate:
+    """The fitted chain, and the regression with the terms and trust that it ended with."""
+
+    fit: ChainFit
+    regression: Regression
+
+    @property
+    def chain(self) -> Chain:
+        return self.fit.chain
+
+    def residual(self) -> FloatArray:
+        """Return what gravity and everything beside it leave, (m, N) in N·m."""
+        return residual_of(self.fit, self.regression)
+
+
+def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
+    """Return the residual (m, N) in N·m of a fit with its coefficients beside gravity."""
+    left = regression.samples.tau - fit.chain.torque(regression.samples.q)
+    columns = regression.beside().columns
+    if columns is None:
+        return left
+    return np.asarray(left - np.tensordot(fit.nuisance, columns, axes=(0, 0)).T)
+
+
+def estimate_chain(regression: Regression, known: FloatArray | None = None,
+                   start: Chain | None = None, rough: SearchOptions = _ROUGH,
+                   final: SearchOptions = _FINAL) -> ChainEstimate:
+    """
+    Fit a chain beside all that a joint may have.
+
+    :param known: axes (N, 3, 3) that need no search.
+    :param start: a chain to begin with.
+    :raises FitError: if there are no samples.
+    """
+    few = regression.thinned(_SEARCHED)
+    if known is None:
+        first = rough_fit(few.samples, rough, start, few.beside())
+    else:
+        first = fit_chain(few.samples, rough, None, known, few.beside())
+    regression = _refined(regression, first)
+    second = _settled(regression.thinned(_SETTLED), first.chain, known)
+    kept = significant(*_of_nuisance(second, regression))
+    regression = regression.with_terms(kept)
+    found = _settled(regression, second.chain, known, final)
+    return ChainEstimate(replace(found, starts=first.starts), regression)
+
+
+def _settled(regression: Regression, start: Chain, known: FloatArray | None,
+             final: SearchOptions | None = None) -> ChainFit:
+    """Return the chain that a solver reaches from `start`; with `final` as `fit_chain` does."""
+    samples, beside = regression.samples, regression.beside()
+    if known is not None:
+        return fit_chain(samples, SearchOptions(), None, known, beside)
+    if final is None:
+        return rough_fit(samples, None, start, beside)
+    return fit_chain(samples, final, start, None, beside, search_anew=False)
+
+
+def _refined(regression: Regression, fit: ChainFit) -> Regression:
+    """Return the regression with directions of motion and trust as the residual shows them."""
+    regression = regression.trusting(_left_by(fit.chain, regression))
+    recorded = regression.recorded
+    if not recorded.qd.any():
+        return regression
+    # Friction stays in what its shape is read from.
+    left = recorded.tau - fit.chain.torque(recorded.q)
+    qdd = accelerations(recorded) if regression.qdd is None else regression.qdd
+    return regression.with_shapes(fitted_shapes(recorded, qdd, left))
+
+
+def _left_by(chain: Chain, regression: Regression) -> FloatArray:
+    """Return what a chain leaves (m, N) after a robust fit of everything beside it, N·m."""
+    left = regression.samples.tau - chain.torque(regression.samples.q)
+    columns = regression.beside().columns
+    if columns is None:
+        return left
+    trust, rows = np.ones(left.shape), columns.transpose(1, 2, 0)
+    least, residual = floor(regression.samples.tau), left
+    for _ in range(_ROBUST_ROUNDS):
+        sigma = np.maximum(np.median(np.abs(residual), axis=0), least)
+        weights = (np.sqrt(trust) / sigma).T[:, :, None]
+        found = np.linalg.lstsq((rows * weights).reshape(-1, len(columns)),
+                                (left.T * weights[:, :, 0]).ravel(), rcond=1e-9)[0]
+        residual = left - (rows @ found).T
+        trust = robust.trust(residual, least)
+    return np.asarray(residual)
+
+
+def _of_nuisance(fit: ChainFit, regression: Regression) -> tuple[FloatArray, FloatArray]:
+    """Return coefficients and covariance of the nuisance terms, those of effects left out."""
+    k = regression.n_effects
+    return fit.nuisance[k:], fit.nuisance_covariance[k:, k:]

@@ -1,0 +1,163 @@
+"""
+Columns of nuisance terms: friction, offset and inertia of every joint, as regressors.
+
+Which of them a motion can identify, and which the data ask for, is decided here. A term is kept
+if its coefficient is further from 0 than chance allows, gravity and all other terms fitted beside
+it: a column that is free without need costs accuracy of gravity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.condense import Condensation
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import (
+    direction, find_shape, least_widths, Shape)
+from gravity_comp_ros.models.nuisance import (
+    COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
+from gravity_comp_ros.models.sparse.projected import orthonormal_basis
+import numpy as np
+
+# A column of which less than this share (of its length) lies outside the span of the joint's
+# other columns is not identifiable: on a joint that moves one way, Coulomb friction is an offset.
+_IDENTIFIABLE = 0.02
+# Coefficients nearer to 0 than this many standard deviations are dropped. With 21 terms, 3.3
+# lets a term in by chance in 2 % of fits.
+_SIGNIFICANT = 3.3
+# rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
+_LEAST_ACCELERATION = 0.05
+
+
+@dataclass(frozen=True)
+class Column:
+    """Which term a column belongs to: `joint` and `source` are joint numbers."""
+
+    kind: str
+    joint: int
+    source: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class NuisanceColumns:
+    """
+    K columns of torque per unit of coefficient: `values` (K, m), each of one joint's torque.
+
+    `shapes` say how the direction of motion of each joint was found.
+    """
+
+    columns: tuple[Column, ...]
+    values: FloatArray
+    shapes: tuple[Shape, ...]
+
+    def dense(self) -> FloatArray | None:
+        """Return the columns (K, N, m) with 0 in the torques of other joints; None without any."""
+        if not self.columns:
+            return None
+        dense = np.zeros((len(self.columns), len(self.shapes), self.values.shape[1]))
+        for k, column in enumerate(self.columns):
+            dense[k, column.joint] = self.values[k]
+        return dense
+
+    def select(self, keep: Sequence[int] | np.ndarray) -> NuisanceColumns:
+        """Return some of the columns."""
+        kept = [int(k) for k in keep]
+        return NuisanceColumns(tuple(self.columns[k] for k in kept), self.values[kept],
+                               self.shapes)
+
+    def terms(self, names: tuple[str, ...], coefficients: FloatArray, covariance: FloatArray,
+              noise: FloatArray) -> NuisanceTerms:
+        """Return the fitted terms, for a model."""
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        found = tuple(
+            NuisanceTerm(c.kind, names[c.joint], float(x), float(s),
+                         None if c.source is None else names[c.source])
+            for c, x, s in zip(self.columns, coefficients, std))
+        return NuisanceTerms(found, np.array([shape.width for shape in self.shapes]),
+                             np.array([shape.hold for shape in self.shapes]), noise)
+
+
+def plain_shapes(samples: JointSamples) -> tuple[Shape, ...]:
+    """Return directions of motion as the noise of the speed asks for, before any fit."""
+    return tuple(Shape(float(width)) for width in least_widths(samples))
+
+
+def fitted_shapes(samples: JointSamples, qdd: FloatArray,
+                  residual: FloatArray) -> tuple[Shape, ...]:
+    """
+    Return how the friction of each joint turns, as a residual (M, N) in N·m shows it.
+
+    :param qdd: accelerations (M, N), rad/s^2.
+    """
+    least = least_widths(samples)
+    return tuple(find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n],
+                            residual[:, n], float(least[n]))
+                 for n in range(samples.n_joints))
+
+
+def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Condensation,
+                  qdd: FloatArray | None = None,
+                  effects: FloatArray | None = None) -> NuisanceColumns:
+    """
+    Return the columns that this motion can identify, condensed.
+
+    :param qdd: accelerations (M, N) in rad/s^2 where fast samples are fitted: then inertia has
+        columns as well.
+    :param effects: columns (K, N, m) of effects, condensed: what they span needs no nuisance term.
+    """
+    found: list[tuple[Column, FloatArray]] = []
+    for n, shape in enumerate(shapes):
+        q, qd = samples.q[:, n], samples.qd[:, n]
+        candidates = [(Column(OFFSET, n), np.ones(samples.n_samples))]
+        if qd.any():
+            candidates += [(Column(COULOMB, n), direction(samples, q, qd, shape)),
+                           (Column(VISCOUS, n), qd)]
+        if qdd is not None:
+            sources = [j for j in range(samples.n_joints)
+                       if np.sqrt((qdd[:, j] ** 2).mean()) > _LEAST_ACCELERATION]
+            candidates += [(Column(INERTIA, n, j), qdd[:, j]) for j in sources]
+        given = np.zeros((0, len(means.first))) if effects is None else effects[:, n]
+        found += _identifiable([(column, means.mean(x)) for column, x in candidates], given)
+    size = len(means.first)
+    values = np.array([x for _, x in found]) if found else np.zeros((0, size))
+    return NuisanceColumns(tuple(column for column, _ in found), values, shapes)
+
+
+def _identifiable(candidates: list[tuple[Column, FloatArray]], given: FloatArray
+                  ) -> list[tuple[Column, FloatArray]]:
+    """Return the columns outside the span of those before them and of `given` (K, m)."""
+    kept: list[tuple[Column, FloatArray]] = []
+    basis = orthonormal_basis(given.T)
+    for column, x in candidates:
+        length = float(np.linalg.norm(x))
+        outside = x - basis @ (basis.T @ x)
+        outside -= basis @ (basis.T @ outside)
+        left = float(np.linalg.norm(outside))
+        if length == 0.0 or left < _IDENTIFIABLE * length:
+            continue
+        kept.append((column, x))
+        basis = np.column_stack([basis, outside / left])
+    return kept
+
+
+def significant(coefficients: FloatArray, covariance: FloatArray) -> list[int]:
+    """
+    Return which coefficients (K,) the data tell from 0, the others dropped one by one.
+
+    :param covariance: theirs (K, K), gravity fitted beside.
+    """
+    left = list(range(len(coefficients)))
+    x, spread = coefficients.copy(), covariance.copy()
+    while left:
+        z = np.abs(x) / np.sqrt(np.maximum(np.diag(spread), 1e-300))
+        k = int(np.argmin(z))
+        if z[k] >= _SIGNIFICANT:
+            break
+        # Conditioned on this coefficient being 0.
+        gain = spread[:, k] / max(float(spread[k, k]), 1e-300)
+        rest = [j for j in range(len(left)) if j != k]
+        x = (x - gain * x[k])[rest]
+        spread = (spread - np.outer(gain, spread[k]))[np.ix_(rest, rest)]
+        left.pop(k)
+    return left

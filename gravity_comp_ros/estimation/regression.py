@@ -1,0 +1,91 @@
+"""
+What a fit is made of: condensed samples, columns beside gravity, and how far samples are trusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.condense import condense, Condensation, CondenseOptions
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import Shape
+from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.nuisance_columns import (
+    build_columns, NuisanceColumns, plain_shapes)
+from gravity_comp_ros.models.kinematic.chain_fit import Beside
+from gravity_comp_ros.models.noise import floor
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """
+    Samples to fit, condensed, and the columns that are fitted beside gravity.
+
+    `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2
+    where fast samples are fitted. `nuisance` are the columns of nuisance terms; `effects`
+    (K, N, m) those of effects that the model is to have. `trust` (m, N) weighs squared residuals.
+    """
+
+    recorded: JointSamples
+    means: Condensation
+    samples: JointSamples
+    nuisance: NuisanceColumns
+    trust: FloatArray
+    qdd: FloatArray | None = None
+    effects: FloatArray | None = None
+
+    @property
+    def n_effects(self) -> int:
+        """Return how many columns K the effects have."""
+        return 0 if self.effects is None else len(self.effects)
+
+    def beside(self) -> Beside:
+        """Return all columns beside gravity, those of effects first, and the trust."""
+        parts = [part for part in (self.effects, self.nuisance.dense()) if part is not None]
+        columns = np.concatenate(parts) if parts else None
+        return Beside(columns, None if (self.trust == 1.0).all() else self.trust)
+
+    def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
+        """Return the same with other directions of motion; all nuisance columns come back."""
+        columns = build_columns(self.recorded, shapes, self.means, self.qdd, self.effects)
+        return replace(self, nuisance=columns)
+
+    def with_terms(self, kept: list[int]) -> Regression:
+        """Return the same with some of the nuisance columns."""
+        return replace(self, nuisance=self.nuisance.select(kept))
+
+    def trusting(self, residual: FloatArray) -> Regression:
+        """Return the same with samples trusted as a residual (m, N) in N·m asks for."""
+        return replace(self, trust=robust.trust(residual, floor(self.samples.tau)))
+
+    def thinned(self, most: int) -> Regression:
+        """Return at most `most` of the condensed samples, evenly spread along the path."""
+        m = self.samples.n_samples
+        step = -(-m // most)
+        return self if step <= 1 else self.select(np.arange(m) % step == 0)
+
+    def select(self, keep: np.ndarray) -> Regression:
+        """Return the regression of some of the condensed samples (mask (m,))."""
+        columns = NuisanceColumns(self.nuisance.columns, self.nuisance.values[:, keep],
+                                  self.nuisance.shapes)
+        effects = None if self.effects is None else self.effects[:, :, keep]
+        return replace(self, samples=self.samples.select(keep), nuisance=columns,
+                       trust=self.trust[keep], effects=effects)
+
+
+def build_regression(samples: JointSamples, options: CondenseOptions = CondenseOptions(),
+                     qdd: FloatArray | None = None, effects: FloatArray | None = None,
+                     means: Condensation | None = None) -> Regression:
+    """
+    Return the regression of samples with all nuisance columns that the motion can identify.
+
+    :param qdd: accelerations (M, N) where fast samples are fitted.
+    :param effects: columns (K, N, m) of effects, condensed by `means`.
+    :param means: how the samples are condensed, if that is decided already.
+    """
+    means = means or condense(samples, options)
+    columns = build_columns(samples, plain_shapes(samples), means, qdd, effects)
+    condensed = means.samples(samples)
+    return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
+                      effects)
