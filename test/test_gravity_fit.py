@@ -211,17 +211,20 @@ def test_reordered_joints_give_the_same_model_reordered(formulation, order):
                                atol=1e-6)
 
 
-def test_a_potential_leaves_an_offset_in_the_residual():
+def test_an_offset_stays_beside_gravity():
     # A constant torque on joint 1 is no gradient of a periodic energy; seen over whole turns,
     # it does not even resemble one.
     q = poses(300, 2, reach=np.pi)
     tau = planar_2r(q) + [1.5, 0.0]
     samples = samples_of(q, tau, 0.05)
-    residual = samples.tau - fit(samples).model.predict(q)
-    assert residual.mean(axis=0) == pytest.approx([1.5, 0.0], abs=0.1)
-    other = fit(samples, FitOptions('per_joint')).model
-    assert uses(other, 0, 0) and 0 in other.torques[0].indices
-    assert rms(samples.tau - other.predict(q)).max() < 0.1
+    for formulation in ('auto', 'chain', 'potential', 'per_joint'):
+        model = fit(samples, FitOptions(formulation)).model
+        residual = samples.tau - model.predict(q)
+        assert residual.mean(axis=0) == pytest.approx([1.5, 0.0], abs=0.1)
+        # It is reported beside gravity, with its size, and not predicted.
+        offsets = model.nuisance.of('torque_offset')
+        assert list(offsets) == ['axis0']
+        assert offsets['axis0'].value == pytest.approx(1.5, abs=4 * offsets['axis0'].std)
 
 
 @BOTH
@@ -251,7 +254,7 @@ def test_the_report_is_json_and_its_certificate_good():
     q = poses(120, 2)
     samples = samples_of(q, planar_2r(q), 0.05)
     steps = []
-    result = fit(samples, progress=lambda words, share: steps.append(share))
+    result = fit(samples, FitOptions('potential'), lambda words, share: steps.append(share))
     report = json.loads(json.dumps(result.report, allow_nan=False))
     solver = report['solver'][0]
     assert solver['converged'] and -1e-9 <= solver['gap'] < 1e-5
@@ -278,7 +281,7 @@ def test_what_did_not_converge_is_reported(monkeypatch):
     q = poses(100, 3, reach=0.3)
     tau = gravity_torque(serial_arm(3), q)
     options = SparseOptions(admm=admm.AdmmOptions(max_iterations=1))
-    result = fit(samples_of(q, tau, 0.05), FitOptions(sparse=options))
+    result = fit(samples_of(q, tau, 0.05), FitOptions('potential', options))
     assert not result.converged
     assert any('did not reach its tolerance' in words for words in result.report['warnings'])
     assert not result.report['solver'][0]['converged']
@@ -296,20 +299,21 @@ def test_correlated_noise_counts_for_less_and_the_model_stays_small():
     t, rng = 0.2 * np.arange(500), np.random.default_rng(0)
     tau = add_noise(t, gravity_torque(arm, q), NoiseOptions(absolute=0.5, correlation=2.0), rng)
     samples = samples_of(q, tau)
-    careful = fit(samples)
-    naive = fit(samples, FitOptions(sparse=SparseOptions(inflation=1.0)))
+    careful = fit(samples, FitOptions('potential'))
+    naive = fit(samples, FitOptions('potential', SparseOptions(inflation=1.0)))
     assert careful.report['solver'][0]['inflation'] > 1.0
     assert careful.model.n_features().sum() < naive.model.n_features().sum()
 
 
 def test_white_noise_counts_every_sample():
     q = slow_motion(300)
-    report = fit(samples_of(q, gravity_torque(serial_arm(4), q), 0.3)).report
+    tau = gravity_torque(serial_arm(4), q)
+    report = fit(samples_of(q, tau, 0.3), FitOptions('potential')).report
     assert report['solver'][0]['inflation'] == 1.0
 
 
 @pytest.mark.parametrize('make, words', [
-    (lambda: FitOptions('magic'), "unknown formulation 'magic'; choose from per_joint"),
+    (lambda: FitOptions('magic'), "unknown formulation 'magic'; choose from auto, per_joint"),
     (lambda: SparseOptions(lam=0.0), 'lambda'), (lambda: SparseOptions(lam=np.inf), 'lambda'),
     (lambda: SparseOptions(lam=float('nan')), 'lambda'),
     (lambda: SparseOptions(inflation=0.5), 'inflation'),

@@ -26,6 +26,9 @@ _IDENTIFIABLE = 0.02
 # Coefficients nearer to 0 than this many standard deviations are dropped. With 21 terms, 3.3
 # lets a term in by chance in 2 % of fits.
 _SIGNIFICANT = 3.3
+# rad. Over a shorter way the joint's own gravity torque, which has sin q or cos q in every term, is
+# a constant itself.
+_TELLS_OFFSET = 0.2
 # rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
 _LEAST_ACCELERATION = 0.05
 
@@ -109,7 +112,9 @@ def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Conde
     found: list[tuple[Column, FloatArray]] = []
     for n, shape in enumerate(shapes):
         q, qd = samples.q[:, n], samples.qd[:, n]
-        candidates = [(Column(OFFSET, n), np.ones(samples.n_samples))]
+        candidates: list[tuple[Column, FloatArray]] = []
+        if np.ptp(q) > _TELLS_OFFSET:
+            candidates.append((Column(OFFSET, n), np.ones(samples.n_samples)))
         if qd.any():
             candidates += [(Column(COULOMB, n), direction(samples, q, qd, shape)),
                            (Column(VISCOUS, n), qd)]

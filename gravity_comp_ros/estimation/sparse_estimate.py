@@ -125,9 +125,9 @@ def _beside(regression: Regression, gravity: FloatArray, columns: FloatArray | N
     samples = regression.samples
     left = samples.tau - np.stack([dictionary.columns(samples.q, torque.indices) @ torque.weights
                                    for torque in torques], axis=1)
-    rows = (columns * weights.T).reshape(len(columns), -1)
+    rows = (columns * weights.T).reshape(-1, samples.tau.size)
     found = np.linalg.lstsq(rows.T, (weights * left).T.ravel(), rcond=1e-9)[0]
-    every = np.concatenate([(gravity * weights.T).reshape(len(gravity), -1), rows])
+    every = np.concatenate([(gravity * weights.T).reshape(-1, samples.tau.size), rows])
     precision = every @ every.T
     lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     inverse = np.linalg.pinv(precision / np.outer(lengths, lengths), rcond=1e-10, hermitian=True)
