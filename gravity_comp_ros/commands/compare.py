@@ -6,8 +6,8 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, html, reading, terminal
-from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.commands.fit import percent
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
