@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         const=0.2, default=None, help='hold this share of the data out of the '
                         'fit and judge the model on it: whole runs, or blocks of a single run '
                         '(0.2 if no number is given)')
-    parser.add_argument('--terms', metavar='N', type=int, default=8,
+    parser.add_argument('--terms', metavar='N', type=arguments.count, default=8,
                         help='terms of each equation to show (default: %(default)s)')
     parser.add_argument('--effects', metavar='A,B:JOINT,...', default=None,
                         help='learn these effects together with gravity; without a joint, on '
@@ -175,7 +175,7 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
-        equation = shortened(result.model.equation(joint), max(1, args.terms))
+        equation = shortened(result.model.equation(joint), args.terms)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
     for warning in result.report['warnings']:
         terminal.warn(warning)
