@@ -12,7 +12,7 @@ from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
-from gravity_comp_ros.commands.writing import check_model_target, json_file
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
@@ -24,7 +24,6 @@ from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.history import with_step
 from gravity_comp_ros.models.model_file import save_model
-from rich.table import Table
 
 VERB = 'fit'
 HELP = 'learn the gravity model of an arm from slow motion'
@@ -70,9 +69,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    if args.output is not None:
-        urdf = [file for file in [urdf_file(args)] if file]
-        check_model_target(args.output, [*args.bags, *urdf, *json_file(args)])
     if urdf_file(args) is not None and args.formulation not in (None, 'chain', 'auto'):
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')
@@ -214,7 +210,7 @@ def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
             f'{parts.fitted.n_samples} are fitted')
 
 
-def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
+def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
     columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'noise N·m']
     if judged is not None:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
-from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
-from gravity_comp_ros.commands.writing import check_model_target, json_file
+from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -17,7 +17,6 @@ from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone, with_step
 from gravity_comp_ros.models.model_file import load_model, save_model
-from rich.table import Table
 
 VERB = 'update'
 HELP = 'relearn after a payload change, from ten seconds of slow motion'
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(parser=parser, rewrites_model=True)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,9 +58,6 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error('name at least one bag with the new payload, or give --undo alone')
     model = load_model(args.model)
     target = args.output or args.model
-    if not args.dry_run:
-        urdf = [file for file in [urdf_file(args)] if file]
-        check_model_target(target, [*args.bags, *urdf, *json_file(args)])
     return _undo(args, model, target) if args.undo else _update(args, model, target)
 
 
@@ -161,7 +157,7 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes,
     terminal.show('', terminal.safe(done))
 
 
-def _joint_table(result: UpdateResult) -> Table:
+def _joint_table(result: UpdateResult) -> ScreenTable:
     report = result.report
     rows = [(name, f'{report["effect_mean"][name]:+.3f}', f'{report["effect_max"][name]:.3f}',
              f'± {1.96 * report["std"][name]:.3f}', f'{report["rmse_before"][name]:.4f}',
