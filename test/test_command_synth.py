@@ -79,10 +79,10 @@ def test_urdf_with_a_multisine_and_a_tilted_base(tmp_path):
                  '10', '--static')
     level = synth(tmp_path, *arguments)
     assert level.names == ('swing',) and len(level) == 1000
-    np.testing.assert_allclose(level.tau, -9.81 * np.cos(level.q), atol=1e-12)
+    np.testing.assert_allclose(level.tau, -9.80665 * np.cos(level.q), atol=1e-12)
     tilted = synth(tmp_path, *arguments, '--tilt', '0', '30', '--joint-names', 'elbow')
     assert tilted.names == ('elbow',)
-    np.testing.assert_allclose(tilted.tau, -9.81 * np.cos(tilted.q + np.pi / 6), atol=1e-9)
+    np.testing.assert_allclose(tilted.tau, -9.80665 * np.cos(tilted.q + np.pi / 6), atol=1e-9)
 
 
 def test_json_and_limits(tmp_path, capsys):
