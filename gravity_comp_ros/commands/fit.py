@@ -143,7 +143,7 @@ def _order(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes) ->
     if axes.geometry is not None:
         return JointOrder(axes.geometry.joints, 'description')
     if args.joints is not None:
-        return JointOrder(args.joints, '--joints')
+        return JointOrder(loaded.samples.names, '--joints')
     return joint_order(loaded.samples.names)
 
 
