@@ -36,7 +36,7 @@ def test_a_decimal_comma(tmp_path, comma, head):
     path = table(tmp_path / 'x.csv', head.replace(',', comma), comma, ',')
     options = TableOptions() if head else TableOptions(time='1', position='2-3', effort='4-5')
     found = read_table(path, options).topic
-    np.testing.assert_allclose(found.q, Q, atol=1e-6)
+    np.testing.assert_allclose(found.position, Q, atol=1e-6)
     np.testing.assert_allclose(found.t, T, atol=1e-6)
 
 

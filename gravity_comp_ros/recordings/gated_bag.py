@@ -19,7 +19,8 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import (
     BAD_STAMPS, degree_notes, drop_impossible, gap_notes, MISSING, MOVES, NOT_FINITE,
-    OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME, VELOCITY, zero_effort_note, zero_velocity_notes)
+    OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME, VELOCITY, zero_effort_note,
+    zero_velocity_notes)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage

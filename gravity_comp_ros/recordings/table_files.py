@@ -176,8 +176,7 @@ class _Rows:
     def __init__(self, path: Path, stream: Iterator[str], delimiter: str | None) -> None:
         first = next(stream, '')
         first = first.removeprefix('#')  # as numpy.savetxt marks its header
-        # The comma last: between semicolons or tabs it is a decimal comma.
-        self._delimiter = delimiter or next((d for d in ';\t,' if d in first), ' ')
+        self._delimiter = delimiter or _delimiter(first)
         self.comma = self._delimiter == ','
         self._path = path
         self._reader = csv.reader(chain([first], stream), delimiter=self._delimiter,
@@ -202,6 +201,16 @@ def _check_columns(path: Path, names: list[str]) -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')
+
+
+def _delimiter(line: str) -> str:
+    """Return what parts the cells: between semicolons, tabs or blanks a comma is a decimal one."""
+    found = next((character for character in ';\t,' if character in line), ' ')
+    words = line.split()
+    if found == ',' and len(words) > 1 and all(
+            _is_number(word, True) and not word.endswith(',') for word in words):
+        return ' '
+    return found
 
 
 def _number(cell: str, decimal_comma: bool) -> float:
