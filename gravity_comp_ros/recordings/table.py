@@ -39,8 +39,9 @@ class TableOptions:
     looks for usual names. Without a time column `rate` in Hz is needed; with `time` 'none' it
     replaces one. `time_unit` None means s, unless the motion would then be too slow to be one.
     `effort_sign`, `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for
-    all joints or one per joint; the latter two apply to currents. `skip_bad_rows` drops rows with an empty
-    or not finite cell, or a time that does not increase, instead of refusing the file.
+    all joints or one per joint; the latter two apply to currents. `skip_bad_rows`
+    drops rows that are cut off, with a cell that is empty or no finite number, or with a time
+    that does not increase, instead of refusing the file.
 
     :raises OptionError: if a value makes no sense, or a current has no torque constant.
     """
