@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict
 import os
 from pathlib import Path
@@ -14,6 +15,7 @@ from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.fleet.engine import Engine
 from gravity_comp_ros.fleet.folder import find_robots
 from gravity_comp_ros.fleet.run import FleetRun, Outcome
+from gravity_comp_ros.printable import counted
 
 VERB = 'fleet'
 HELP = 'fit or diagnose every robot of a folder, here or on a Dask cluster'
@@ -38,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, required=True,
                         help='where results go: ROBOT.json, ROBOT.diagnosis.json')
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--workers', metavar='N', type=_count, default=os.cpu_count() or 1,
+    where.add_argument('--workers', metavar='N', type=arguments.count, default=os.cpu_count() or 1,
                        help='processes on this machine (default: one a core)')
     where.add_argument('--scheduler', metavar='ADDRESS', default=None,
                        help='a Dask scheduler, e.g. tcp://10.0.0.5:8786')
@@ -51,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
+    parser.set_defaults(output_is_folder=True)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,6 +64,7 @@ def run(args: argparse.Namespace) -> int:
     for name in args.effects or ():
         known_effect(name)
     robots = find_robots(args.folder)
+    _check_json([robot.name for robot in robots], args)
     with terminal.progress() as report:
         fleet = FleetRun(robots, args.output, Engine(args.workers, args.scheduler),
                          arguments.read_options(args), arguments.gate_options(args), report)
@@ -77,6 +81,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
+    """
+    Refuse a summary that would replace a robot's model or findings.
+
+    :raises OptionError: if --json names a file of a robot.
+    """
+    if not args.json or args.json == '-':
+        return
+    target = Path(args.json).resolve()
+    folders = [folder.resolve() for folder in (args.output, args.models) if folder]
+    names = {f'{robot}{end}' for robot in robots for end in ('.json', '.diagnosis.json')}
+    if target.parent in folders and target.name in names:
+        raise OptionError(f'--json {args.json} is the file of a robot: it would be overwritten; '
+                          f'name another file')
+
+
 def _show(what: str, outcome: Outcome) -> None:
     columns, rows = ['robot', 'findings', 'file'], []
     if what == 'fit':
@@ -85,19 +105,14 @@ def _show(what: str, outcome: Outcome) -> None:
         rows.append([name, str(done['bags']), str(done['samples']),
                      f'{max(done["rmse"].values()):.4f}', done['model']] if what == 'fit'
                     else [name, _findings(done['findings']), done['diagnosis']])
-    terminal.show(terminal.table(f'{what}: {len(rows)} robots', columns, rows,
+    terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
                                  left=('findings', 'model', 'file')))
-    terminal.show(f'{len(outcome.failed_bags)} bags and {len(outcome.failed_robots)} robots left '
-                  f'out; {outcome.resumed} results were there already')
+    terminal.show(f'left out: {counted(len(outcome.failed_bags), "bag")} and '
+                  f'{counted(len(outcome.failed_robots), "robot")}; '
+                  f'{counted(outcome.resumed, "result")} of an earlier run')
 
 
 def _findings(findings: list[dict]) -> str:
     told = [f'{f["effect"] or "unexplained"}:{f["joint"] or "arm"} ({f["verdict"]})'
             for f in findings if f['verdict'] in ('established', 'likely', 'ambiguous')]
     return ', '.join(told) or 'nothing missing'
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a number of processes')
-    return int(text)
