@@ -239,7 +239,7 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
 def test_auto_takes_the_chain_where_nothing_is_left(iiwa):
     result = fit(iiwa[2], FitOptions('auto'))
     assert result.model.formulation == 'chain'
-    assert 'than of noise' in result.report['choice']['why']
+    assert 'than of white noise' in result.report['choice']['why']
 
 
 def test_auto_falls_back_where_the_arm_is_no_chain():
@@ -249,7 +249,7 @@ def test_auto_falls_back_where_the_arm_is_no_chain():
     assert result.model.formulation == 'potential'
     errors = result.report['choice']['held_out']
     assert errors['potential'] < errors['chain']
-    assert 'potential is right to' in result.report['choice']['why']
+    assert 'the error of the potential is' in result.report['choice']['why']
     assert result.model.chain is None
 
 

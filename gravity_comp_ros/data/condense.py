@@ -26,7 +26,7 @@ class CondenseOptions:
     :raises OptionError: if a value is out of range.
     """
 
-    most: int = 1500
+    most: int = 1000
     travel: float = 0.02
     rest: float = 2e-3
 

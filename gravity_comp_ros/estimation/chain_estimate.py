@@ -56,25 +56,26 @@ def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
 
 
 def estimate_chain(regression: Regression, known: FloatArray | None = None,
-                   start: Chain | None = None, rough: SearchOptions = _ROUGH,
-                   final: SearchOptions = _FINAL) -> ChainEstimate:
+                   start: Chain | None = None, warm: bool = False) -> ChainEstimate:
     """
     Fit a chain beside all that a joint may have.
 
     :param known: axes (N, 3, 3) that need no search.
     :param start: a chain to begin with.
+    :param warm: whether no other starts than that are tried, and neither right angles nor
+        alternatives sought.
     :raises FitError: if there are no samples.
     """
     few = regression.thinned(_SEARCHED)
     if known is None:
-        first = rough_fit(few.samples, rough, start, few.beside())
+        first = rough_fit(few.samples, None if warm and start else _ROUGH, start, few.beside())
     else:
-        first = fit_chain(few.samples, rough, None, known, few.beside())
+        first = fit_chain(few.samples, _ROUGH, None, known, few.beside())
     regression = _refined(regression, first)
     second = _settled(regression.thinned(_SETTLED), first.chain, known)
     kept = significant(*_of_nuisance(second, regression))
     regression = regression.with_terms(kept)
-    found = _settled(regression, second.chain, known, final)
+    found = _settled(regression, second.chain, known, None if warm else _FINAL)
     return ChainEstimate(replace(found, starts=first.starts), regression)
 
 

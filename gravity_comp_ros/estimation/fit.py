@@ -135,21 +135,24 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
 
 
 def estimate_gravity(regression: Regression, options: FitOptions,
-                     old: GravityModel | None = None) -> Estimate:
+                     old: GravityModel | None = None, known: FloatArray | None = None,
+                     warm: bool = False) -> Estimate:
     """
     Estimate gravity beside everything that the regression has, in the formulation asked for.
 
+    :param known: axes (N, 3, 3) that need no search; those of the options if not given.
+    :param warm: whether the search for a chain starts from that of `old` and nowhere else.
     :raises FitError: if there are no samples.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
     samples, formulation = regression.samples, options.formulation
     usable = old if old is not None and old.joints == samples.names else None
-    known = options.known(samples)
+    known = options.known(samples) if known is None else known
     start = usable.chain if usable is not None else None
     if formulation == 'auto':
-        choice = choose(regression, options.sparse, known, start)
+        choice = choose(regression, options.sparse, known, start, warm)
     elif formulation == 'chain':
-        choice = Choice(estimate_chain(regression, known, start), 'it was asked for', {},
+        choice = Choice(estimate_chain(regression, known, start, warm), 'it was asked for', {},
                         known is not None)
     else:
         before = None if usable is None or usable.formulation != formulation else (

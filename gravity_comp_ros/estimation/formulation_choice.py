@@ -64,15 +64,16 @@ class Choice:
 
 
 def choose(regression: Regression, options: SparseOptions, known: FloatArray | None = None,
-           start: Chain | None = None) -> Choice:
+           start: Chain | None = None, warm: bool = False) -> Choice:
     """
     Fit the chain, and the potential where the chain leaves something to explain.
 
     :param known: axes (N, 3, 3) of the chain that need no search.
     :param start: a chain to begin with.
+    :param warm: whether no other starts than that are tried.
     :raises FitError: if there are no samples.
     """
-    chain, warning = _chain(regression, known, start)
+    chain, warning = _chain(regression, known, start, warm)
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if chain.fit.clean and m >= _ENOUGH and (chain.fit.inflation == 1.0).all():
@@ -120,10 +121,10 @@ def _is_structured(chain: ChainEstimate) -> bool:
 
 
 def _chain(regression: Regression, known: FloatArray | None,
-           start: Chain | None) -> tuple[ChainEstimate, str]:
+           start: Chain | None, warm: bool) -> tuple[ChainEstimate, str]:
     """Return the chain on known axes, unless they are another arm's; else on free ones."""
     if known is None:
-        return estimate_chain(regression, start=start), ''
+        return estimate_chain(regression, None, start, warm), ''
     fixed = estimate_chain(regression, known)
     if fixed.fit.clean:
         return fixed, ''

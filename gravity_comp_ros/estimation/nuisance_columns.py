@@ -8,7 +8,7 @@ it: a column that is free without need costs accuracy of gravity.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.condense import Condensation
@@ -26,8 +26,8 @@ _IDENTIFIABLE = 0.02
 # Coefficients nearer to 0 than this many standard deviations are dropped. With 21 terms, 3.3
 # lets a term in by chance in 2 % of fits.
 _SIGNIFICANT = 3.3
-# rad. Over a shorter way the joint's own gravity torque, which has sin q or cos q in every term, is
-# a constant itself.
+# rad. Over a shorter way the joint's own gravity torque, which has sin q or cos q in every term,
+# is a constant itself.
 _TELLS_OFFSET = 0.2
 # rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
 _LEAST_ACCELERATION = 0.05
@@ -101,13 +101,15 @@ def fitted_shapes(samples: JointSamples, qdd: FloatArray,
 
 def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Condensation,
                   qdd: FloatArray | None = None,
-                  effects: FloatArray | None = None) -> NuisanceColumns:
+                  effects: FloatArray | None = None,
+                  excluded: Collection[tuple[str, int]] = ()) -> NuisanceColumns:
     """
     Return the columns that this motion can identify, condensed.
 
     :param qdd: accelerations (M, N) in rad/s^2 where fast samples are fitted: then inertia has
         columns as well.
     :param effects: columns (K, N, m) of effects, condensed: what they span needs no nuisance term.
+    :param excluded: kinds and joint numbers of terms that an effect takes the place of.
     """
     found: list[tuple[Column, FloatArray]] = []
     for n, shape in enumerate(shapes):
@@ -122,6 +124,7 @@ def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Conde
             sources = [j for j in range(samples.n_joints)
                        if np.sqrt((qdd[:, j] ** 2).mean()) > _LEAST_ACCELERATION]
             candidates += [(Column(INERTIA, n, j), qdd[:, j]) for j in sources]
+        candidates = [c for c in candidates if (c[0].kind, n) not in excluded]
         given = np.zeros((0, len(means.first))) if effects is None else effects[:, n]
         found += _identifiable([(column, means.mean(x)) for column, x in candidates], given)
     size = len(means.first)

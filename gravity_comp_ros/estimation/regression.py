@@ -24,7 +24,8 @@ class Regression:
 
     `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2
     where fast samples are fitted. `nuisance` are the columns of nuisance terms; `effects`
-    (K, N, m) those of effects that the model is to have. `trust` (m, N) weighs squared residuals.
+    (K, N, m) those of effects that the model is to have, which take the place of the nuisance
+    terms `excluded` (kind and joint number). `trust` (m, N) weighs squared residuals.
     """
 
     recorded: JointSamples
@@ -34,6 +35,7 @@ class Regression:
     trust: FloatArray
     qdd: FloatArray | None = None
     effects: FloatArray | None = None
+    excluded: frozenset[tuple[str, int]] = frozenset()
 
     @property
     def n_effects(self) -> int:
@@ -48,7 +50,8 @@ class Regression:
 
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
         """Return the same with other directions of motion; all nuisance columns come back."""
-        columns = build_columns(self.recorded, shapes, self.means, self.qdd, self.effects)
+        columns = build_columns(self.recorded, shapes, self.means, self.qdd, self.effects,
+                                self.excluded)
         return replace(self, nuisance=columns)
 
     def with_terms(self, kept: list[int]) -> Regression:
@@ -76,16 +79,18 @@ class Regression:
 
 def build_regression(samples: JointSamples, options: CondenseOptions = CondenseOptions(),
                      qdd: FloatArray | None = None, effects: FloatArray | None = None,
-                     means: Condensation | None = None) -> Regression:
+                     means: Condensation | None = None,
+                     excluded: frozenset[tuple[str, int]] = frozenset()) -> Regression:
     """
     Return the regression of samples with all nuisance columns that the motion can identify.
 
     :param qdd: accelerations (M, N) where fast samples are fitted.
     :param effects: columns (K, N, m) of effects, condensed by `means`.
     :param means: how the samples are condensed, if that is decided already.
+    :param excluded: kinds and joint numbers of nuisance terms that effects take the place of.
     """
     means = means or condense(samples, options)
-    columns = build_columns(samples, plain_shapes(samples), means, qdd, effects)
+    columns = build_columns(samples, plain_shapes(samples), means, qdd, effects, excluded)
     condensed = means.samples(samples)
     return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
-                      effects)
+                      effects, excluded)

@@ -1,0 +1,165 @@
+"""
+Gravity and effects together: gravity is selected anew beside the effects' columns.
+
+Some columns are made of gravity (load-dependent friction, joint elasticity, an encoder's offset).
+They are computed from the gravity that was found, and the fit is repeated; a round counts only if
+the RMSE of the model's own prediction falls, so that the repetition cannot diverge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.data.condense import condense
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import gravity_gradient
+from gravity_comp_ros.effects.predict import direction_of, effect_torque, predict_torque
+from gravity_comp_ros.estimation.clustered import clustered_std
+from gravity_comp_ros.estimation.fit import (
+    Estimate, estimate_gravity, fast_accelerations, FitOptions, gravity_model)
+from gravity_comp_ros.estimation.refit_terms import Term
+from gravity_comp_ros.estimation.regression import build_regression
+from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
+import numpy as np
+
+_ROUNDS = 3
+# Effects and the nuisance terms whose place they take.
+_REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
+             'viscous_friction': VISCOUS, 'torque_offset': OFFSET, 'inertia': INERTIA,
+             'rigid_body_dynamics': INERTIA}
+# Columns that change by less than this share are the same; a round must lower the RMSE by this.
+_SAME, _FALLS = 0.01, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class EffectFit:
+    """The model with its effects, how gravity was estimated, and the RMSE of its prediction."""
+
+    model: GravityModel
+    estimate: Estimate
+    rmse: FloatArray
+
+
+def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
+                   kept: tuple[AppliedEffect, ...], options: FitOptions,
+                   known: FloatArray | None = None, warm: bool = False) -> EffectFit:
+    """
+    Return gravity and effects, fitted together to some rows of a motion.
+
+    :param motion: of all samples, because some columns look back.
+    :param rows: the samples (R,) to fit.
+    :param model: the gravity to begin with; its joints are those of the motion.
+    :param kept: effects that stay as they are.
+    :param known: axes (N, 3, 3) of a chain that need no search.
+    :param warm: whether the search for a chain starts from the model's and nowhere else.
+    """
+    best: EffectFit | None = None
+    columns: FloatArray | None = None
+    for _ in range(_ROUNDS):
+        last, columns = columns, _columns(motion, rows, terms)
+        if last is not None and _same(last, columns):
+            break
+        found = _once(motion, rows, model, terms, kept, columns, options, known, warm)
+        if best is not None and _total(found) >= (1.0 - _FALLS) * _total(best):
+            break
+        best, warm = found, True
+        if not terms:
+            break
+        model = found.model
+        gravity = model.predict(motion.samples.q)
+        motion = replace(motion, gravity=gravity, model=model,
+                         gradient=gravity_gradient(model, motion.samples.q))
+    assert best is not None
+    return best
+
+
+def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
+          kept: tuple[AppliedEffect, ...], columns: FloatArray, options: FitOptions,
+          known: FloatArray | None, warm: bool) -> EffectFit:
+    part = motion.samples.select(rows)
+    fixed = np.zeros(part.tau.shape)
+    if kept:
+        fixed = effect_torque(_having(model, kept, motion), motion.samples)[rows]
+    cleaned = replace(part, tau=part.tau - fixed)
+    means = condense(cleaned)
+    dense = np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
+        if len(columns) else None
+    regression = build_regression(cleaned, qdd=fast_accelerations(part), effects=dense,
+                                  means=means, excluded=_excluded(motion, terms))
+    estimate = estimate_gravity(regression, options, model, known, warm)
+    effects = (*kept, *_applied(motion, terms, estimate))
+    made = replace(_having(gravity_model(estimate, part), effects, motion),
+                   history=model.history, provenance=model.provenance)
+    rmse = _rmse(made, motion.samples, rows)
+    return EffectFit(replace(made, noise=rmse), estimate, rmse)
+
+
+def _excluded(motion: Motion, terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
+    """Return the nuisance terms that effects take the place of, as kind and joint number."""
+    names = motion.samples.names
+    found = set()
+    for term in terms:
+        kind = _REPLACED.get(term.effect.name)
+        if kind is not None:
+            found |= {(kind, n) for n, name in enumerate(names) if term.joint in (None, name)}
+    return frozenset(found)
+
+
+def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArray:
+    """Return the columns (K, R, N) of all terms at some rows."""
+    names, n = motion.samples.names, motion.samples.n_joints
+    parts = [np.zeros((0, len(rows), n))]
+    for term in terms:
+        joint = 0 if term.joint is None else names.index(term.joint)
+        own = term.effect.columns(motion, joint, term.setting)[rows]
+        if own.ndim == 2:
+            whole = np.zeros((own.shape[1], len(rows), n))
+            whole[:, :, joint] = own.T
+        else:
+            whole = own.transpose(2, 0, 1)
+        parts.append(whole)
+    return np.concatenate(parts)
+
+
+def _applied(motion: Motion, terms: Sequence[Term], estimate: Estimate) -> list[AppliedEffect]:
+    """Return the terms with their coefficients and 95 % intervals."""
+    if not terms:
+        return []
+    std, quantile = clustered_std(estimate)
+    found, first = [], 0
+    for term in terms:
+        joint = 0 if term.joint is None else motion.samples.names.index(term.joint)
+        symbols = term.effect.coefficients_of(motion, joint, term.setting)
+        values = {}
+        for k, coefficient in enumerate(symbols, first):
+            x, half = float(estimate.effects[k]), float(quantile * std[k])
+            values[coefficient.symbol] = Value(x, coefficient.unit, (x - half, x + half))
+        found.append(AppliedEffect(term.effect.name, term.joint, dict(term.setting), values))
+        first += len(symbols)
+    return found
+
+
+def _having(model: GravityModel, effects: tuple[AppliedEffect, ...],
+            motion: Motion) -> GravityModel:
+    return replace(model, applied=Applied(effects, direction_of(motion)))
+
+
+def _rmse(model: GravityModel, samples: JointSamples, rows: IntArray) -> FloatArray:
+    """Return the RMSE (N,) in N·m of a model's own prediction, effects included."""
+    left = (samples.tau - predict_torque(model, samples))[rows]
+    return np.asarray(np.sqrt((left ** 2).mean(axis=0)))
+
+
+def _same(one: FloatArray, other: FloatArray) -> bool:
+    return one.shape == other.shape and bool(
+        np.linalg.norm(one - other) <= _SAME * max(float(np.linalg.norm(other)), 1e-300))
+
+
+def _total(fit: EffectFit) -> float:
+    """Return the RMSE of all joints, each in units of its own noise floor, as one number."""
+    noise = np.maximum(fit.model.nuisance.noise, 1e-9)
+    return float(np.sqrt(((fit.rmse / noise.max()) ** 2).mean()))
