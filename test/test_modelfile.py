@@ -288,7 +288,7 @@ def test_a_joint_that_carries_nothing_is_kept(tmp_path):
     q = np.sin(0.1 * t)[:, None]
     samples = JointSamples.single_run(('turntable',), t, q, np.zeros_like(q),
                                       rng.normal(scale=0.1, size=q.shape))
-    model = fit(samples).model
+    model = fit(samples, FitOptions('potential')).model
     save_model(tmp_path / 'm.json', model)
     again = load_model(tmp_path / 'm.json')
     assert not again.predict(q).any() and not again.predict_std(q).any()

@@ -15,6 +15,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.nuisance_columns import significant
 from gravity_comp_ros.estimation.regression import Regression
 from gravity_comp_ros.models import noise
+from gravity_comp_ros.models.nuisance import OFFSET
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.per_joint import fit_per_joint
@@ -63,6 +64,10 @@ def estimate_sparse(regression: Regression, formulation: str, options: SparseOpt
     :param settled: the regression's nuisance terms and trust are those of a better fit already.
     :raises FitError: if there are no samples.
     """
+    if formulation == 'per_joint':
+        # Its dictionary has the constant, so an offset is a feature already (Yu 2022, Eq. 5).
+        regression = regression.with_terms([
+            k for k, column in enumerate(regression.nuisance.columns) if column.kind != OFFSET])
     found = _solve(regression, formulation, options, old)
     if settled:
         return found
