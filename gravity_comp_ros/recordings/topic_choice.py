@@ -82,7 +82,8 @@ def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
     Return the joints to read: the chosen ones, or all in order of their first appearance.
 
     :param where: the recording, to be named in errors.
-    :raises BagError: if these are several arms, or at least half of the messages do not have one of the joints.
+    :raises BagError: if these are several arms, or at least half of the messages do not have
+        one of the joints.
     """
     joints = chosen or columns.names
     arms = [] if chosen else arms_by_name(joints) or arms_by_turns(columns.layouts)
