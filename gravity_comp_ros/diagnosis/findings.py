@@ -4,11 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from gravity_comp_ros.diagnosis.structure_tests import StructureTest
 
-VERDICTS = ('established', 'likely', 'ambiguous', 'weak', 'untestable', 'unexplained')
+
+class Verdict(StrEnum):
+    """How sure a finding is, the surest first; the last two say what cannot be judged."""
+
+    ESTABLISHED = 'established'
+    LIKELY = 'likely'
+    AMBIGUOUS = 'ambiguous'
+    WEAK = 'weak'
+    UNTESTABLE = 'untestable'
+    UNEXPLAINED = 'unexplained'
+
+
+VERDICTS = tuple(Verdict)
 
 
 @dataclass(frozen=True)
@@ -32,7 +45,7 @@ class Finding:
 
     joint: str | None
     effect: str | None
-    verdict: str
+    verdict: Verdict
     rivals: tuple[str, ...]
     coefficients: Mapping[str, Estimate]
     nrmse_before: float
@@ -43,6 +56,9 @@ class Finding:
     next_step: str
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'verdict', Verdict(self.verdict))
 
     def to_json(self) -> dict[str, Any]:
         """Return the finding as `diagnose --json` prints it."""
