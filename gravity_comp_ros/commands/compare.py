@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -14,7 +15,6 @@ from gravity_comp_ros.evaluation.compare import Calibration, compare, JointCompa
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import printable
-from rich.table import Table
 from rich.text import Text
 
 _MOST_PLACES = 2
@@ -143,7 +143,7 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
 
 
 def _table(model: GravityModel, joints: dict[str, JointComparison],
-           samples: JointSamples) -> Table:
+           samples: JointSamples) -> ScreenTable:
     worst = _worst(joints)
     rows = []
     for name, found in joints.items():

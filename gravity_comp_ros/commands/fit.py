@@ -11,6 +11,7 @@ import time
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
@@ -22,7 +23,6 @@ from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.history import with_step
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import save_model
-from rich.table import Table
 
 VERB = 'fit'
 HELP = 'learn the gravity model of an arm from slow motion'
@@ -192,7 +192,7 @@ def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
             f'{parts.fitted.n_samples} are fitted')
 
 
-def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
+def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
     columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'noise N·m']
     if judged is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.errors import DataError, OptionError
@@ -15,7 +16,6 @@ from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone, with_step
 from gravity_comp_ros.models.model_file import load_model, save_model
-from rich.table import Table
 
 VERB = 'update'
 HELP = 'relearn after a payload change, from ten seconds of slow motion'
@@ -148,7 +148,7 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, result: UpdateResult
     terminal.show('', terminal.safe(done))
 
 
-def _joint_table(result: UpdateResult) -> Table:
+def _joint_table(result: UpdateResult) -> ScreenTable:
     report = result.report
     rows = [(name, f'{report["effect_mean"][name]:+.3f}', f'{report["effect_max"][name]:.3f}',
              f'± {1.96 * report["std"][name]:.3f}', f'{report["rmse_before"][name]:.4f}',
