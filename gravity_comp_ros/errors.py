@@ -14,9 +14,7 @@ class Hint(Enum):
     """
 
     SLOW_MOTION = 'record slow motion, raise max_speed of the gate, or read with gate=None'
-    UNDO = 'undo() takes the last addition back'
     INSTALL_EFFECT = 'install the package that brings it, or take it back with undo()'
-    HOLD_OUT = 'split the recording, fit one part, and compare with the other'
 
 
 class GravityCompError(Exception):

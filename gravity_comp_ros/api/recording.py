@@ -17,8 +17,8 @@ from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import BoolArray, concatenate, JointSamples
 from gravity_comp_ros.display import count, Shown, TextTable
 from gravity_comp_ros.effects.predict import rows_of
+from gravity_comp_ros.errors import DataError
 import numpy as np
-
 if TYPE_CHECKING:
     # Needs the libraries of file formats, which arrays do without.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
@@ -159,7 +159,10 @@ class Recording(Shown):
 
     def parts(self) -> Iterable[str | TextTable]:
         """Return what the gate keeps, and the range and speed of each joint."""
-        yield self.gated.sentence()
+        try:
+            yield self.gated.sentence()
+        except DataError as problem:
+            yield str(problem)
         used = self.used
         yield TextTable(
             ('joint', 'from rad', 'to rad', 'fastest rad/s', 'torque from N·m', 'to N·m'),

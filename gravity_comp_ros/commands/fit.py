@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import asdict
 import math
 from pathlib import Path
 import re
 import time
 from typing import Any
 
+from gravity_comp_ros.api.provenance import Holdout
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model, fit_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions, FitResult
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.refit_result import Refit
-from gravity_comp_ros.evaluation.compare import compare, Comparison
-from gravity_comp_ros.models.history import with_step
-from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 
 VERB = 'fit'
@@ -73,28 +70,25 @@ def run(args: argparse.Namespace) -> int:
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
-        loaded = (reading.load_slow if only_slow else reading.load)(args, report)
-        geometry = _geometry(args, loaded)
-        if geometry is not None:
-            loaded = loaded.ordered(geometry.joints)
-        parts = _split(args, loaded)
-        fitted = parts.fitted if parts else loaded.gated.samples
+        whole = (reading.load_slow if only_slow else reading.load)(args, report)
+        options = _options(args, whole)
+        fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
+        effects = args.effects.split(',') if args.effects is not None else ()
+        speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        result, joint = _fit(args, loaded, fitted, parts, geometry, report)
+        found = fit_model(fitted, options, effects, speeds, report)
         seconds = time.perf_counter() - started
-    judged = compare(result.model, parts.held_out, loaded.samples) if parts else None
-    provenance = {**result.model.provenance, **loaded.to_json(),
-                  'holdout': _holdout_json(args, loaded, parts)}
-    model = replace(result.model, provenance=provenance)
+    result, joint, model = found.result, found.refit, found.model
+    judged = compare_model(model, held) if held else None
     document = {
         'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
         'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': provenance['holdout'], **loaded.to_json(),
+        'holdout': model.provenance['holdout'], **whole.to_json(),
         **(refitting.to_json(joint) if joint else {})}
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, loaded, parts, result, judged, seconds)
+        _show(args, fitted, result, judged, seconds)
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
@@ -105,46 +99,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
-         parts: Split | None, geometry: Geometry | None, report: terminal.ProgressCallback
-         ) -> tuple[FitResult, Refit | None]:
-    """Return the fit; with --effects its model has them, and the refit that judged them."""
-    usual = FitOptions().formulation if geometry is None else 'chain'
-    options = FitOptions(formulation=args.formulation or usual, geometry=geometry)
-    if args.effects is None:
-        return fit(fitted, options, report), None
-    samples = loaded.samples
-    wanted = requests(args.effects.split(','), samples.names)
-    use = ~within(samples, parts.guarded) if parts else None
-    both = fit_with_effects(samples, fitted, wanted, options, refitting.speeds(args), use, report)
-    model = with_step(both.joint.model, both.gravity, both.joint.added, refitting.now(),
-                      *both.joint.by_joint())
-    found = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
-    return FitResult(model, found, both.fit.converged), both.joint
-
-
-def _geometry(args: argparse.Namespace, loaded: reading.Loaded) -> Geometry | None:
+def _options(args: argparse.Namespace, recording: Recording) -> FitOptions:
     if args.urdf is None:
-        return None
+        return FitOptions(formulation=args.formulation or FitOptions().formulation)
     from gravity_comp_ros.description.urdf import read_urdf
-    return read_urdf(args.urdf, loaded.samples.names)
-
-
-def _split(args: argparse.Namespace, loaded: reading.Loaded) -> Split | None:
-    if args.holdout is None:
-        return None
-    return split(loaded.gated.samples, HoldoutOptions(fraction=args.holdout))
-
-
-def _holdout_json(args: argparse.Namespace, loaded: reading.Loaded,
-                  parts: Split | None) -> dict[str, Any] | None:
-    """Return which stretches of which bags were held out; times are from the bag's start."""
-    if parts is None:
-        return None
-    return {'fraction': args.holdout, 'n_samples': parts.held_out.n_samples,
-            'blocks': [{'name': loaded.reports[b.run].path.name,
-                        'sha256': loaded.reports[b.run].sha256,
-                        'start': b.start, 'end': b.end} for b in parts.blocks]}
+    return FitOptions(formulation=args.formulation or 'chain',
+                      geometry=read_urdf(args.urdf, recording.joints))
 
 
 def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]:
@@ -162,12 +122,12 @@ def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]
     return found
 
 
-def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
-          result: FitResult, judged: Comparison | None, seconds: float) -> None:
-    for line in loaded.lines():
+def _show(args: argparse.Namespace, fitted: Recording, result: FitResult,
+          judged: Comparison | None, seconds: float) -> None:
+    for line in reading.lines(fitted):
         terminal.show(terminal.safe(line))
-    if parts:
-        terminal.show(terminal.safe(_holdout_sentence(loaded, parts)))
+    if fitted.holdout:
+        terminal.show(terminal.safe(_holdout_sentence(fitted, fitted.holdout)))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
     if 'choice' in result.report:
         choice = result.report['choice']
@@ -183,13 +143,13 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
     terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
 
 
-def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
-    if loaded.gated.samples.n_runs > 1:
-        what = ', '.join(loaded.reports[block.run].path.name for block in parts.blocks)
+def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
+    if fitted.n_runs > 1:
+        what = ', '.join(fitted.reports[block.run].path.name for block in holdout.blocks)
     else:
-        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in parts.blocks)
-    return (f'held out: {what} ({parts.held_out.n_samples} samples); '
-            f'{parts.fitted.n_samples} are fitted')
+        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in holdout.blocks)
+    return (f'held out: {what} ({holdout.n_samples} samples); '
+            f'{fitted.slow.n_samples} are fitted')
 
 
 def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:

@@ -40,12 +40,13 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out fractions of the torque's range (Yu 2022,
     Eq. 16) without and with it; `base_absorbed` is the share of it that the gravity model
-    imitates; `runs_better` the share of runs on which it helps.
+    imitates; `runs_better` the share of runs on which it helps. `verdict` is a `Verdict`, which
+    compares and prints as its text.
     """
 
     joint: str | None
     effect: str | None
-    verdict: Verdict
+    verdict: str
     rivals: tuple[str, ...]
     coefficients: Mapping[str, Estimate]
     nrmse_before: float
