@@ -69,8 +69,3 @@ class Shown(ABC):
 def percent(share: float | None) -> str:
     """Return a share as per cent, a dash where there is none."""
     return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
-
-
-def count(number: int, what: str) -> str:
-    """Return `1 run` or `3 runs`."""
-    return f'{number} {what}' + ('' if number == 1 else 's')

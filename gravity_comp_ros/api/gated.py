@@ -9,6 +9,7 @@ from typing import Any
 from gravity_comp_ros.data.gate import GateOptions, slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, Hint
+from gravity_comp_ros.printable import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +29,10 @@ class Gated:
     def sentence(self) -> str:
         """Return one line on what was kept and why the rest was not."""
         if self.all_samples:
-            return f'all {self.total} samples used, fast ones too'
+            return f'{counted(self.total, "sample")} used, fast ones too'
         why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
-        return (f'{self.samples.n_samples} of {self.total} samples pass the slow-motion gate'
+        return (f'{self.samples.n_samples} of {counted(self.total, "sample")} pass the '
+                'slow-motion gate'
                 + (f' ({why})' if why else ''))
 
 

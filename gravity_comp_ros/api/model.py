@@ -10,11 +10,12 @@ from pathlib import Path
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.display import count, Shown, TextTable
+from gravity_comp_ros.display import Shown, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -60,8 +61,8 @@ class FitReport(Shown):
     def summary(self) -> str:
         """Return one line: formulation, samples, effects."""
         effects = f', with {", ".join(self.effects)}' if self.effects else ''
-        return (f'gravity model, {self.formulation}: {count(self.n_samples, "sample")} of '
-                f'{count(self.n_runs, "run")}{effects}')
+        return (f'gravity model, {self.formulation}: {counted(self.n_samples, "sample")} of '
+                f'{counted(self.n_runs, "run")}{effects}')
 
     def parts(self) -> Iterable[str | TextTable]:
         """Return the joints, what the last step changed, and warnings."""

@@ -15,9 +15,10 @@ from gravity_comp_ros.api.provenance import bag_json, Holdout
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import BoolArray, concatenate, JointSamples
-from gravity_comp_ros.display import count, Shown, TextTable
+from gravity_comp_ros.display import Shown, TextTable
 from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.printable import counted
 import numpy as np
 if TYPE_CHECKING:
     # Needs the libraries of file formats, which arrays do without.
@@ -154,7 +155,7 @@ class Recording(Shown):
         """Return one line: joints, runs, samples, time."""
         seconds = sum(float(np.ptp(run.t)) for run in self.samples.each_run() if len(run))
         part = '' if self.use is None else f', {len(self)} of them in use'
-        return (f'{count(len(self.joints), "joint")}, {count(self.n_runs, "run")}, '
+        return (f'{counted(len(self.joints), "joint")}, {counted(self.n_runs, "run")}, '
                 f'{len(self.samples)} samples over {seconds:.1f} s{part}')
 
     def parts(self) -> Iterable[str | TextTable]:

@@ -8,6 +8,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.errors import OptionError
+
 if TYPE_CHECKING:
     from gravity_comp_ros.data.gate import GateOptions
     from gravity_comp_ros.recordings.bag import ReadOptions
@@ -17,7 +19,7 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
     name = 'bag' if nargs is None else 'bags'
     parser.add_argument(
-        name, metavar='BAG', nargs=nargs, type=Path,
+        name, metavar='BAG', nargs=nargs, type=recording,
         help='an MCAP file, a rosbag2 folder or a bare .db3 file; several bags are several runs')
 
 
@@ -64,15 +66,26 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
 
 
 def gate_options(args: argparse.Namespace) -> GateOptions:
-    """Return the `GateOptions` that --max-speed and --rate ask for."""
+    """
+    Return the `GateOptions` that --max-speed and --rate ask for.
+
+    :raises OptionError: if --all-samples is given as well.
+    """
     from gravity_comp_ros.data.gate import GateOptions
+    if args.all_samples and (args.max_speed, args.rate) != (None, None):
+        raise OptionError('--all-samples goes without the gate: leave --max-speed and --rate out')
     given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
 
 def gate(args: argparse.Namespace) -> GateOptions | None:
-    """Return the gate that the arguments ask for, None with --all-samples."""
-    return None if args.all_samples else gate_options(args)
+    """
+    Return the gate that the arguments ask for, None with --all-samples.
+
+    :raises OptionError: if they contradict each other.
+    """
+    options = gate_options(args)
+    return None if args.all_samples else options
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -88,6 +101,24 @@ def _json_target(text: str) -> str:
         raise argparse.ArgumentTypeError(
             f'{text} does not end in .json: name a .json file, or put --json after the bags')
     return text
+
+
+def recording(text: str) -> Path:
+    """Return the path of a recording; the name of an effect stands there by a slip."""
+    path = Path(text)
+    if not path.exists() and path.name == text and '.' not in text:
+        from gravity_comp_ros.effects.registry import all_effects
+        if text.split(':')[0].split(',')[0] in all_effects():
+            raise argparse.ArgumentTypeError(
+                f'{text} is an effect: separate effects with commas and no space')
+    return path
+
+
+def count(text: str) -> int:
+    """Return a whole number above 0."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number above 0')
+    return int(text)
 
 
 def joint_list(text: str) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import math
 from pathlib import Path
 import re
@@ -14,7 +14,9 @@ from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, fit_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.description.joint_order import joint_order, JointOrder
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
 from gravity_comp_ros.estimation.refit import RefitOptions
@@ -46,18 +48,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='one potential energy for all joints; the same with the structure '
                         'of a serial arm (chain); whichever of the two predicts held-out data '
                         'better (auto); or each joint by itself as in Yu 2022 (default: '
-                        f'{FitOptions().formulation}, with --urdf chain)')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='take the axes of the chain from here; masses in it are not used')
+                        f'{FitOptions().formulation}, with --urdf chain, with the '
+                        "recording's own description auto)")
     parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
                         const=0.2, default=None, help='hold this share of the data out of the '
                         'fit and judge the model on it: whole runs, or blocks of a single run '
                         '(0.2 if no number is given)')
-    parser.add_argument('--terms', metavar='N', type=int, default=8,
+    parser.add_argument('--terms', metavar='N', type=arguments.count, default=8,
                         help='terms of each equation to show (default: %(default)s)')
     parser.add_argument('--effects', metavar='A,B:JOINT,...', default=None,
                         help='learn these effects together with gravity; without a joint, on '
                         'every joint that can show them (docs/effects.md has them all)')
+    add_urdf(parser, 'take the axes of the chain from here')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
@@ -65,33 +67,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    if args.urdf is not None and args.formulation not in (None, 'chain', 'auto'):
+    if urdf_file(args) is not None and args.formulation not in (None, 'chain', 'auto'):
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
         whole = (reading.load_slow if only_slow else reading.load)(args, report)
-        options = _options(args, whole)
+        axes = _axes(args, whole)
+        order = _order(args, whole, axes)
+        whole = whole.select_joints(order.joints)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        found = fit_model(fitted, options, effects, speeds, report)
+        found = fit_model(fitted, _options(args, axes), effects, speeds, report)
         seconds = time.perf_counter() - started
-    result, joint, model = found.result, found.refit, found.model
+    result, joint = found.result, found.refit
+    model = replace(found.model, provenance={
+        **found.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
     judged = compare_model(model, held) if held else None
     document = {
         'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
         'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': model.provenance['holdout'], **whole.to_json(),
+        'holdout': model.provenance['holdout'], 'description': axes.to_json(),
+        'joint_order': order.source, **whole.to_json(),
         **(refitting.to_json(joint) if joint else {})}
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, fitted, result, judged, seconds)
+        _show(args, fitted, axes, order, result, judged, seconds)
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
+    for line in [axes.problem] if axes.problem else []:
+        terminal.warn(line)
     for line in refitting.warnings(joint) if joint else []:
         terminal.warn(line)
     if args.json:
@@ -99,12 +108,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _options(args: argparse.Namespace, recording: Recording) -> FitOptions:
-    if args.urdf is None:
-        return FitOptions(formulation=args.formulation or FitOptions().formulation)
-    from gravity_comp_ros.description.urdf import read_urdf
-    return FitOptions(formulation=args.formulation or 'chain',
-                      geometry=read_urdf(args.urdf, recording.joints))
+def _options(args: argparse.Namespace, axes: KnownAxes) -> FitOptions:
+    usual = FitOptions().formulation
+    if axes.geometry is not None:
+        # Nobody has said that the recording's own description is right: the data decide.
+        usual = 'chain' if axes.asked else 'auto'
+    return FitOptions(formulation=args.formulation or usual, geometry=axes.geometry)
+
+
+def _axes(args: argparse.Namespace, recording: Recording) -> KnownAxes:
+    """Return the axes from a description, unless the formulation has no use for them."""
+    if args.formulation not in (None, 'chain', 'auto'):
+        return KnownAxes()
+    return known_axes(args, recording.joints, choose=args.joints is None)
+
+
+def _order(args: argparse.Namespace, recording: Recording, axes: KnownAxes) -> JointOrder:
+    """Return the order of the arm, as the user, a description or the names tell it."""
+    if axes.geometry is not None:
+        return JointOrder(axes.geometry.joints, 'description')
+    if args.joints is not None:
+        return JointOrder(recording.joints, '--joints')
+    return joint_order(recording.joints)
 
 
 def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]:
@@ -122,9 +147,9 @@ def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]
     return found
 
 
-def _show(args: argparse.Namespace, fitted: Recording, result: FitResult,
-          judged: Comparison | None, seconds: float) -> None:
-    for line in reading.lines(fitted):
+def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: JointOrder,
+          result: FitResult, judged: Comparison | None, seconds: float) -> None:
+    for line in [*reading.lines(fitted), *axes.notes, f'order of joints: {order.source}']:
         terminal.show(terminal.safe(line))
     if fitted.holdout:
         terminal.show(terminal.safe(_holdout_sentence(fitted, fitted.holdout)))
@@ -135,7 +160,7 @@ def _show(args: argparse.Namespace, fitted: Recording, result: FitResult,
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
-        equation = shortened(result.model.equation(joint), max(1, args.terms))
+        equation = shortened(result.model.equation(joint), args.terms)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
     for warning in result.report['warnings']:
         terminal.warn(warning)

@@ -9,6 +9,7 @@ from gravity_comp_ros.api.recording import read_recording, read_slow, Recording
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 
 
@@ -53,10 +54,10 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     found = []
     for report in reports:
         found.append(
-            f'{report.path.name}: {report.topic}, {report.n_samples} samples at '
+            f'{report.path.name}: {report.topic}, {counted(report.n_samples, "sample")} at '
             f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
             f'velocity {report.velocity}')
-        found += [f'  dropped {count} of {report.n_messages} messages: {reason}'
+        found += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
                   for reason, count in report.dropped.items() if count]
         found += [f'  {note}' for note in report.notes]
     return found

@@ -8,10 +8,11 @@ from typing import Any
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import update_model
+from gravity_comp_ros.api.steps import update_model, Updated
 from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone
@@ -41,11 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='NEW.json', type=Path,
                         help='write the new model here (default: over the old one, which --undo '
                         'brings back)')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path,
-                        help='where the axes of the arm are: tells mass and centre of mass')
     parser.add_argument('--undo', action='store_true',
                         help='take the last change of the model back; needs no bag')
     parser.add_argument('--dry-run', action='store_true', help='show, but write nothing')
+    add_urdf(parser, 'where the axes of the arm are: gives mass and centre of mass')
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
@@ -86,25 +86,34 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        geometry = None
-        if args.urdf is not None:
-            from gravity_comp_ros.description.urdf import read_urdf
-            geometry = read_urdf(args.urdf, model.joints)
-        done = update_model(model, loaded, geometry)
+        done, axes = _updated(model, loaded, known_axes(args, model.joints))
         report('update', 1.0)
     changed, result = done.model, done.result
     if not args.dry_run:
         save_model(target, changed)
     if args.json != '-':
-        _show(args, loaded, result, target)
-    for line in _warnings(model, result, loaded):
+        _show(args, loaded, axes, result, target)
+    warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, loaded)]
+    for line in warnings:
         terminal.warn(line)
     if args.json:
         terminal.emit_json(
             {'model': str(target), 'written': not args.dry_run, **result.report,
              'effects': [effect.target for effect in changed.applied.effects],
-             'warnings': _warnings(model, result, loaded), **loaded.to_json()}, args.json)
+             'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
     return 0
+
+
+def _updated(model: GravityModel, loaded: Recording,
+             axes: KnownAxes) -> tuple[Updated, KnownAxes]:
+    """Return the update, and the axes that it used: a recording's own only if they fit."""
+    try:
+        return update_model(model, loaded, axes.geometry), axes
+    except ModelMismatchError as problem:
+        if axes.geometry is None or axes.asked:
+            raise
+        unused = KnownAxes(problem=f'robot description not used: {problem}')
+        return update_model(model, loaded), unused
 
 
 def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:
@@ -115,9 +124,9 @@ def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> l
     return lines
 
 
-def _show(args: argparse.Namespace, loaded: Recording, result: UpdateResult,
-          target: Path) -> None:
-    for line in reading.lines(loaded):
+def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
+          result: UpdateResult, target: Path) -> None:
+    for line in [*reading.lines(loaded), *axes.notes]:
         terminal.show(terminal.safe(line))
     terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
     done = 'nothing written (--dry-run)' if args.dry_run else f'written to {target}'
