@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from gravity_comp_ros.recordings.bag import ReadOptions
 
 
+# Those of `recordings.bag`, which would have to be loaded for --help; a test compares them.
+_EFFORT_UNITS = ('Nm', 'mNm', 'Ncm', 'kgfcm', 'kgfm', 'lbfft', 'lbfin')
+
+
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
     name = 'bag' if nargs is None else 'bags'
@@ -25,7 +29,7 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     """
-    Add --topic, --effort-scale, --differentiate and, unless a model says it, --joints.
+    Add what says how a bag is read; --joints unless a model says it.
 
     `read_options` says what they mean.
     """
@@ -40,6 +44,14 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
+    group.add_argument('--effort-unit', choices=_EFFORT_UNITS, default='Nm',
+                       help='unit of the effort in the bag (default: %(default)s); for a motor '
+                       'current give --effort-scale')
+    group.add_argument('--degrees', action='store_true',
+                       help='angles and speeds in the bag are in degrees')
+    group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
+                       default=[], help='call joints of the bag by other names, as those of a '
+                       'URDF; the other options and the model use the new ones')
     group.add_argument('--differentiate', action='store_true',
                        help='take speeds from the positions, for a driver whose velocities are '
                        '0 or wrong; where there are none that is done anyway')
@@ -51,7 +63,8 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
-    return ReadOptions(args.topic, args.joints, merged, args.differentiate)
+    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.degrees,
+                       args.effort_unit, dict(args.rename))
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
@@ -142,6 +155,17 @@ def scales(text: str) -> dict[str, float]:
         if number == 0.0:
             raise argparse.ArgumentTypeError(f'{part!r}: a scale of 0 leaves no torque')
         found[name.strip()] = number
+    return found
+
+
+def renames(text: str) -> list[tuple[str, str]]:
+    """Return the pairs in `OLD=NEW,...`."""
+    found = []
+    for part in text.split(','):
+        old, equals, new = (word.strip() for word in part.partition('='))
+        if not (old and equals and new):
+            raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
+        found.append((old, new))
     return found
 
 
