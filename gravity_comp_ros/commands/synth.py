@@ -123,7 +123,8 @@ def run(args: argparse.Namespace) -> int:
               WriteOptions(metadata={'gravity_comp_synth': origin}))
     notes = _limits_passed(arm, samples)
     if args.json:
-        emit_json({**_facts(args, samples, notes), 'hidden_sizes': origin['hidden']}, args.json)
+        emit_json({**_facts(args, samples, notes),
+                   'hidden_sizes': origin['hidden']}, args.json)
         return 0
     length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
     what = f' with {args.payload:g} kg' if args.payload else ''

@@ -132,8 +132,8 @@ def hidden(text: str, arm: Arm) -> Hidden:
 
 def _joint(name: str, where: str, arm: Arm) -> int:
     if not where:
-        raise OptionError(f'{name}: on which joint? Write {name}:JOINT or {name}:JOINT=SIZE; there '
-                          f'are {", ".join(arm.joints)}, or 1 to {arm.n_joints}')
+        raise OptionError(f'{name}: on which joint? Write {name}:JOINT or {name}:JOINT=SIZE; '
+                          f'there are {", ".join(arm.joints)}, or 1 to {arm.n_joints}')
     joint = joint_named(where, arm.joints)
     if joint is not None:
         return arm.joints.index(joint)
