@@ -49,10 +49,10 @@ class JointTopic:
         if not self.name.startswith('/'):
             raise OptionError(f'topic {self.name!r} must begin with a slash')
         shape = (len(self.t), len(self.joints))
-        for field in ('position', 'velocity', 'effort'):
-            values = getattr(self, field)
+        for what in ('position', 'velocity', 'effort'):
+            values = getattr(self, what)
             if values is not None and np.shape(values) != shape:
-                raise OptionError(f'topic {self.name}: {field} has shape {np.shape(values)}; '
+                raise OptionError(f'topic {self.name}: {what} has shape {np.shape(values)}; '
                                   f'expected {shape}')
 
 
