@@ -22,7 +22,7 @@ ROOMS = (
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
-    ('report', 'fleet'),
+    ('report', 'fleet', 'planning'),
     ('node', 'workbench', 'commands', 'cli'),
 )
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}

@@ -25,6 +25,7 @@ motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
   random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
+  FILE.yaml  what `gravity_comp plan` has written (50 Hz)
   multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
 
 examples:
@@ -37,6 +38,9 @@ examples:
 """
 
 _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'multisine': (100.0, 50.0)}
+_MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
+_FILE_RATE = 50.0
+_FILES = ('.yaml', '.yml', '.csv')
 _DEFAULT_POSES = 1000
 _POSE_RATE = 0.5
 
@@ -63,8 +67,9 @@ def _add_arm(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_motion(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--motion', choices=('eq15', 'eq17', 'random', 'multisine'),
-                       default='eq17', help='see below (default: eq17)')
+    group.add_argument('--motion', metavar='NAME|FILE', default='eq17',
+                       help=f'{", ".join(_MOTIONS)}, see below, or a motion that `plan` has '
+                       'written (.yaml or .csv) (default: eq17)')
     group.add_argument('--duration', metavar='S', type=positive, help='length in s')
     group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
     group.add_argument('--samples', metavar='N', type=int,
@@ -131,6 +136,11 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
         raise OptionError(f'--samples {args.samples}: at least one sample is needed')
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
+    if Path(args.motion).suffix in _FILES:
+        return _played(args, arm)
+    if args.motion not in _MOTIONS:
+        raise OptionError(f'no motion {args.motion}; give one of {", ".join(_MOTIONS)}, or a '
+                          f'{" or ".join(_FILES)} file')
     if args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
     if args.motion == 'random':
@@ -147,6 +157,27 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
                                  duration, rate, args.start)
     make = motions.eq15 if args.motion == 'eq15' else motions.eq17
     return make(duration, rate, args.start)
+
+
+def _played(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
+    """Return the motion in a file, from its beginning to its end."""
+    from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+    if args.max_speed is not None or args.start:
+        raise OptionError('--max-speed and --start are not for a motion from a file')
+    found = read_trajectory(Path(args.motion))
+    if sorted(found.joints) != sorted(arm.joints):
+        raise OptionError(f'{args.motion} moves {", ".join(found.joints)}, but the joints of '
+                          f'{arm.name} are {", ".join(arm.joints)}')
+    order = [found.joints.index(joint) for joint in arm.joints]
+
+    def path(t: motions.FloatArray
+             ) -> tuple[motions.FloatArray, motions.FloatArray, motions.FloatArray]:
+        q, qd, qdd = found.at(t + found.t[0])
+        return q[:, order], qd[:, order], qdd[:, order]
+
+    rate = args.rate or _FILE_RATE
+    duration = args.samples / rate if args.samples else args.duration or found.duration
+    return motions.sample(Path(args.motion).name, path, duration, rate)
 
 
 def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
