@@ -95,7 +95,7 @@ def test_json_and_limits(tmp_path, capsys):
 
 @pytest.mark.parametrize(('arguments', 'says'), [
     (('--arm', 'puma'), 'no arm puma'), (('--arm', 'none.urdf'), 'cannot read URDF none.urdf'),
-    (('--samples', '0'), 'at least one sample'), (('--noise', '-1'), 'absolute is -1'),
+    (('--noise', '-1'), 'absolute is -1'),
     (('--samples', '5', '--duration', '5'), 'not both'), (('--max-speed', '1'), 'multisines'),
     (('--payload-com', '0', '0', '1'), 'needs --payload'),
     (('--payload-at', '5'), 'needs a payload'), (('--joint-names', 'a,b'), '7 joints'),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.request import requests
@@ -79,8 +80,8 @@ def run(args: argparse.Namespace) -> int:
     args.joints = model.joints
     targets = _targets(args, model)
     with terminal.progress() as report:
-        reports, samples = reading.read_all(args, report)
-        found = plan(samples, model, targets, _options(args, model), progress=report)
+        recording = reading.load_all(args, report)
+        found = plan(recording.samples, model, targets, _options(args, model), progress=report)
     trajectory = found.trajectory
     if args.effort:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
@@ -92,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         terminal.warn(note)
     if args.json:
         terminal.emit_json({**_to_json(found), 'output': str(args.output),
-                            'bags': [reading.bag_json(r) for r in reports]}, args.json)
+                            'bags': [bag_json(r) for r in recording.reports]}, args.json)
     return 0
 
 
@@ -147,14 +148,17 @@ def _to_json(found: Plan) -> dict[str, Any]:
         'start': trajectory.q[0].tolist(),
         'parts': [{'start': p.start, 'end': p.end, 'joints': list(p.joints), 'what': p.what,
                    'settles': list(p.settles), 'sentence': p.sentence} for p in found.parts],
-        'expected': [{
-            'effect': e.target.effect, 'joint': e.target.joint, 'chance_before': e.chance_before,
-            'chance': e.chance, 'closest_alternative': e.hardest or None,
-            'assumed': e.assumed, 'size_is_measured': e.measured,
-            'half_width': {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
-                           for symbol, (width, unit) in e.half_width.items()}}
-            for e in found.expectations],
+        'expected': [_expected_json(expected) for expected in found.expectations],
         'notes': list(found.notes)}
+
+
+def _expected_json(e: Expectation) -> dict[str, Any]:
+    widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
+              for symbol, (width, unit) in e.half_width.items()}
+    return {'effect': e.target.effect, 'joint': e.target.joint,
+            'chance_before': e.chance_before, 'chance': e.chance,
+            'closest_alternative': e.hardest or None, 'assumed': e.assumed,
+            'size_is_measured': e.measured, 'half_width': widths}
 
 
 def _motion_file(text: str) -> Path:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from datetime import datetime, UTC
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
@@ -15,13 +14,9 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.printable import counted
 
 _MOST_SHOWN = 6
-
-
-def now() -> str:
-    """Return the time, for a model's history."""
-    return datetime.now(UTC).isoformat(timespec='seconds')
 
 
 def speeds(args: argparse.Namespace) -> RefitOptions:
@@ -40,7 +35,7 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
 def fitted_sentence(result: Refit) -> str:
     """Return how many samples were fitted."""
     speeds = '' if result.all_speeds else ', the slow ones; --all-samples takes fast ones too'
-    return f'gravity and effects are fitted to {result.n_samples} samples{speeds}'
+    return f'gravity and effects are fitted to {counted(result.n_samples, "sample")}{speeds}'
 
 
 def error_table(result: Refit) -> ScreenTable:
