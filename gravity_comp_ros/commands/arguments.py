@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.printable import counted
+from gravity_comp_ros.errors import OptionError
 
 if TYPE_CHECKING:
     from gravity_comp_ros.data.gate import GateOptions
@@ -71,7 +68,7 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
-    """Add --max-speed, --rate and --all-samples; see `gated`."""
+    """Add --max-speed, --rate and --all-samples; see `gate`."""
     group = parser.add_argument_group('slow-motion gate (gravity shows only in slow motion)')
     group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
                        help='fastest joint speed that a sample may have')
@@ -94,56 +91,14 @@ def gate_options(args: argparse.Namespace) -> GateOptions:
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
 
-@dataclass(frozen=True)
-class Gated:
-    """Samples that passed the gate, and what became of the others."""
-
-    samples: JointSamples
-    total: int
-    dropped: Mapping[str, int]
-    all_samples: bool
-
-    def to_json(self) -> dict[str, object]:
-        return {'total': self.total, 'kept': self.samples.n_samples,
-                'dropped': dict(self.dropped), 'all_samples': self.all_samples}
-
-    def sentence(self) -> str:
-        """Return one line on what was kept and why the rest was not."""
-        if self.all_samples:
-            return f'{counted(self.total, "sample")} used, fast ones too'
-        why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
-        return (f'{self.samples.n_samples} of {counted(self.total, "sample")} pass the '
-                'slow-motion gate'
-                + (f' ({why})' if why else ''))
-
-
-def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
+def gate(args: argparse.Namespace) -> GateOptions | None:
     """
-    Return the samples that the gate of `args` lets through.
+    Return the gate that the arguments ask for, None with --all-samples.
 
-    :raises DataError: if none passes.
+    :raises OptionError: if they contradict each other.
     """
     options = gate_options(args)
-    if args.all_samples:
-        return Gated(samples, samples.n_samples, {}, True)
-    from gravity_comp_ros.data.gate import slow_samples
-    result = slow_samples(samples, options)
-    return slow_only(result.samples, samples.n_samples, result.dropped, options)
-
-
-def slow_only(samples: JointSamples, total: int, dropped: Mapping[str, int],
-              options: GateOptions) -> Gated:
-    """
-    Return what the gate kept of `total` samples.
-
-    :raises DataError: if that is none.
-    """
-    if samples.n_samples == 0:
-        raise DataError(
-            f'none of the {total} samples is slow (every joint under '
-            f'{options.max_speed:g} rad/s): record slow motion, raise --max-speed, or pass '
-            '--all-samples')
-    return Gated(samples, total, dict(dropped), False)
+    return None if args.all_samples else options
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -17,7 +17,7 @@ from gravity_comp_ros.estimation.fit import Estimate
 from gravity_comp_ros.evaluation.blocks import cut
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
-from scipy import stats
+from scipy import special
 
 
 def clustered_std(estimate: Estimate) -> tuple[FloatArray, float]:
@@ -48,7 +48,7 @@ def clustered_std(estimate: Estimate) -> tuple[FloatArray, float]:
     spread = inverse @ (scores.T @ scores) @ inverse * blocks.count / max(blocks.count - 1, 1)
     k = len(plain)
     robust = np.sqrt(np.maximum(np.diag(spread)[:k], 0.0))
-    return np.maximum(plain, robust), float(stats.t.ppf(0.975, max(blocks.count - 1, 2)))
+    return np.maximum(plain, robust), float(special.stdtrit(max(blocks.count - 1, 2), 0.975))
 
 
 def _gravity_columns(estimate: Estimate) -> FloatArray:

@@ -13,6 +13,9 @@ from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.read_notes import (
+    degree_notes, drop_impossible, gap_notes, IMPOSSIBLE, zero_effort_note, zero_velocity_notes)
+from gravity_comp_ros.recordings.several_arms import jumps_to_and_fro
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import (
@@ -37,10 +40,6 @@ MOVES = 1e-3
 # N·m per unit of effort that a driver may publish; a current has none of its own.
 EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'kgfm': 9.80665,
                 'lbfft': 1.3558179483314004, 'lbfin': 0.1129848290276167}
-# No position in rad, speed or effort in any driver's unit is larger.
-IMPOSSIBLE = 1e9
-# A gap is longer than this, s, and than so many usual intervals.
-GAP, GAP_STEPS = 10.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -215,6 +214,7 @@ class _Reading:
         self._check_values()
         unmeasured = self._unmeasured(options)
         clock = self._clock()
+        self._check_jumps()
         self._differentiate(clock, unmeasured)
         time = (self.times - self.times[0]) / 1e9
         scale = options.scale(self.joints)
@@ -269,6 +269,12 @@ class _Reading:
         for joint in np.array(self.joints)[zero]:
             self.notes.append(zero_effort_note(joint))
 
+    def _check_jumps(self) -> None:
+        if jumps_to_and_fro(self.q):
+            raise BagError(f'{self.where}: positions jump to and fro from message to message, as '
+                           f'when two robots publish the same joint names on one topic; give '
+                           f'each a namespace and record again')
+
     def _unmeasured(self, options: ReadOptions) -> Mask:
         """Return the joints (N,) whose velocity must come from the position."""
         if options.differentiate:
@@ -302,63 +308,6 @@ class _Reading:
         which = ('of every joint' if unmeasured.all()
                  else 'of ' + ', '.join(np.array(self.joints)[unmeasured]))
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
-
-
-def drop_impossible(*arrays: FloatArray) -> int:
-    """Put NaN for what is finite and yet no measurement, and return how many that was."""
-    count = 0
-    for values in arrays:
-        beyond = np.isfinite(values) & (np.abs(values) > IMPOSSIBLE)
-        values[beyond] = np.nan
-        count += int(beyond.sum())
-    return count
-
-
-def gap_notes(t: FloatArray) -> list[str]:
-    """
-    Say where a recording has a hole that no lost message explains.
-
-    :param t: times (M,) in s, rising.
-    """
-    steps = np.diff(t)
-    if not steps.size:
-        return []
-    longest = int(np.argmax(steps))
-    count = int((steps > max(GAP, GAP_STEPS * float(np.median(steps)))).sum())
-    if not count:
-        return []
-    what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
-    return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
-            f'its load changed in between, these are two recordings']
-
-
-def degree_notes(furthest: float, degrees: bool) -> list[str]:
-    """Ask for the unit of angles of which the largest is `furthest`."""
-    if degrees or furthest <= 4 * np.pi:
-        return []
-    return [f'positions reach {furthest:.0f} rad: are they degrees? --degrees reads them so']
-
-
-def zero_effort_note(joint: str) -> str:
-    """Return the note on a joint whose effort never differs from 0."""
-    return f'effort of joint {joint} is always 0'
-
-
-def zero_velocity_notes(joints: tuple[str, ...], moves: Mask, speed: Mask) -> list[str]:
-    """
-    Say where a driver publishes 0 for a speed that it does not measure.
-
-    :param moves: which joints move (N,).
-    :param speed: which joints have a velocity other than 0, or one to be differentiated (N,).
-    """
-    zero = moves & ~speed
-    if not zero.any():
-        return []
-    if not speed.any():
-        return ['velocity is 0 throughout although joints move: taken as a series of poses at '
-                'rest; if the driver does not measure velocity, read it with --differentiate']
-    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although it '
-            f'moves: the driver does not measure it; read it with --differentiate']
 
 
 def _gather(storage: Storage, topic: str, rename: Mapping[str, str]) -> Columns:
