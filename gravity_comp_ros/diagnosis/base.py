@@ -14,13 +14,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain

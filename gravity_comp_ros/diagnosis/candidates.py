@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
 from gravity_comp_ros.diagnosis.nuisance import nuisance
+from gravity_comp_ros.effects.effect import Effect, Motion, Setting
 import numpy as np
 
 _SETTINGS_KEPT = 3

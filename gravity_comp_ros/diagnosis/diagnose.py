@@ -12,12 +12,12 @@ from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.evidence import joint_gram, JointGram
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
 from gravity_comp_ros.diagnosis.verdict import Judge
 from gravity_comp_ros.effects.effect import Effect, Motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.evaluation.blocks import Blocks, cut
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np

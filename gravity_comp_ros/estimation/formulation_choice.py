@@ -77,8 +77,8 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if chain.fit.clean and m >= _ENOUGH and (chain.fit.inflation == 1.0).all():
-        return Choice(chain, 'the dictionary explains no more of the chain\'s residual than of '
-                      'white noise', {}, uses_known, warning)
+        return Choice(chain, 'the dictionary explains no more of the residual of the chain than '
+                      'of white noise', {}, uses_known, warning)
     if n > _MOST_JOINTS:
         return Choice(chain, f'the potential is not tried on more than {_MOST_JOINTS} joints', {},
                       uses_known, warning)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.condense import Condensation
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, least_widths, Shape)
 from gravity_comp_ros.models.nuisance import (
@@ -130,6 +131,32 @@ def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Conde
     size = len(means.first)
     values = np.array([x for _, x in found]) if found else np.zeros((0, size))
     return NuisanceColumns(tuple(column for column, _ in found), values, shapes)
+
+
+def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:
+    """
+    Return the torque (M, N) in N·m of fitted nuisance terms on other samples of the same joints.
+
+    Terms of a joint that the samples lack are left out.
+    """
+    total = np.zeros(samples.q.shape)
+    qdd = None
+    for term in nuisance.terms:
+        if term.joint not in samples.names or (term.source or term.joint) not in samples.names:
+            continue
+        n = samples.names.index(term.joint)
+        if term.kind == COULOMB:
+            shape = Shape(float(nuisance.width[n]), float(nuisance.hold[n]))
+            column = direction(samples, samples.q[:, n], samples.qd[:, n], shape)
+        elif term.kind == VISCOUS:
+            column = samples.qd[:, n]
+        elif term.kind == INERTIA:
+            qdd = accelerations(samples) if qdd is None else qdd
+            column = qdd[:, samples.names.index(term.source or term.joint)]
+        else:
+            column = np.ones(samples.n_samples)
+        total[:, n] += term.value * column
+    return total
 
 
 def _identifiable(candidates: list[tuple[Column, FloatArray]], given: FloatArray

@@ -217,8 +217,8 @@ def _old_terms(motion: Motion, model: GravityModel
 
 
 def _problem(motion: Motion, model: GravityModel, kept: tuple[AppliedEffect, ...],
-               terms: Sequence[Term], use: BoolArray | None,
-               options: RefitOptions) -> tuple[RefitProblem, bool]:
+             terms: Sequence[Term], use: BoolArray | None,
+             options: RefitOptions) -> tuple[RefitProblem, bool]:
     samples = motion.samples
     allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
     rows, all_speeds = np.flatnonzero(allowed), True

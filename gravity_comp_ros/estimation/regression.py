@@ -1,12 +1,10 @@
-"""
-What a fit is made of: condensed samples, columns beside gravity, and how far samples are trusted.
-"""
+"""What a fit is made of: condensed samples, columns beside gravity, and trust in samples."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.condense import condense, Condensation, CondenseOptions
+from gravity_comp_ros.data.condense import Condensation, condense, CondenseOptions
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import Shape
 from gravity_comp_ros.estimation import robust

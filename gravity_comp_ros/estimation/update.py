@@ -15,12 +15,14 @@ from typing import Any
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
+from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.payload_estimate import on_known_axes, PayloadEstimate, weigh
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.nuisance import NuisanceTerms
 from gravity_comp_ros.models.sparse.dictionary import feature_name
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -93,20 +95,26 @@ def update(model: GravityModel, samples: JointSamples,
     return _update(model, samples, options, None)
 
 
-def _update(model: GravityModel, samples: JointSamples, options: UpdateOptions,
+def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None) -> UpdateResult:
-    sigma = np.maximum(model.noise, noise.floor(samples.tau))
+    # Friction and offsets that were seen before the change are carried over.
+    samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
+    sigma = np.maximum(model.nuisance.noise if model.nuisance.noise.size else model.noise,
+                       noise.floor(samples.tau))
     found = _step(model, samples, sigma, geometry)
     old_sigma, sigma = sigma, _noise(found.model, samples, sigma, options)
     if not np.allclose(sigma, old_sigma, rtol=_SAME_NOISE):
         found = _step(model, samples, sigma, geometry)
-    residual = samples.tau - found.model.predict(samples.q)
-    rmse = np.sqrt((residual ** 2).mean(axis=0))
-    report = _report(model, found, samples, rmse, sigma)
+    # Errors are those of the model as it predicts, friction that it does not predict included.
+    rmse = np.sqrt(((measured.tau - found.model.predict(measured.q)) ** 2).mean(axis=0))
+    report = _report(model, found, measured, rmse, sigma)
     provenance = {**model.provenance,
                   'updates': [*model.provenance.get('updates', []), report]}
-    updated = replace(found.model, noise=sigma, coverage=_coverage(model, samples),
-                      provenance=provenance)
+    nuisance = found.model.nuisance
+    if nuisance.noise.size:
+        nuisance = NuisanceTerms(nuisance.terms, nuisance.width, nuisance.hold, sigma)
+    updated = replace(found.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
+                      coverage=_coverage(model, samples), provenance=provenance)
     return UpdateResult(updated, report)
 
 
@@ -121,7 +129,7 @@ def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
         chain, ChainUncertainty(chain, covariance))
     direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
     return replace(made, applied=replace(model.applied, direction=direction),
-                   history=model.history)
+                   history=model.history, nuisance=model.nuisance.in_order(order))
 
 
 @dataclass(frozen=True)
@@ -206,7 +214,8 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
                  uncertainty: Any) -> GravityModel:
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
-    return replace(changed, applied=model.applied, history=model.history)
+    return replace(changed, applied=model.applied, history=model.history,
+                   nuisance=model.nuisance)
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, sigma: FloatArray,
