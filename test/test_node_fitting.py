@@ -28,7 +28,7 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
 
 def job(number=1, old=None, mass=1.0, train=None):
     return Job(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
-               FitOptions())
+               FitOptions('potential'))
 
 
 @contextmanager
