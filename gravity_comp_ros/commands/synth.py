@@ -12,21 +12,27 @@ from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag, WriteOptions
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.hidden import hidden, KINDS
+from gravity_comp_ros.simulation.hidden import Hidden, hidden
+from gravity_comp_ros.simulation.hidden_sizes import size_table
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 VERB = 'synth'
 HELP = 'record a simulated arm: model, motion, payload, hidden effects and noise to a file'
-EPILOG = """\
+EPILOG = f"""\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
   random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
+  FILE.yaml  what `gravity_comp plan` has written (50 Hz)
   multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
+
+hidden effects and what their SIZE means, in the units of `diagnose`:
+{size_table()}
+  JOINT is a name or a number from 1. The default SIZE stands out of the noise of a usual arm.
 
 examples:
   gravity_comp synth --motion eq17 --noise 0.1 -o slow.mcap
@@ -37,6 +43,9 @@ examples:
   gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
 """
 
+_MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
+_FILE_RATE = 50.0
+_FILES = ('.yaml', '.yml', '.csv')
 # Length in s and rate in Hz.
 _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5),
              'multisine': (100.0, 50.0)}
@@ -66,8 +75,9 @@ def _add_arm(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_motion(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--motion', choices=('eq15', 'eq17', 'random', 'multisine'),
-                       default='eq17', help='see below (default: eq17)')
+    group.add_argument('--motion', metavar='NAME|FILE', type=_motion_name, default='eq17',
+                       help=f'{", ".join(_MOTIONS)}, see below, or a motion that `plan` has '
+                       'written (.yaml or .csv) (default: eq17)')
     group.add_argument('--duration', metavar='S', type=positive, help='length in s')
     group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
     group.add_argument('--samples', metavar='N', type=count,
@@ -85,9 +95,10 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        '(default: 0 0 0.1)')
     group.add_argument('--payload-at', metavar='S', type=finite,
                        help='attach it this long after the beginning (default: at once)')
-    group.add_argument('--hidden', metavar='EFFECT[:JOINT[=SIZE]]', action='append', default=[],
+    group.add_argument('--hidden', metavar='EFFECT:JOINT[=SIZE]', action='append', default=[],
                        help='something the arm should not have, simulated by other formulas '
-                       f'than the diagnosis uses; may be repeated: {", ".join(sorted(KINDS))}')
+                       'than the diagnosis uses; may be repeated; effects and the units of their '
+                       'sizes are below')
     group.add_argument('--noise', metavar='NM', type=finite, default=0.0,
                        help='standard deviation of the torque noise, N·m (default: 0)')
     group.add_argument('--relative-noise', metavar='FRACTION', type=finite, default=0.0,
@@ -109,16 +120,23 @@ def angle(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     arm = _arm(args)
     motion = _motion(args, arm)
-    samples = synthesise(arm, motion, _synthesis(args, arm))
-    write_bag(args.output, [joint_states(samples, args.topic)])
+    found = [hidden(text, arm) for text in args.hidden]
+    samples = synthesise(arm, motion, _synthesis(args, found))
+    origin = {'arm': arm.name, 'command': args.command,
+              'hidden': [effect.to_json() for effect in found]}
+    write_bag(args.output, [joint_states(samples, args.topic)],
+              WriteOptions(metadata={'gravity_comp_synth': origin}))
     notes = _limits_passed(arm, samples)
     if args.json:
-        emit_json(_facts(args, samples, notes), args.json)
+        emit_json({**_facts(args, samples, notes),
+                   'hidden_sizes': origin['hidden']}, args.json)
         return 0
     length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
     what = f' with {args.payload:g} kg' if args.payload else ''
     show(f'wrote {safe(args.output)}: {safe(arm.name)}{what} on {motion.name}, {length}, '
          f'{samples.t[-1] - samples.t[0]:.4g} s')
+    for effect in found:
+        show(f'hidden: {safe(effect)}')
     for note in notes:
         warn(note)
     return 0
@@ -140,15 +158,14 @@ def _arm(args: argparse.Namespace) -> arms.Arm:
 def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
+    if Path(args.motion).suffix in _FILES:
+        return _played(args, arm)
     if args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
     default_duration, default_rate = _DEFAULTS[args.motion]
     rate = args.rate or default_rate
     duration = args.samples / rate if args.samples else args.duration or default_duration
-    if duration * rate > _MOST_SAMPLES:
-        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
-                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
-                          f'--rate')
+    _check_size(duration, rate)
     if args.motion == 'random':
         poses = max(1, round(duration * rate))
         return motions.random_poses(arm.lower, arm.upper, poses, args.seed, 1 / rate, args.start)
@@ -160,7 +177,43 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     return make(duration, rate, args.start)
 
 
-def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
+def _motion_name(text: str) -> str:
+    if text not in _MOTIONS and Path(text).suffix not in _FILES:
+        raise argparse.ArgumentTypeError(f'no motion {text}; give one of {", ".join(_MOTIONS)}, '
+                                         f'or a {" or ".join(_FILES)} file')
+    return text
+
+
+def _check_size(duration: float, rate: float) -> None:
+    if duration * rate > _MOST_SAMPLES:
+        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
+                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
+                          f'--rate')
+
+
+def _played(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
+    """Return the motion in a file, from its beginning to its end."""
+    from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+    if args.max_speed is not None or args.start:
+        raise OptionError('--max-speed and --start are not for a motion from a file')
+    found = read_trajectory(Path(args.motion))
+    if sorted(found.joints) != sorted(arm.joints):
+        raise OptionError(f'{args.motion} moves {", ".join(found.joints)}, but the joints of '
+                          f'{arm.name} are {", ".join(arm.joints)}')
+    order = [found.joints.index(joint) for joint in arm.joints]
+
+    def path(t: motions.FloatArray
+             ) -> tuple[motions.FloatArray, motions.FloatArray, motions.FloatArray]:
+        q, qd, qdd = found.at(t + found.t[0])
+        return q[:, order], qd[:, order], qdd[:, order]
+
+    rate = args.rate or _FILE_RATE
+    duration = args.samples / rate if args.samples else args.duration or found.duration
+    _check_size(duration, rate)
+    return motions.sample(Path(args.motion).name, path, duration, rate)
+
+
+def _synthesis(args: argparse.Namespace, found: list[Hidden]) -> SynthesisOptions:
     if args.hidden and args.static:
         raise OptionError('--hidden shows on a moving arm; leave --static away')
     payload = None
@@ -171,7 +224,7 @@ def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
         raise OptionError('--payload-com needs --payload')
     noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
     at = None if args.payload_at is None else args.start + args.payload_at
-    disturbances = tuple(hidden(text, arm) for text in args.hidden)
+    disturbances = tuple(effect.disturbance for effect in found)
     return SynthesisOptions(noise, args.seed, args.static, payload, at, disturbances)
 
 
