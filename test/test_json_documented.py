@@ -17,6 +17,8 @@ CALLS = {
     'add': ('coulomb_friction:shoulder', '1.mcap', '--model', 'm.json'),
     'update': ('2.mcap', '--model', 'm.json'), 'info': ('1.mcap',),
     'replay': ('1.mcap', '--model', 'm.json', '-o', 'out.mcap'),
+    'plan': ('1.mcap', '--model', 'm.json', '--settle', 'viscous_friction:shoulder', '--duration',
+             '20', '-o', 'motion.csv'),
     'synth': ('--motion', 'eq15', '-o', 'synth.mcap'), 'convert': ('table.csv', '-o', 'c.mcap'),
     'fleet': ('fit', 'robots', '-o', 'models', '--workers', '1')}
 
