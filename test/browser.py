@@ -41,6 +41,32 @@ SELECTED = """() => {
           glyphs.filter((glyph) => glyph.data_source === source).length]
 }"""
 
+# Elements of a page, shadow roots and all, that a name must never become.
+LIVELY = """() => {
+  const found = []
+  const walk = (root) => {
+    for (const element of root.querySelectorAll('*')) {
+      const name = element.localName, link = element.getAttribute('href') || ''
+      const handles = element.getAttributeNames().some(n => n.startsWith('on'))
+      if (handles || name.startsWith('mjx') || link.startsWith('javascript:')
+          || (name == 'img' && element.getAttribute('src') == 'x')) found.push(element.outerHTML)
+      if (element.shadowRoot) walk(element.shadowRoot)
+    }
+  }
+  walk(document)
+  return found
+}"""
+# What a name that did become markup would do: a handler, a script, a link that runs one.
+INJECT = """() => {
+  const place = document.createElement('div')
+  place.innerHTML = '<img src="data:," onerror="alert(1)"><a href="javascript:alert(2)">x</a>'
+  document.body.append(place)
+  const script = document.createElement('script')
+  script.textContent = 'alert(3)'
+  document.body.append(script)
+  place.querySelector('a').click()
+}"""
+
 
 def chromium() -> str:
     """Return the browser's path; skip without one, or fail where it is required."""

@@ -5,13 +5,17 @@ import re
 import subprocess
 import sys
 
-from browser import watched
+from browser import INJECT, LIVELY, watched
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 from rough_links import two_links
 
-EVIL = ('<img src=x onerror=alert(1)>', '</script><script>alert(2)</script>')
+# Markup, and formulas that a typesetter of mathematics turns into links that run a script.
+LINK = r'\href{javascript:alert(3)}{\text{x}}'
+EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
+        rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
+EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
 ORDER = ['joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model', 'quality',
          'provenance']
 
@@ -22,7 +26,8 @@ def folder(tmp_path_factory):
     for number in (1, 2, 3):
         write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
     write_bag(folder / 'other.mcap', [joint_states(two_links(1, names=('a', 'b')))])
-    write_bag(folder / 'evil.mcap', [joint_states(two_links(1, names=EVIL))])
+    write_bag(folder / EVIL_BAG, [joint_states(two_links(1, names=EVIL),
+                                               f'/$${LINK}$$<img src=x>')])
     assert main(['fit', str(folder / 'run1.mcap'), str(folder / 'run2.mcap'), '-o',
                  str(folder / 'arm.json')]) == 0
     return folder
@@ -125,15 +130,28 @@ def test_the_report_in_a_browser(diagnosed):
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 
 
-def test_names_that_are_markup_stay_text(folder):
+def test_names_that_are_markup_or_formulas_stay_text(folder):
     page = folder / 'evil.html'
-    assert main(['diagnose', str(folder / 'evil.mcap'), '--html', str(page)]) == 0
+    assert main(['diagnose', str(folder / EVIL_BAG), '--html', str(page)]) == 0
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.wait_for_timeout(500)
         assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
-        assert tab.page.locator('img[src=x]').count() == 0
+        assert tab.page.evaluate(LIVELY) == []
+        assert tab.page.evaluate('typeof MathJax') == 'undefined'
         assert tab.page.locator('#joints th[scope=row]').first.inner_text() == EVIL[0]
+        # Should a name become a script after all, the policy of the page does not let it run.
+        tab.page.evaluate(INJECT)
+        tab.page.wait_for_timeout(200)
+        assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
+        assert all('Content Security Policy' in told for told in tab.complaints)
+
+
+def test_without_javascript_the_page_says_why_it_is_empty(diagnosed):
+    with watched(diagnosed.as_uri(), java_script_enabled=False) as tab:
+        tab.page.goto(diagnosed.as_uri())
+        assert tab.page.locator('noscript p').is_visible()
+        assert 'Coulomb friction' in tab.page.locator('#verdict').inner_text()
 
 
 _selected_count = """(() => {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import re
 from typing import Any
 
 from bokeh.models import BoxSelectTool, DataRange1d, Range1d
@@ -51,7 +52,7 @@ DARK = Style('dark', '#14181d', '#e8eaed', '#a4abb5', '#2c333b', '#e8eaed', ORAN
 
 def canvas_text(text: str) -> str:
     """Return text for titles and axes, in which Bokeh must see no formula."""
-    return text.replace('$$', '$ $').replace(r'\(', r'\ (').replace(r'\[', r'\ [')
+    return re.sub(r'\$(?=\$)', '$ ', text).replace(r'\(', r'\ (').replace(r'\[', r'\ [')
 
 
 def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str = TOOLS,
