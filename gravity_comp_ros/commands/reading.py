@@ -12,6 +12,7 @@ from gravity_comp_ros.commands.arguments import gate_options, Gated, gated, read
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.data.holdout import Block
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.models import provenance
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 from gravity_comp_ros.recordings.parallel import read_gated_bags
@@ -113,10 +114,7 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
 def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
                     guard: float = 0.0) -> list[Block]:
     """Return what `fit --holdout` kept of these bags out of the model, and `guard` s about it."""
-    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
-    return [Block(run, block['start'] - guard, block['end'] + guard)
-            for run, report in enumerate(reports)
-            for block in blocks if block['sha256'] == report.sha256]
+    return provenance.held_out_blocks(model, [report.sha256 for report in reports], guard)
 
 
 def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[str]:
@@ -136,9 +134,4 @@ def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[s
 
 def bag_json(report: ReadReport) -> dict[str, Any]:
     """Return what identifies and describes a bag, ready for JSON."""
-    return {'name': report.path.name, 'sha256': report.sha256, 'topic': report.topic,
-            'n_messages': report.n_messages, 'n_samples': report.n_samples,
-            'dropped': dict(report.dropped), 'velocity': report.velocity,
-            'rate_hz': report.rate_hz, 'duration_s': report.duration_s,
-            'effort_scale': dict(report.effort_scale),
-            'notes': list(report.notes)}
+    return report.to_json()

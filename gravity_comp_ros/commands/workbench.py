@@ -18,8 +18,9 @@ examples:
   gravity_comp workbench --live                        follow the node /gravity_comp
   gravity_comp workbench run1.mcap --live arm/gravity_comp --no-browser --port 5010
 
-The page is served to this machine alone unless --host says otherwise; it reads no file but those
-named here. Stop it with Ctrl-C.
+The page is served to this machine alone unless --host says otherwise. Sessions are kept as they
+go (~/.local/state/gravity_comp/workbench) and can be gone on with; --forget keeps none. Stop it
+with Ctrl-C.
 """
 
 
@@ -39,6 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--port', type=_port, default=5006,
                         help='0 for any that is free (default: %(default)s)')
     parser.add_argument('--no-browser', action='store_true', help='open no browser window')
+    parser.add_argument('--forget', action='store_true',
+                        help='keep no session on disk, and list none')
+    gate = parser.add_argument_group('samples that gravity is learned and judged on')
+    gate.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive, default=None,
+                      help='fastest joint speed that a sample may have')
+    gate.add_argument('--all-samples', action='store_true',
+                      help='use every sample, fast or slow')
     arguments.add_reading(parser)
 
 
@@ -54,7 +62,10 @@ def run(args: argparse.Namespace) -> int:
     if not args.bags and args.live is None:
         raise OptionError('name at least one recording, or follow a node with --live')
     # Bokeh is looked for here, and nowhere else is it needed.
+    from gravity_comp_ros.workbench import store
     from gravity_comp_ros.workbench.serve import serve, ServeOptions
     serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),
-                       args.formulation, args.live, args.host, args.port, not args.no_browser))
+                       args.formulation, args.live, args.host, args.port, not args.no_browser,
+                       args.max_speed, args.all_samples,
+                       None if args.forget else store.folder()))
     return 0

@@ -34,6 +34,12 @@ details { margin: .3rem 0 .6rem }
 summary { cursor: pointer; color: var(--strong) }
 pre { background: var(--soft); padding: .6rem .8rem; overflow-x: auto; border-radius: 4px;
   white-space: pre-wrap; overflow-wrap: anywhere }
+.command { display: flex; gap: .6rem; align-items: start; max-width: 75em }
+.command pre { flex: 1; margin: 0 }
+.copy { font: inherit; color: var(--text); background: var(--soft); padding: .45rem .9rem;
+  border: 1px solid var(--line); border-radius: 4px; cursor: pointer }
+.copy:hover { border-color: var(--strong) }
+.warning { color: var(--warn) }
 ul { margin: .3rem 0; padding-left: 1.3rem }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
 """

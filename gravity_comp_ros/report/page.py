@@ -13,7 +13,7 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.sections import all_sections
 from gravity_comp_ros.report.style import LIGHT
-from gravity_comp_ros.report.verdict import verdict
+from gravity_comp_ros.report.headline import headline
 
 # Nothing may be fetched: what the page needs is in it. Only scripts with the nonce of the page
 # run, so that a name from a recording never becomes a script, a handler or a `javascript:` link.
@@ -50,9 +50,9 @@ def report_html(contents: Contents) -> str:
     head = (f'<p class="quiet">{markup.text(title)} · model '
             f'{markup.text(contents.origin.model_file or "fitted for this report")} · '
             f'{markup.text(contents.origin.when)}</p>'
-            f'<h1 class="verdict" id="verdict">{markup.text(verdict(contents))}</h1>')
+            f'<h1 class="verdict" id="verdict">{markup.text(headline(contents))}</h1>')
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
-                 [*_bokeh(), _inside(script), _READY] if plots else [])
+                 [*_bokeh(), _inside(script), _READY, markup.COPY] if plots else [markup.COPY])
 
 
 def message_html(title: str, message: str) -> str:

@@ -8,7 +8,7 @@ from datetime import datetime, UTC
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -19,14 +19,13 @@ from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.provenance import held_out_blocks
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
-import numpy as np
-
-# So many samples are refitted in a second or two.
-_MANY = 30000
-_SLOWEST = 0.04
+from gravity_comp_ros.workbench.choice import Choice
 
 Progress = Callable[[str, float], None]
+# What `fit --holdout` held out stays so with its margins, s, as `add` does it.
+_GUARD = HoldoutOptions().guard
 
 
 @dataclass(frozen=True)
@@ -51,19 +50,10 @@ class WasRead:
 
 
 @dataclass(frozen=True)
-class Choice:
-    """Which runs (by number) and joints to work with."""
-
-    runs: tuple[int, ...]
-    joints: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Learn:
-    """Fit gravity to the slow samples of the chosen runs."""
+    """Fit gravity to the chosen samples."""
 
     choice: Choice
-    formulation: str
 
 
 @dataclass(frozen=True)
@@ -118,12 +108,15 @@ class Bench:
         """
         if isinstance(job, Read):
             return self._reading(job, progress)
-        samples = self._chosen(job.choice)
+        if self._read is None:
+            raise DataError('no recording has been read')
+        samples = job.choice.chosen(self._read.samples)
+        reports = tuple(self._read.reports[run] for run in job.choice.runs)
         if isinstance(job, Learn):
-            return learn(samples, job.formulation, progress)
+            return learn(samples, reports, job.choice, progress)
         if isinstance(job, Ask):
-            return diagnose(thinned(samples), job.model, progress=progress)
-        return add(thinned(samples), job, progress)
+            return diagnose(samples, job.model, progress=progress)
+        return add(samples, reports, job, progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         found = []
@@ -140,64 +133,35 @@ class Bench:
                              tuple(r.report for r in found))
         return self._read
 
-    def _chosen(self, choice: Choice) -> JointSamples:
-        if self._read is None:
-            raise DataError('no recording has been read')
-        return chosen(self._read.samples, choice)
 
-
-def chosen(samples: JointSamples, choice: Choice) -> JointSamples:
-    """
-    Return the samples of the chosen runs and joints.
-
-    :raises DataError: if no run is chosen.
-    """
-    runs = [samples.run(number) for number in choice.runs]
-    if not runs:
-        raise DataError('no run is chosen')
-    return concatenate(runs).joints(choice.joints)
-
-
-def thinned(samples: JointSamples) -> JointSamples:
-    """
-    Return fewer samples of a long recording, at even distances, so that nobody waits long.
-
-    Not less than 25 a second stay, which accelerations need.
-    """
-    steps = np.diff(samples.t)
-    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 1.0
-    every = min(-(-samples.n_samples // _MANY), max(1, round(_SLOWEST / usual)))
-    return samples.select(np.arange(samples.n_samples) % every == 0) if every > 1 else samples
-
-
-def slow_part(samples: JointSamples) -> JointSamples:
-    """
-    Return the samples that gravity is learned from and judged on.
-
-    :raises DataError: if none is slow.
-    """
-    gate = slow_samples(samples)
-    if not gate.kept:
-        raise DataError('no sample is slow (every joint under 0.15 rad/s): record slow motion')
-    return gate.samples
-
-
-def learn(samples: JointSamples, formulation: str, progress: Progress) -> Learned:
-    """Return a model of the samples' slow part, and its held-out error."""
-    result = fit(slow_part(samples), FitOptions(formulation=formulation), progress)
+def learn(samples: JointSamples, reports: tuple[ReadReport, ...], choice: Choice,
+          progress: Progress) -> Learned:
+    """Return the model that `gravity_comp fit` gives, and its held-out error."""
+    gated = choice.gated(samples)
+    result = fit(gated.samples, FitOptions(formulation=choice.formulation), progress)
     held_out: dict[str, float] = {}
     if result.model.energy is not None:
         progress('held-out error', 0.8)
         # A refit without anything new: only its held-out error is wanted.
-        held_out = refit(samples, result.model, []).by_joint()[0]
-    return Learned(result.model, held_out, tuple(result.report['warnings']))
+        held_out = refit(samples, result.model, [], choice.refit_options()).by_joint()[0]
+    provenance = {**result.model.provenance, 'bags': [report.to_json() for report in reports],
+                  'gate': gated.to_json(), 'holdout': None}
+    return Learned(replace(result.model, provenance=provenance), held_out,
+                   tuple(result.report['warnings']))
 
 
-def add(samples: JointSamples, job: Add, progress: Progress) -> Added:
-    """Return the model with effects."""
+def add(samples: JointSamples, reports: tuple[ReadReport, ...], job: Add,
+        progress: Progress) -> Added:
+    """Return the model with effects that `gravity_comp add` gives."""
     wanted = requests(job.effects, job.model.joints)
-    result = refit(samples, job.model, wanted, progress=progress)
+    held = held_out_blocks(job.model, [report.sha256 for report in reports], _GUARD)
+    result = refit(samples, job.model, wanted, job.choice.refit_options(),
+                   ~within(samples, held), progress)
     model = with_step(result.model, job.model, result.added, now(), *result.by_joint())
+    known = list(job.model.provenance.get('bags', ()))
+    seen = {bag['sha256'] for bag in known}
+    new = [report.to_json() for report in reports if report.sha256 not in seen]
+    model = replace(model, provenance={**job.model.provenance, 'bags': [*known, *new]})
     # The history holds every earlier model; what travels back need not hold it twice.
     return Added(model, replace(result, model=model))
 

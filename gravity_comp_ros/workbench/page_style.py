@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.report import css
+from bokeh import __version__
+from gravity_comp_ros.report import css, markup
+from jinja2 import Template
 
 # In every widget and text: custom properties of the page reach into them.
 INSIDE = """
@@ -25,17 +27,27 @@ h1, h2, h3 { margin-top: .5rem }
 h1 { font-size: 1.3rem; margin-bottom: 0 }
 """
 
-TEMPLATE = """
+# Only the page's own scripts run, and only this server is asked for anything. Bokeh makes
+# functions of its own callbacks, which needs 'unsafe-eval'.
+_POLICY = ("default-src 'none'; base-uri 'none'; form-action 'none'; "
+           "script-src 'self' 'nonce-NONCE' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
+           "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
+           "worker-src blob:")
+
+# Bokeh's own scripts are named here, because all of them would have MathJax among them, which
+# makes links of formulas in names.
+_TEMPLATE = """
 {% from macros import embed %}
 <!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="POLICY">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="icon" href="data:,">
 <title>{{ title | e }}</title>
-{{ bokeh_css | indent(0) }}
-{{ bokeh_js | indent(0) }}
+<script src="static/js/bokeh.min.js?v=VERSION"></script>
+<script src="static/js/bokeh-widgets.min.js?v=VERSION"></script>
 <style>
 """ + css.TOKENS + """
 * { box-sizing: border-box }
@@ -52,6 +64,8 @@ aside { padding-top: .8rem }
 </style>
 </head>
 <body>
+<noscript><p>The workbench needs JavaScript, which this browser has switched off.
+<code>gravity_comp diagnose --html</code> writes its tables into a file.</p></noscript>
 <a class="skip" href="#views">Skip to the views</a>
 <div class="page">
 <header aria-live="polite" id="head">{{ embed(roots.head) }}</header>
@@ -64,7 +78,16 @@ aside { padding-top: .8rem }
 <section aria-label="Views" id="views">{{ embed(roots.views) }}</section>
 </main>
 </div>
-{{ plot_script | indent(0) }}
+<script nonce="NONCE">COPY</script>
+{{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
 """
+
+
+def template(nonce: str) -> Template:
+    """Return the page; only scripts with this nonce run in it."""
+    text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
+    text = text.replace('COPY', markup.COPY)
+    # A string would be taken for blocks of Bokeh's own page.
+    return Template(text.replace('NONCE', nonce))

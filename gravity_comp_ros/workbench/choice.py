@@ -1,0 +1,127 @@
+"""What a user works with: runs, joints, units, and which samples gravity shows in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+import math
+import shlex
+from typing import Any
+
+from gravity_comp_ros.data.gate import GateOptions, slow_samples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.recordings.bag import ReadOptions
+
+
+@dataclass(frozen=True)
+class Gated:
+    """The samples that passed the gate of `total`, and how many did not for which reason."""
+
+    samples: JointSamples
+    total: int
+    dropped: Mapping[str, int]
+    all_samples: bool = False
+
+    def sentence(self) -> str:
+        """Return which samples these are."""
+        if self.all_samples:
+            return f'all {self.total} samples, fast ones too'
+        return f'{self.samples.n_samples} of {self.total} samples, the slow ones'
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what a model's provenance says of the gate."""
+        return {'total': self.total, 'kept': self.samples.n_samples,
+                'dropped': dict(self.dropped), 'all_samples': self.all_samples}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """
+    Which runs (by number) and joints, how they are read, and which samples are used.
+
+    `effort_scale` holds N·m per unit of effort, sign included, 1 where not given;
+    `differentiate` takes speeds from positions. Gravity is learned from and judged on samples
+    slower than `max_speed` in rad/s (None: the usual limit), or all of them.
+
+    :raises OptionError: if a number makes no sense.
+    """
+
+    runs: tuple[int, ...] = ()
+    joints: tuple[str, ...] = ()
+    formulation: str = 'potential'
+    effort_scale: Mapping[str, float] = field(default_factory=dict)
+    differentiate: bool = False
+    max_speed: float | None = None
+    all_samples: bool = False
+
+    def __post_init__(self) -> None:
+        if self.max_speed is not None and not (math.isfinite(self.max_speed)
+                                               and self.max_speed > 0.0):
+            raise OptionError(f'the speed limit is {self.max_speed} rad/s; it must be above 0')
+        for joint, scale in self.effort_scale.items():
+            if not math.isfinite(scale) or scale == 0.0:
+                raise OptionError(f'the scale of the effort of {joint} is {scale}; it must be '
+                                  f'finite and not 0')
+
+    def reading(self, topic: str | None) -> ReadOptions:
+        """Return how recordings are read."""
+        scale = {joint: x for joint, x in self.effort_scale.items()
+                 if x != 1.0 and (not self.joints or joint in self.joints)}
+        return ReadOptions(topic, self.joints or None, scale, self.differentiate)
+
+    def refit_options(self) -> RefitOptions:
+        """Return which samples `add` fits, as its --all-samples and --max-speed say."""
+        if self.all_samples:
+            return RefitOptions(slow=None)
+        return RefitOptions() if self.max_speed is None else RefitOptions(self.max_speed, True)
+
+    def gated(self, samples: JointSamples) -> Gated:
+        """
+        Return the samples that gravity is learned from and judged on.
+
+        :raises DataError: if there is none.
+        """
+        if self.all_samples:
+            return Gated(samples, samples.n_samples, {}, True)
+        options = GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
+        gate = slow_samples(samples, options)
+        if not gate.kept:
+            raise DataError(
+                f'none of the {samples.n_samples} samples is slow (every joint under '
+                f'{options.max_speed:g} rad/s): record slow motion, raise the speed limit, or '
+                f'use all samples')
+        return Gated(gate.samples, samples.n_samples, dict(gate.dropped))
+
+    def chosen(self, samples: JointSamples) -> JointSamples:
+        """
+        Return the samples of the chosen runs and joints.
+
+        :raises DataError: if no run is chosen.
+        """
+        runs = [samples.run(number) for number in self.runs]
+        if not runs:
+            raise DataError('no run is chosen')
+        return concatenate(runs).joints(self.joints)
+
+    def reading_words(self, topic: str | None, joints: bool = True) -> list[str]:
+        """Return the arguments of a command that reads the same."""
+        words = [] if topic is None else ['--topic', topic]
+        if joints:
+            words += ['--joints', ','.join(self.joints)]
+        options = self.reading(topic)
+        for joint, scale in options.effort_scale.items():
+            words += ['--effort-scale', f'{joint}={scale!r}']
+        return words + (['--differentiate'] if self.differentiate else [])
+
+    def gate_words(self) -> list[str]:
+        """Return the arguments of a command that uses the same samples."""
+        if self.all_samples:
+            return ['--all-samples']
+        return [] if self.max_speed is None else ['--max-speed', repr(self.max_speed)]
+
+
+def line(*words: str) -> str:
+    """Return a command line of these words, quoted where a shell would take them apart."""
+    return ' '.join(shlex.quote(word) for word in words)
