@@ -2,8 +2,12 @@
 VENV ?= .venv
 VENV_OLDEST ?= .venv-oldest
 PYTEST_ARGS ?=
-# Files of tests run side by side, as many as there are cores.
-PYTEST_JOBS ?= -n auto --maxprocesses 4 --dist loadfile
+# Files of tests run side by side, as many as there are cores (test/file_scheduling.py). A worker
+# that crashes or hangs costs one test and is replaced, eight times at most.
+PYTEST_JOBS ?= -n auto --maxprocesses 4 --max-worker-restart 8
+# Each test has a time limit (pyproject.toml), and so has the whole, should pytest itself hang.
+TEST_LIMIT ?= 45m
+PYTEST = timeout --kill-after 30s $(TEST_LIMIT)
 export PYTHON
 # Numerical libraries gain nothing from threads on problems of this size, and lose a lot when
 # tests, node and fit share two cores.
@@ -29,11 +33,11 @@ demo: venv
 # Lint that fails fails the whole, but keeps nobody from seeing what the tests say.
 test: venv
 	@lint=0; $(MAKE) --no-print-directory lint || lint=$$?; \
-	$(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS) && exit $$lint
+	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS) && exit $$lint
 
 test-oldest:
 	@tools/make_venv.sh $(VENV_OLDEST) oldest
-	$(VENV_OLDEST)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
+	$(PYTEST) $(VENV_OLDEST)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
 
 lint: venv
 	$(VENV)/bin/python -m ruff check

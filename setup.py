@@ -28,8 +28,8 @@ ROS = [
     'ros-jazzy-rmw-fastrtps-cpp>=8.4',
     'ros-jazzy-common-interfaces>=5.3',
 ]
-TEST = ['pytest>=7.4', 'hypothesis>=6.98', 'playwright>=1.40', 'flake8>=7',
-        'flake8-import-order>=0.18',
+TEST = ['pytest>=7.4', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5', 'hypothesis>=6.98',
+        'playwright>=1.40', 'flake8>=7', 'flake8-import-order>=0.18',
         'flake8-quotes>=3.3', 'pydocstyle>=6.3', 'rosbags>=0.10',
         'colcon-common-extensions>=0.3', 'colcon-ros>=0.5']
 

@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from gravity_comp_ros import __version__
+from gravity_comp_ros.commands.outputs import check_outputs
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
 
@@ -144,7 +145,9 @@ def _run_verb(verb: str, argv: list[str]) -> int:
     module.add_arguments(parser)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]))
     # Options may stand between a verb's arguments.
-    return int(module.run(parser.parse_intermixed_args(argv)) or 0)
+    args = parser.parse_intermixed_args(argv)
+    check_outputs(args)
+    return int(module.run(args) or 0)
 
 
 def _module(verb: str) -> ModuleType:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import itertools
+import ctypes
+import gc
 import os
 from pathlib import Path
 import signal
@@ -13,6 +14,7 @@ import sys
 import tempfile
 import time
 
+from dds_domain import private_domain
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState, GetState
 import numpy as np
@@ -32,15 +34,16 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
             'save_model': Trigger, 'diagnose': Trigger, 'enable': SetBool,
             'set_parameters': SetParameters, 'change_state': ChangeState, 'get_state': GetState}
-_count = itertools.count()
+# Tests kill nodes on purpose. What a killed process leaves behind in shared memory is opened by
+# whoever has its name next, so tests talk over sockets. The demo, a test as well, does not.
+os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+PR_SET_PDEATHSIG = 1
+_libc = ctypes.CDLL(None)
 
 
-def fresh_domain() -> int:
-    """Return a ROS domain that no other test of this machine is likely to use now."""
-    # Tests run in several processes, each with a range of its own.
-    worker = int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
-    size = 100 // int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
-    return 1 + worker * size + (os.getpid() * 37 + next(_count)) % size
+def _die_with_parent() -> None:
+    """Make the kernel end this process when a test crashes, as then nobody else would."""
+    _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
 
 
 def deadline(seconds: float) -> float:
@@ -69,7 +72,8 @@ class NodeProcess:
         self._output = tempfile.TemporaryFile('w+')  # noqa: SIM115
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
-             *arguments], env=environment, stdout=self._output, stderr=subprocess.STDOUT)
+             *arguments], env=environment, stdout=self._output, stderr=subprocess.STDOUT,
+            preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
 
     def stop(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> tuple[int, str]:
         """Send a signal and return exit code and output."""
@@ -82,9 +86,13 @@ class NodeProcess:
         return code, self._output.read()
 
     def end(self) -> None:
-        if self.process.poll() is None:
+        """End the process: it is asked to, so that it says goodbye to DDS, and then made to."""
+        try:
+            self.process.terminate()
+            self.process.wait(5.0)
+        except subprocess.TimeoutExpired:
             self.process.kill()
-        self.process.wait(10)
+            self.process.wait()
         self._output.close()
 
 
@@ -118,6 +126,13 @@ class Probe(Node):
                        for name, kind in SERVICES.items()}
         self.loop = SingleThreadedExecutor(context=context)
         self.loop.add_node(self)
+
+    def end(self) -> None:
+        """Take everything apart, from the last that uses a thing to the thing itself."""
+        self.loop.remove_node(self)
+        self.loop.shutdown()
+        self.destroy_node()
+        rclpy.shutdown(context=self.context)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.reports += 1
@@ -211,20 +226,21 @@ class Probe(Node):
 def running(parameters: dict[str, object] | None = None, arguments: tuple[str, ...] = (),
             wait: bool = True, reliable: bool = True) -> Iterator[tuple[NodeProcess, Probe]]:
     """Run the node and a probe in a domain of their own."""
-    domain = fresh_domain()
-    context = Context()
-    rclpy.init(args=[], context=context, domain_id=domain)
-    node = NodeProcess(domain, parameters, arguments)
-    probe = Probe(context, reliable)
-    try:
-        if wait:
-            probe.until_node(node)
-        yield node, probe
-    finally:
-        node.end()
-        probe.loop.shutdown()
-        probe.destroy_node()
-        rclpy.shutdown(context=context)
+    with private_domain() as domain:
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=domain)
+        node = NodeProcess(domain, parameters, arguments)
+        probe = Probe(context, reliable)
+        try:
+            if wait:
+                probe.until_node(node)
+            yield node, probe
+        finally:
+            node.end()
+            probe.end()
+            # What is left of DDS in cycles goes now, not in the middle of the next test.
+            del probe, context
+            gc.collect()
 
 
 def set_parameter(probe: Probe, name: str, value: object):

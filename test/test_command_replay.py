@@ -77,7 +77,7 @@ def test_the_recording_itself_is_never_overwritten(tmp_path, bag, model, capsys)
     for source, out in ((single, single), (single, link), (bag, bag / 'out.mcap')):
         assert main(['replay', str(source), '--model', str(tmp_path / 'm.json'),
                      '-o', str(out)]) == 1
-        assert 'choose another output' in capsys.readouterr().err
+        assert 'name a' in capsys.readouterr().err
     assert single.read_bytes() == before
     assert not (bag / 'out.mcap').exists()
 

@@ -149,7 +149,7 @@ def test_what_cannot_be_updated_says_so(folder, model, tmp_path, capsys):
     other = tmp_path / 'other.urdf'
     other.write_text('<robot name="r"><link name="l"/></robot>')
     assert 'has no joint' in refused(capsys, 'update', tool, '--model', model, '--urdf', other)
-    assert 'named twice' in refused(capsys, 'update', tool, '--model', model, '-o', tool)
+    assert 'would be overwritten' in refused(capsys, 'update', tool, '--model', model, '-o', tool)
     assert 'there is no folder' in refused(capsys, 'update', tool, '--model', model, '-o',
                                            tmp_path / 'no' / 'm.json')
     assert 'at least one bag' in refused(capsys, 'update', '--model', model, status=2)

@@ -200,7 +200,7 @@ def test_compare_shows_the_chosen_joint_only(bags, model, capsys):
     (['fit', 'train', 'other'], 'different'),
     (['fit', 'train', '--holdout', '1.5'], 'between 0 and 1'),
     (['fit', 'train', '-o', 'nowhere/m.json'], 'there is no folder'),
-    (['fit', 'train', '-o', 'train'], 'named twice'),
+    (['fit', 'train', '-o', 'train'], 'would be overwritten'),
 ])
 def test_bad_input_is_one_line_and_changes_nothing(bags, model, capsys, argv, text):
     before = {path: Path(path).read_bytes() for path in [*bags.values(), model]}

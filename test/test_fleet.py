@@ -170,14 +170,26 @@ def cluster():
             process.stderr.close()
 
 
-def slow_read(path: str) -> int:
-    """Say which process works, then work for a while; long enough to be killed."""
-    with open(path, 'a') as file:
+def until_killed(log: str) -> int:
+    """Say which process works, then work until one was killed; return which process it is."""
+    with open(log, 'a') as file:
         file.write(f'{os.getpid()}\n')
-    end = time.monotonic() + 0.4
-    while time.monotonic() < end:
-        pass
+    end = time.monotonic() + DEADLINE
+    while not os.path.exists(f'{log}.killed') and time.monotonic() < end:
+        time.sleep(0.01)
     return os.getpid()
+
+
+def kill_who_works(log: Path, workers: list, killed: list) -> None:
+    """Kill the first worker that has begun a task, and tell the others."""
+    end = time.monotonic() + DEADLINE
+    while not killed and time.monotonic() < end:
+        working = set(log.read_text().split()) if log.exists() else set()
+        killed += [worker for worker in workers if str(worker.pid) in working][:1]
+        time.sleep(0.01)
+    killed[0].send_signal(signal.SIGKILL)
+    killed[0].wait(DEADLINE)
+    Path(f'{log}.killed').touch()
 
 
 def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
@@ -191,17 +203,16 @@ def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
 def test_a_dask_worker_killed_in_mid_run(tmp_path, cluster):
     import test_fleet
     address, workers = cluster
-    log = str(tmp_path / 'log')
-    found, killed = {}, False
-    for number, result in Engine(scheduler=address).run(test_fleet.slow_read, [log] * 20):
-        found[number] = result
-        if not killed:
-            workers[0].send_signal(signal.SIGKILL)
-            killed = True
-    assert workers[0].wait(timeout=DEADLINE) == -signal.SIGKILL
-    seen = {int(line) for line in Path(log).read_text().split()}
-    assert len(found) == 20 and workers[0].pid in seen
-    assert sum(pid == workers[1].pid for pid in found.values()) >= 15
+    log, killed = tmp_path / 'log', []
+    killer = threading.Thread(target=kill_who_works, args=(log, workers, killed))
+    killer.start()
+    found = dict(Engine(scheduler=address).run(test_fleet.until_killed, [str(log)] * 20))
+    killer.join()
+    begun = [int(line) for line in log.read_text().split()]
+    assert killed[0].returncode == -signal.SIGKILL and killed[0].pid in begun
+    (survivor,) = set(workers) - set(killed)
+    assert set(found) == set(range(20)) and set(found.values()) == {survivor.pid}
+    assert len(begun) > 20                          # the task that was lost was begun again
 
 
 def kill_who_fits(address: str, workers: list, killed: list) -> None:

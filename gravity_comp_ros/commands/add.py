@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
-from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
@@ -56,15 +55,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     speeds.add_argument('--all-samples', action='store_true', help='fast ones too')
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(parser=parser, output=None, rewrites_model=True)
 
 
 def run(args: argparse.Namespace) -> int:
     """Change the model, show what it brought, and write it."""
     _check_usage(args)
     model = load_model(args.model)
-    if not args.dry_run:
-        check_model_target(args.model, [*args.bags, *json_file(args)])
     return _undo(args, model) if args.undo else _add(args, model)
 
 

@@ -11,7 +11,6 @@ import time
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
-from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
@@ -69,8 +68,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    if args.output is not None:
-        check_model_target(args.output, [*args.bags, *json_file(args)])
     if args.urdf is not None and args.formulation not in (None, 'chain', 'auto'):
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import asdict
 import os
 from pathlib import Path
@@ -51,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
+    parser.set_defaults(output_is_folder=True)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -61,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     for name in args.effects or ():
         known_effect(name)
     robots = find_robots(args.folder)
+    _check_json([robot.name for robot in robots], args)
     with terminal.progress() as report:
         fleet = FleetRun(robots, args.output, Engine(args.workers, args.scheduler),
                          arguments.read_options(args), arguments.gate_options(args), report)
@@ -75,6 +78,22 @@ def run(args: argparse.Namespace) -> int:
     if not outcome.robots:
         raise BagError(f'no robot of {args.folder} has a result')
     return 0
+
+
+def _check_json(robots: Sequence[str], args: argparse.Namespace) -> None:
+    """
+    Refuse a summary that would replace a robot's model or findings.
+
+    :raises OptionError: if --json names a file of a robot.
+    """
+    if not args.json or args.json == '-':
+        return
+    target = Path(args.json).resolve()
+    folders = [folder.resolve() for folder in (args.output, args.models) if folder]
+    names = {f'{robot}{end}' for robot in robots for end in ('.json', '.diagnosis.json')}
+    if target.parent in folders and target.name in names:
+        raise OptionError(f'--json {args.json} is the file of a robot: it would be overwritten; '
+                          f'name another file')
 
 
 def _show(what: str, outcome: Outcome) -> None:

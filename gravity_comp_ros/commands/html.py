@@ -13,7 +13,7 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -38,17 +38,13 @@ def _html_file(text: str) -> Path:
 @contextmanager
 def told(args: argparse.Namespace) -> Iterator[None]:
     """
-    Check first that a report can be written; if the verb fails, let the page say why as well.
+    Check first that a page can be made; if the verb fails, let the page say why as well.
 
-    :raises OptionError: if there is no folder for the page.
     :raises ImportError: if Bokeh is not installed.
     """
     if args.html is None:
         yield
         return
-    folder = args.html.resolve().parent
-    if not folder.is_dir():
-        raise OptionError(f'cannot write {args.html}: there is no folder {folder}')
     from gravity_comp_ros.report.page import message_html
     try:
         yield

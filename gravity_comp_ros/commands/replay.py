@@ -11,7 +11,6 @@ from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import read_bag, Recording
@@ -47,7 +46,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    _refuse_overwriting(args.bag, args.output)
     model = load_model(args.model)
     options = read_options(args)
     # A gripper in the bag is no concern of a model of the arm.
@@ -78,12 +76,6 @@ def run(args: argparse.Namespace) -> int:
         warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
              f'trained on')
     return 0
-
-
-def _refuse_overwriting(bag: Path, output: Path) -> None:
-    inside = bag.is_dir() and output.resolve().parent == bag.resolve()
-    if inside or (output.exists() and bag.exists() and output.samefile(bag)):
-        raise OptionError(f'{output} is the recording itself; choose another output')
 
 
 def _facts(args: argparse.Namespace, recording: Recording, model: GravityModel,

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
-from gravity_comp_ros.commands.writing import check_model_target, json_file
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.errors import DataError, OptionError
@@ -50,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser)
+    parser.set_defaults(parser=parser, rewrites_model=True)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,9 +58,6 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error('name at least one bag with the new payload, or give --undo alone')
     model = load_model(args.model)
     target = args.output or args.model
-    if not args.dry_run:
-        urdf = [args.urdf] if args.urdf else []
-        check_model_target(target, [*args.bags, *urdf, *json_file(args)])
     return _undo(args, model, target) if args.undo else _update(args, model, target)
 
 

@@ -31,8 +31,9 @@ def run(args: Sequence[str] | None = None) -> int:
         if rclpy.ok():
             raise
         return 0
+    executor = InputFirstExecutor(node.subscription)
     try:
-        _spin(node)
+        _spin(node, executor)
     except ExternalShutdownException:
         pass
     except Exception:
@@ -41,13 +42,14 @@ def run(args: Sequence[str] | None = None) -> int:
             raise
     finally:
         node.close()
+        # What the executor was about to run is of the node: it lets go first.
+        executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
     return 0
 
 
-def _spin(node: GravityCompNode) -> None:
-    executor = InputFirstExecutor(node.subscription)
+def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> None:
     executor.add_node(node)
     if node.settings.values['autostart'] and (
             node.trigger_configure() == TransitionCallbackReturn.SUCCESS):

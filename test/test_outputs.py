@@ -1,0 +1,109 @@
+"""No verb writes over what it reads, and what cannot be written is refused before the work."""
+
+import importlib
+from pathlib import Path
+
+from gravity_comp_ros.cli import main, Parser, VERBS
+from gravity_comp_ros.commands import outputs
+import pytest
+
+# What each verb needs beside the files under test; BAG, MODEL and TABLE stand for files.
+CALLS = {
+    'synth': ['-o', 'OUT.mcap', '--arm', 'ARM.urdf'],
+    'convert': ['TABLE', '-o', 'OUT.mcap'],
+    'info': ['BAG'],
+    'fit': ['BAG', '-o', 'OUT.json', '--urdf', 'ARM.urdf'],
+    'compare': ['BAG', '--model', 'MODEL', '--previous', 'OLD', '--html', 'OUT.html'],
+    'diagnose': ['BAG', '--model', 'MODEL', '--html', 'OUT.html'],
+    'add': ['coulomb_friction', 'BAG', '--model', 'MODEL'],
+    'update': ['BAG', '--model', 'MODEL', '-o', 'OUT.json', '--urdf', 'ARM.urdf'],
+    'replay': ['BAG', '--model', 'MODEL', '-o', 'OUT.mcap']}
+SOURCES = {'BAG', 'MODEL', 'TABLE', 'OLD', 'ARM.urdf'}
+PLACES = [(verb, place) for verb, call in CALLS.items() for place, word in enumerate(call)
+          if word in SOURCES]
+
+
+def arguments_of(verb):
+    """Return the parser's actions of a verb."""
+    parser = Parser(prog=verb)
+    importlib.import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+    return parser._actions
+
+
+@pytest.mark.parametrize('verb', VERBS)
+def test_every_file_of_every_verb_is_known_as_input_or_output(verb):
+    for action in arguments_of(verb):
+        ending = Path(str(action.metavar)).suffix
+        if action.type is Path or ending in ('.json', '.mcap', '.html', '.urdf'):
+            assert action.dest in {**outputs.INPUTS, **outputs.OUTPUTS}
+
+
+def call(folder, verb, replaced):
+    """Return a call of the verb in which `replaced` maps places to names of files."""
+    words = [replaced.get(place, word) for place, word in enumerate(CALLS[verb])]
+    return [verb, *(str(folder / w) if w in SOURCES or 'OUT' in w else w for w in words)]
+
+
+@pytest.mark.parametrize('how', ['the file', 'hard link', 'symbolic link'])
+@pytest.mark.parametrize(('verb', 'place'), PLACES)
+def test_an_input_is_never_overwritten(tmp_path, capsys, verb, place, how):
+    source = tmp_path / 'source.json'
+    source.write_text('precious')
+    target = source
+    if how != 'the file':
+        target = tmp_path / 'other.json'
+        (target.hardlink_to if 'hard' in how else target.symlink_to)(source)
+    argv = call(tmp_path, verb, {place: str(source)})
+    assert main([*map(str, argv), '--json', str(target)]) == 1
+    shown = capsys.readouterr()
+    assert 'would be overwritten' in shown.err and shown.err.count('\n') == 1
+    assert source.read_text() == 'precious' and shown.out == ''
+    assert sorted(tmp_path.iterdir()) == sorted({source, target})
+
+
+@pytest.mark.parametrize('verb', [verb for verb, words in CALLS.items() if 'OUT.json' in words])
+def test_two_outputs_are_two_files(tmp_path, capsys, verb):
+    argv = call(tmp_path, verb, {})
+    assert main([*argv, '--json', str(tmp_path / 'OUT.json')]) == 1
+    assert 'both name' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('verb', CALLS)
+def test_a_missing_folder_is_said_before_the_work(tmp_path, capsys, verb):
+    # The inputs are missing as well: whoever reads them first does not speak of the folder.
+    assert main([*call(tmp_path, verb, {}), '--json', str(tmp_path / 'nowhere' / 'x.json')]) == 1
+    shown = capsys.readouterr().err
+    assert 'there is no folder' in shown and shown.count('\n') == 1
+
+
+def test_a_file_in_the_folder_of_the_recording(tmp_path, capsys):
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    assert main(['info', str(bag), '--json', str(bag / 'x.json')]) == 1
+    assert 'in the folder of the recording' in capsys.readouterr().err
+
+
+def test_a_read_only_model_stays(tmp_path, capsys):
+    model = tmp_path / 'arm.json'
+    model.write_text('{}')
+    model.chmod(0o444)
+    for argv in (['fit', 'no.mcap', '-o', model], ['add', '--undo', '--model', model],
+                 ['update', '--undo', '--model', model]):
+        assert main([*map(str, argv)]) == 1
+        assert 'is read-only' in capsys.readouterr().err
+    assert model.read_text() == '{}'
+
+
+def test_the_summary_of_a_fleet_is_no_model(tmp_path, capsys):
+    (tmp_path / 'robots' / 'one').mkdir(parents=True)
+    (tmp_path / 'robots' / 'one' / 'a.mcap').write_bytes(b'')
+    models = tmp_path / 'models'
+    assert main(['fleet', 'fit', str(tmp_path / 'robots'), '-o', str(models), '--json',
+                 str(models / 'one.json')]) == 1
+    assert 'no folder' in capsys.readouterr().err
+    models.mkdir()
+    assert main(['fleet', 'fit', str(tmp_path / 'robots'), '-o', str(models), '--json',
+                 str(models / 'one.json')]) == 1
+    assert 'the file of a robot' in capsys.readouterr().err
+    assert not (models / 'one.json').exists()
