@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
@@ -71,7 +72,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.html:
         html.write(args, html.contents(
             args, model, loaded.samples, comparison, _judged(samples, loaded), loaded.reports,
-            None, *_previous(args, model, samples, loaded.samples), shown=chosen))
+            None, *_previous(args, model, samples, loaded.samples), shown=chosen,
+            next_command=_diagnosing(args)))
     if args.json != '-':
         for line in loaded.lines():
             terminal.show(terminal.safe(line))
@@ -96,6 +98,12 @@ def _judged(samples: JointSamples, loaded: reading.Loaded) -> str:
     kept = loaded.gated.samples.n_samples
     held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
     return f'{samples.n_samples} samples ({loaded.gated.sentence()}{held})'
+
+
+def _diagnosing(args: argparse.Namespace) -> str:
+    """Return the command line that names what the model lacks."""
+    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+    return f'gravity_comp diagnose {bags} --model {shlex.quote(str(args.model))} --html report.html'
 
 
 def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSamples,

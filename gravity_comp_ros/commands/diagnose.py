@@ -114,7 +114,8 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
                  f'{model.coverage.n_samples} samples.',)
     judged = f'all {samples.n_samples} samples, fast ones too'
     html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
-                                   reports, diagnosis, notes=notes))
+                                   reports, diagnosis, notes=notes,
+                                   next_command='\n'.join(_commands(args, diagnosis))))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -192,17 +193,22 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
     return [*lines, '']
 
 
+def _commands(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
+    """Return the command lines that add what was found, a fit before them without a model."""
+    targets = wording.targets(diagnosis.findings)
+    if not targets:
+        return []
+    add = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
+                       f'--model MODEL.json BAG...', args)
+    if args.model is not None:
+        return [add]
+    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+    return [f'gravity_comp fit {bags} -o MODEL.json', add]
+
+
 def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
     """Return lines of markup on what to do next."""
-    targets = wording.targets(diagnosis.findings)
-    lines = []
-    if targets and args.model is None:
-        bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-        lines.append(f'  {terminal.safe(f"gravity_comp fit {bags} -o MODEL.json")}')
-    if targets:
-        command = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
-                               f'--model MODEL.json BAG...', args)
-        lines.append(f'  {terminal.safe(command)}')
+    lines = [f'  {terminal.safe(command)}' for command in _commands(args, diagnosis)]
     for finding in diagnosis.findings:
         if finding.verdict not in wording.FOUND and finding.next_step:
             place = f'{finding.effect or "unknown"} on {wording.where(finding)}'

@@ -13,6 +13,13 @@ def text(value: object) -> str:
     return escape(printable(value), quote=True)
 
 
+def units(words: str) -> str:
+    """Return a line with its powers written as people write them: kg·m², not kg·m^2."""
+    for plain, raised in (('^2', '²'), ('^3', '³')):
+        words = words.replace(plain, raised)
+    return words
+
+
 def paragraph(value: object, kind: str = '') -> str:
     """Return a paragraph of plain text."""
     return f'<p class="{kind}">{text(value)}</p>' if kind else f'<p>{text(value)}</p>'
@@ -49,7 +56,7 @@ def folded(summary: str, html: str) -> str:
 
 def command(line: str) -> str:
     """Return a command line with a button that copies it."""
-    shown = text(line)
+    shown = '\n'.join(text(part) for part in line.splitlines())
     return (f'<div class="command"><pre tabindex="0">{shown}</pre>'
             f'<button type="button" class="copy" data-copy="{shown}">Copy</button></div>')
 

@@ -50,7 +50,7 @@ def report_html(contents: Contents) -> str:
     head = (f'<p class="quiet">{markup.text(title)} · model '
             f'{markup.text(contents.origin.model_file or "fitted for this report")} · '
             f'{markup.text(contents.origin.when)}</p>'
-            f'<h1 class="verdict" id="verdict">{markup.text(headline(contents))}</h1>')
+            f'<h1 class="verdict" id="verdict">{markup.text(markup.units(headline(contents)))}</h1>')
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
                  [*_bokeh(), _inside(script), _READY, markup.COPY] if plots else [markup.COPY])
 

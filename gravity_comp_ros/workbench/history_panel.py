@@ -27,7 +27,7 @@ def parts(one: OpenSession, style: Style) -> list[UIElement]:
         shown.append(widgets.button('Undo the last addition', one.undo, name='undo'))
     options = [(str(k), f'{"· " * depth(stages, k)}{k + 1}. {s.name}'
                 + (f' – {s.note}' if s.note else '')) for k, s in enumerate(stages)]
-    shown.append(widgets.select('Stages; choose one to go there, what is added then is a branch',
+    shown.append(widgets.select('Stage (another one is a way back, and a branch)',
                                 options, str(at), lambda value: one.go_to(int(value)), 'stage'))
     name = widgets.field('Name of this stage', stage.name, 'stage-name')
     note = widgets.field('Note', stage.note, 'stage-note')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 from bokeh.document import Document
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
@@ -21,6 +23,7 @@ from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.side import Actions, Side
 from gravity_comp_ros.workbench.views import NAMES, Views
 
+_LOG = logging.getLogger(__name__)
 _POLL_MS = 100
 COMPARE, LIVE = 'Two models', 'Live'
 
@@ -63,9 +66,9 @@ class Page:
                                     visible=False, width=110)
         self.downloads = Downloads()
         self.side = column(sizing_mode='stretch_width', name='side')
-        self.missing = column(sizing_mode='stretch_width', name='missing')
-        self.history = column(sizing_mode='stretch_width', name='history')
-        self.shown = column(sizing_mode='stretch_width')
+        self.missing, self.history, self.shown = (
+            column(widgets.html(''), sizing_mode='stretch_width', name=name)
+            for name in ('missing', 'history', 'shown'))
         self.earlier = widgets.html('', 'earlier')
         self.tabs = widgets.tabs(self.names, self._look)
         self.dark = widgets.button('Dark', self._turn_style, name='style')
@@ -125,8 +128,9 @@ class Page:
         if words not in self.verdict.text:
             self.verdict.text = f'<h1 id="taken">{words} Reload this page to go on here.</h1>'
             self.cancel.visible = self.again.visible = False
-            self.side.children, self.missing.children = [self.dark], []
-            self.history.children, self.shown.children = [], []
+            self.side.children = [self.dark]
+            for place in (self.missing, self.history, self.shown):
+                place.children = [widgets.html('')]
 
     def _cancel(self) -> None:
         if self.one is not None:
@@ -157,7 +161,7 @@ class Page:
 
     def _add(self, target: str) -> None:
         if self.one is not None:
-            self._focus = 'status'
+            self._focus = 'head'
             self.one.add((target,))
 
     def _look(self, number: int) -> None:
@@ -237,7 +241,7 @@ class Page:
         else:
             found = self.views.contents
             told = headline(found) if found.diagnosis else f'{largest(found)}.'
-            self.verdict.text = f'<h1 id="verdict">{markup.text(told)}</h1>'
+            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(told))}</h1>'
 
     def _show_view(self) -> None:
         self.shown.children = [self._element()]
@@ -249,9 +253,16 @@ class Page:
             words = (self.one.trouble if self.one else '') or 'The views appear as soon as the ' \
                 'recordings are read.'
             return widgets.html(f'<h2 id="words">{markup.text(words)}</h2>')
-        if self.view == COMPARE:
-            return self.pair.show(self.one, self.style)
-        return self.views.show(self.view)
+        try:
+            if self.view == COMPARE:
+                return self.pair.show(self.one, self.style)
+            return self.views.show(self.view)
+        except Exception as problem:
+            # A fault of one view must not leave the page as it was, without a word.
+            _LOG.exception('the view %s failed', self.view)
+            return widgets.html(markup.paragraph(
+                f'This view cannot be drawn, please report it: {type(problem).__name__}: '
+                f'{problem}', 'warning'))
 
     # What goes out.
 

@@ -9,7 +9,8 @@ from jinja2 import Template
 # In every widget and text: custom properties of the page reach into them.
 INSIDE = """
 :host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
-.bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text) }
+.bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
+  white-space: normal; overflow-wrap: anywhere }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }
 .bk-btn { background: var(--soft); color: var(--text); border: 1px solid var(--line);
@@ -56,6 +57,7 @@ body { margin: 0; background: var(--ground); color: var(--text);
 .page { display: grid; grid-template-columns: 250px minmax(0, 1fr); gap: 0 1.4rem;
   max-width: 1600px; margin: 0 auto; padding: .6rem 1rem 4rem }
 header { grid-column: 1 / -1; border-bottom: 1px solid var(--line); padding-bottom: .4rem }
+main { min-width: 0 }
 aside { padding-top: .8rem }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
@@ -68,7 +70,7 @@ aside { padding-top: .8rem }
 <code>gravity_comp diagnose --html</code> writes its tables into a file.</p></noscript>
 <a class="skip" href="#views">Skip to the views</a>
 <div class="page">
-<header aria-live="polite" id="head">{{ embed(roots.head) }}</header>
+<header aria-live="polite" id="head" tabindex="-1">{{ embed(roots.head) }}</header>
 <aside aria-label="Choices" id="side">{{ embed(roots.side) }}</aside>
 <main>
 <div class="above">

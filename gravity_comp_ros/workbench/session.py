@@ -45,6 +45,18 @@ class Given:
         return self.path.name
 
 
+class _Key:
+    """What something that is kept was made of: an equal choice, and the very same things."""
+
+    def __init__(self, choice: Choice, *things: object) -> None:
+        self._choice, self._things = choice, things
+
+    def __eq__(self, other: object) -> bool:
+        return (isinstance(other, _Key) and self._choice == other._choice
+                and len(self._things) == len(other._things)
+                and all(a is b for a, b in zip(self._things, other._things)))
+
+
 class Session:
     """One user's work: what was read, the stages of the model, and the choices."""
 
@@ -57,9 +69,9 @@ class Session:
         self.stages: list[Stage] = []
         self.at: int | None = None
         self.to_learn = not given
-        self._contents: tuple[object, Contents] | None = None
-        self._preview: tuple[object, Contents] | None = None
-        self._few: tuple[object, str] | None = None
+        self._contents: tuple[_Key, Contents] | None = None
+        self._preview: tuple[_Key, Contents] | None = None
+        self._few: tuple[_Key, str] | None = None
 
     @property
     def stage(self) -> Stage | None:
@@ -229,7 +241,7 @@ class Session:
         stage = self.stage
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
-        key = (stage.model, self.choice, id(self.read), id(self.diagnosis))
+        key = _Key(self.choice, stage, self.read, self.diagnosis)
         if self._contents is None or self._contents[0] != key:
             self._contents = (key, self._make(stage, self.read))
         return self._contents[1]
@@ -245,7 +257,7 @@ class Session:
             tuple(read.reports[run] for run in self.choice.runs),
             Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
-            previous.name if previous else '')
+            previous.name if previous else '', next_command=self._next_command())
 
     def preview(self) -> Contents:
         """
@@ -253,7 +265,7 @@ class Session:
 
         :raises DataError: if nothing was read or chosen.
         """
-        key = (id(self.read), self.choice)
+        key = _Key(self.choice, self.read)
         if self._preview is None or self._preview[0] != key:
             self._preview = (key, self._constant())
         return self._preview[1]
@@ -274,7 +286,7 @@ class Session:
 
     def few_slow(self) -> str:
         """Return a warning where nearly no sample is slow, nothing otherwise."""
-        key = (id(self.read), self.choice)
+        key = _Key(self.choice, self.read)
         if self._few is None or self._few[0] != key:
             self._few = (key, self._count_slow())
         return self._few[1]
@@ -307,6 +319,13 @@ class Session:
             return []
         return [*tree.command_lines(self.stages, self.at, self.paths, self.topic),
                 *tree.reports(self.choice, self.paths, self.topic)]
+
+    def _next_command(self) -> str:
+        """Return the command line that adds what was found to the model when it is saved."""
+        targets = [t for f, t in self.findings() if t and f.verdict in FOUND]
+        if not targets:
+            return ''
+        return tree.add_command(tuple(targets), self.choice, self.paths, self.topic)
 
     def models(self) -> list[tuple[str, str, GravityModel]]:
         """Return key, name and model of all that can be compared."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import column, row
+from bokeh.layouts import row
 from bokeh.models import ColumnDataSource, FixedTicker, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis.findings import Finding
@@ -35,9 +35,8 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     proof = _proof(contents, table, style, finding)
     if proof is not None:
         shown.append(proof)
-    if finding is not None:
-        after += markup.paragraph(f'Next: {finding.next_step}', 'quiet') if finding.next_step \
-            else ''
+    if finding is not None and finding.next_step and not contents.next_command:
+        after += markup.paragraph(f'Next: {finding.next_step}', 'quiet')
     if contents.next_command:
         after += '<h3>What to do next</h3>' + markup.command(contents.next_command)
     return Section('answer', 'Error of each joint', lead,
@@ -109,7 +108,6 @@ def _proof(contents: Contents, table: Table, style: Style,
         made = residuals.one(contents, table, style, joint, letter, height)
     if made is None:
         return None
-    made.styles = {'flex': '1 1 300px', 'width': 'auto'}
     made.toolbar_location = 'above'
-    return column(made, sizing_mode='stretch_width', styles={'flex': '2 1 300px',
-                                                             'width': 'auto'})
+    made.styles = {'flex': '2 1 300px', 'width': 'auto'}
+    return made

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import column
+from bokeh.layouts import column, gridplot
 from bokeh.models import ColumnDataSource, FactorRange, Label, Slope, UIElement
 from bokeh.plotting import figure
 from bokeh.transform import dodge
@@ -38,7 +38,9 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead = markup.paragraph(
         'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
         'range of the measured torque.', 'quiet') + findings_table(findings)
-    parts: list[UIElement] = [bars(findings[:_MOST_BARS], style)]
+    # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
+    parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
+                                       sizing_mode='stretch_width', toolbar_location=None)]
     drawn = _added(contents, table, style)
     if drawn is not None:
         parts.append(drawn)
@@ -70,7 +72,7 @@ def coefficients(finding: Finding) -> str:
     shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
                       for symbol, x in items[:_MOST_COEFFICIENTS])
     more = len(items) - _MOST_COEFFICIENTS
-    return (shown + (f' and {more} more' if more > 0 else '')) or '–'
+    return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
 
 
 def bars(findings: tuple[Finding, ...], style: Style) -> figure:

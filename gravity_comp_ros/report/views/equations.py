@@ -47,7 +47,7 @@ def numbers(effect: AppliedEffect, most: int = 6) -> str:
     parts = [f'{symbol} = {plus_minus(Estimate(x.value, x.unit, x.ci95))}'
              for symbol, x in effect.coefficients.items()]
     more = [f'{len(parts) - most} more'] if len(parts) > most else []
-    return ', '.join([*parts[:most], *more])
+    return markup.units(', '.join([*parts[:most], *more]))
 
 
 def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
