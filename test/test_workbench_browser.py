@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 import http.client
 import os
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -189,9 +190,9 @@ def test_cancelled_or_killed_the_work_can_go_on(server, watched):
 def _workers(pid):
     """Return the processes that work for a server; the last one is the latest."""
     found = []
-    for child in map(int, open(f'/proc/{pid}/task/{pid}/children').read().split()):
-        if 'spawn_main' in open(f'/proc/{child}/cmdline').read():
-            found.append(child)
+    for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
+        if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text():
+            found.append(int(child))
     return found
 
 
@@ -273,7 +274,7 @@ def _saved(page, button, path):
 
 
 @pytest.mark.parametrize('argv, words', [
-    (['silent.mcap'], 'effort is missing or NaN'),
+    (['silent.mcap'], 'effort is missing, NaN'),
     (['other.mcap', '--model', 'arm.json'], 'another robot'),
 ])
 def test_what_cannot_be_shown_is_said_in_words(folder, watched, argv, words):

@@ -220,7 +220,7 @@ def test_a_session_is_found_again_as_it_was(learned, tmp_path):
     assert isinstance(found.next_job(), Ask)
     saved, = store.listed(place)
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
-    other = {path: 'f' * 64 for path in hashes}
+    other = dict.fromkeys(hashes, 'f' * 64)
     assert store.changed_recordings(found, other) == ['run1.mcap', 'run2.mcap']
 
 

@@ -37,8 +37,8 @@ class Contents:
     `samples` are all that was recorded, of the model's joints; `predicted` (M, N) in N·m
     belongs to them. `comparison` may be of a part of them (slow motion), which `judged` (a
     sentence) tells. `previous` holds the RMSE by joint in N·m of another model on the same
-    part, named `previous_name`. `diagnosis` is None where none was made. `next_command` is the command
-    line that goes on from here, if there is one.
+    part, named `previous_name`. `diagnosis` is None where none was made.
+    `next_command` is the command line that goes on from here, if there is one.
     """
 
     samples: JointSamples

@@ -2,9 +2,11 @@
 
 TOKENS = """
 :root, :host { --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
-  --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --bad: #b00020; --ok: #0b6e4f }
+  --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --bad: #b00020;
+  --ok: #0b6e4f }
 :root.dark, :host(.dark), .dark { --ground: #14181d; --text: #e8eaed; --faint: #a4abb5;
-  --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --bad: #ff8a8a; --ok: #6fd3ae }
+  --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --bad: #ff8a8a;
+  --ok: #6fd3ae }
 """
 
 CONTENT = """

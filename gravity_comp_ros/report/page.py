@@ -10,17 +10,17 @@ from bokeh.embed import components
 from bokeh.resources import Resources
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.sections import all_sections
 from gravity_comp_ros.report.style import LIGHT
-from gravity_comp_ros.report.headline import headline
 
 # Nothing may be fetched: what the page needs is in it. Only scripts with the nonce of the page
 # run, so that a name from a recording never becomes a script, a handler or a `javascript:` link.
 # Bokeh makes functions of its own callbacks, which needs 'unsafe-eval'.
-_POLICY = ("default-src 'none'; base-uri 'none'; form-action 'none'; "
-           "script-src 'nonce-{nonce}' 'unsafe-eval'; style-src 'unsafe-inline'; "
-           "img-src data: blob:; font-src data:")
+_POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
+ script-src 'nonce-{nonce}' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:;
+ font-src data:"""
 # Without MathJax, text in $$ is text: MathJax would make links of \href in a joint's name.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
 # Bokeh's own mark of a page that is drawn, for people who wait and for tests.
@@ -50,7 +50,8 @@ def report_html(contents: Contents) -> str:
     head = (f'<p class="quiet">{markup.text(title)} · model '
             f'{markup.text(contents.origin.model_file or "fitted for this report")} · '
             f'{markup.text(contents.origin.when)}</p>'
-            f'<h1 class="verdict" id="verdict">{markup.text(markup.units(headline(contents)))}</h1>')
+            f'<h1 class="verdict" id="verdict">'
+            f'{markup.text(markup.units(headline(contents)))}</h1>')
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
                  [*_bokeh(), _inside(script), _READY, markup.COPY] if plots else [markup.COPY])
 

@@ -19,7 +19,6 @@ from tornado.web import ErrorHandler, OutputTransform
 LOCAL = ('localhost', '127.0.0.1', '[::1]')
 # What a page of another site could include, and what none of ours asks for.
 _REFUSED = ('/autoload.js', '/metadata', '/static/js/bokeh-mathjax')
-_EVERYWHERE = ('0.0.0.0', '::', '')
 _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
             'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
             'Cross-Origin-Opener-Policy': 'same-origin',
@@ -28,10 +27,9 @@ _HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
 
 def allowed_hosts(address: str, port: int) -> tuple[str, ...]:
     """Return the hosts with port by which a server on this address may be reached."""
-    if address in _EVERYWHERE:
-        names = (*LOCAL, socket.gethostname(), socket.getfqdn())
-    else:
-        names = (*LOCAL, f'[{address}]' if ':' in address else address)
+    own = [socket.gethostname(), socket.getfqdn()] if _is_everywhere(address) else [
+        f'[{address}]' if ':' in address else address]
+    names = [*LOCAL, *own]
     return tuple(dict.fromkeys(f'{name.lower()}:{port}' for name in names))
 
 
@@ -39,7 +37,7 @@ def is_allowed(host: str, hosts: tuple[str, ...], address: str) -> bool:
     """Return whether a Host header names this server; a bare address is never rebound."""
     if host.lower() in hosts:
         return True
-    if address not in _EVERYWHERE or not hosts:
+    if not hosts or not _is_everywhere(address):
         return False
     name, _, port = host.rpartition(':')
     try:
@@ -47,6 +45,13 @@ def is_allowed(host: str, hosts: tuple[str, ...], address: str) -> bool:
     except ValueError:
         return False
     return port == hosts[0].rpartition(':')[2]
+
+
+def _is_everywhere(address: str) -> bool:
+    try:
+        return ip_address(address).is_unspecified
+    except ValueError:
+        return not address
 
 
 class GuardedApplication(BokehTornado):

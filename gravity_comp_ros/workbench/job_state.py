@@ -98,7 +98,7 @@ def asked(jobs: Jobs, job: Job) -> Move:
 
 
 def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Move:
-    """The process has done what it was sent, or failed for a reason (then `answer` is None)."""
+    """Take the answer of the process, or the reason for which there is none (None)."""
     if jobs.state is State.RESTORING:
         if answer is not None:
             return _begin(replace(jobs, state=State.IDLE, held=True))
@@ -112,7 +112,7 @@ def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Move:
 
 
 def died(jobs: Jobs) -> Move:
-    """The process is gone; what waited behind the lost job would wait in vain."""
+    """Take note that the process is gone; what waited behind the lost job is lost as well."""
     if jobs.state is State.CLOSED:
         return Move(jobs)
     return _drop(jobs, DIED, cancelled=False, end=True)

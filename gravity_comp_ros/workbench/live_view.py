@@ -12,7 +12,6 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import plot, Style
 from gravity_comp_ros.workbench import widgets
-import numpy as np
 
 _SHOWN = 3000
 _EVERY = 3
@@ -165,8 +164,9 @@ def status_html(statuses: Sequence[Status], age: float | None) -> str:
         was = _LEVELS[min(max(one.level, 0), 3)]
         level = 'stale' if stale else was
         word = f'stale, was {was}' if stale and was != 'stale' else level
-        rows += (f'<tr><th scope="row">{markup.text(one.name)}</th><td><span class="level {level}">'
-                 f'{word}</span></td><td>{markup.text(one.message)}</td></tr>')
+        rows += (f'<tr><th scope="row">{markup.text(one.name)}</th>'
+                 f'<td><span class="level {level}">{word}</span></td>'
+                 f'<td>{markup.text(one.message)}</td></tr>')
     return (f'<div class="wide"><table><thead><tr><th scope="col">part</th><th scope="col">level'
             f'</th><th scope="col">message</th></tr></thead><tbody>{rows}</tbody></table></div>')
 

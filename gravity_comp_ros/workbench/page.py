@@ -43,7 +43,7 @@ class Page:
         self.views: Views | None = None
         self.pair = PairView()
         self._side: Side | None = None
-        self._seen, self._said, self._focus = -1, '', ''
+        self._seen, self._sweeps, self._focus = -1, 0, ''
         self.live = LiveView(follower, self.style) if follower else None
         self.names = [*((*NAMES, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
         self.view = self.names[0]
@@ -245,6 +245,8 @@ class Page:
 
     def _show_view(self) -> None:
         self.shown.children = [self._element()]
+        self._sweeps += 1
+        self.link.tags = ['sweep', str(self._sweeps)]
 
     def _element(self) -> UIElement:
         if self.view == LIVE and self.live is not None:

@@ -32,6 +32,10 @@ if (what == 'session') {
 } else if (what == 'focus') {
   const place = document.getElementById(value)
   if (place) place.focus()
+} else if (what == 'sweep') {
+  // Bokeh keeps what a page no longer shows until it counts its models anew.
+  for (const each of Bokeh.documents)
+    if (each._recompute_all_models) each._recompute_all_models()
 }
 """
 

@@ -30,10 +30,9 @@ h1 { font-size: 1.3rem; margin-bottom: 0 }
 
 # Only the page's own scripts run, and only this server is asked for anything. Bokeh makes
 # functions of its own callbacks, which needs 'unsafe-eval'.
-_POLICY = ("default-src 'none'; base-uri 'none'; form-action 'none'; "
-           "script-src 'self' 'nonce-NONCE' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
-           "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
-           "worker-src blob:")
+_POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
+ script-src 'self' 'nonce-NONCE' 'unsafe-eval'; style-src 'self' 'unsafe-inline';
+ img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src blob:"""
 
 # Bokeh's own scripts are named here, because all of them would have MathJax among them, which
 # makes links of formulas in names.

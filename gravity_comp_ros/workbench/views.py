@@ -15,8 +15,8 @@ from gravity_comp_ros.report.views import (
     answer, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 from gravity_comp_ros.workbench import widgets
 
-NAMES = ('Answer', 'Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model', 'Data',
-         'Origin')
+NAMES = ('Answer', 'Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model',
+         'Data', 'Origin')
 
 
 class Views:

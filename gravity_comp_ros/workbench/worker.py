@@ -67,7 +67,7 @@ class Worker:
         events, self._told = self._told, []
         while self._ready():
             try:
-                kind, value = self._pipe.recv() if self._pipe else ('', None)
+                kind, value = self._receive()
             except (EOFError, OSError):
                 return [*events, *self._do(job_state.died(self.jobs))]
             if kind == 'progress':
@@ -99,6 +99,12 @@ class Worker:
         except (BrokenPipeError, OSError):
             # `poll` finds the process gone.
             pass
+
+    def _receive(self) -> tuple[str, Any]:
+        if self._pipe is None:
+            raise EOFError
+        kind, value = self._pipe.recv()
+        return kind, value
 
     def _ready(self) -> bool:
         try:

@@ -181,7 +181,8 @@ def _plot(found: AddedVariable, table: Table, style: Style, k: int,
     name = column_name or str(k)
     x = 'angle, rad' if found.is_angle else 'explained by it alone, N·m'
     made = plot(style, printable(f'{k + 1}  {label(found.finding)} · {found.joint}'), x,
-                'measured, N·m', 250, tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
+                'measured, N·m', 250,
+                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
     made.scatter(f'ax{name}', f'ay{name}', source=table.source, size=3, line_color=None,
                  fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
                  selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
