@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from gravity_comp_ros import __version__
 from gravity_comp_ros.commands.outputs import check_outputs
-from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.errors import GravityCompError, Hint
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
@@ -60,6 +60,13 @@ PACKAGES = {
     'scipy': 'pip install scipy',
     'yaml': 'pip install PyYAML',
     'zstandard': "pip install 'gravity_comp_ros[bags]'",
+}
+
+# What the core advises, in terms of the command line.
+HINTS = {
+    Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
+    Hint.INSTALL_EFFECT: 'install the package that brings it, or take it back with '
+                         '`gravity_comp add --undo`',
 }
 
 # The problems here are too small for threads: on a busy machine, threads that wait for each
@@ -157,7 +164,7 @@ def _module(verb: str) -> ModuleType:
 def _one_line(error: Exception) -> str:
     """Return what to tell the user about `error`."""
     if isinstance(error, GravityCompError):
-        return str(error)
+        return error.message if error.hint is None else f'{error.message}: {HINTS[error.hint]}'
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]
         if missing in PACKAGES:

@@ -71,7 +71,7 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
     assert isinstance(do_next(session, bench), Read)
     assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
     constant = session.preview()
-    np.testing.assert_allclose(constant.predicted[0], session.samples.tau.mean(axis=0))
+    np.testing.assert_allclose(constant.predicted[0], session.recording.samples.tau.mean(axis=0))
     assert isinstance(do_next(session, bench), Learn)
     assert isinstance(do_next(session, bench), Ask)
     assert session.next_job() is None
@@ -120,12 +120,12 @@ def test_a_model_is_judged_on_other_runs_without_being_learned_anew(learned):
     session, bench = learned
     model = session.stage.model
     session.judge(replace(session.choice, runs=(0,)))
-    assert session.stage.model is model and session.samples.n_runs == 1
+    assert session.stage.model is model and session.recording.n_runs == 1
     assert isinstance(session.next_job(), Ask)
     with pytest.raises(DataError, match='learn one of these joints'):
         session.judge(replace(session.choice, joints=('elbow',)))
     with pytest.raises(DataError, match='no run'):
-        Choice((), JOINTS).chosen(session.read.samples)
+        Choice((), JOINTS).recording(session.read.samples, session.read.reports)
 
 
 def test_a_model_of_another_robot_is_refused_in_words(learned, tmp_path):
@@ -149,7 +149,7 @@ def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_
     session.learn(replace(session.choice, all_samples=True))
     do_next(session, bench)
     found = session.contents()
-    assert session.few_slow() == '' and found.judged == 'all 1200 samples, fast ones too'
+    assert session.few_slow() == '' and found.judged == 'all 1200 samples used, fast ones too'
     assert found.comparison.joints['elbow'].n == 1200
 
 

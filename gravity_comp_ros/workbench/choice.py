@@ -2,38 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 import shlex
-from typing import Any
 
-from gravity_comp_ros.data.gate import GateOptions, slow_samples
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
-from gravity_comp_ros.recordings.bag import ReadOptions
-
-
-@dataclass(frozen=True)
-class Gated:
-    """The samples that passed the gate of `total`, and how many did not for which reason."""
-
-    samples: JointSamples
-    total: int
-    dropped: Mapping[str, int]
-    all_samples: bool = False
-
-    def sentence(self) -> str:
-        """Return which samples these are."""
-        if self.all_samples:
-            return f'all {self.total} samples, fast ones too'
-        return f'{self.samples.n_samples} of {self.total} samples, the slow ones'
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what a model's provenance says of the gate."""
-        return {'total': self.total, 'kept': self.samples.n_samples,
-                'dropped': dict(self.dropped), 'all_samples': self.all_samples}
+from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 
 @dataclass(frozen=True)
@@ -77,33 +56,23 @@ class Choice:
             return RefitOptions(slow=None)
         return RefitOptions() if self.max_speed is None else RefitOptions(self.max_speed, True)
 
-    def gated(self, samples: JointSamples) -> Gated:
-        """
-        Return the samples that gravity is learned from and judged on.
-
-        :raises DataError: if there is none.
-        """
+    def gate(self) -> GateOptions | None:
+        """Return which samples gravity is learned from and judged on; None: all."""
         if self.all_samples:
-            return Gated(samples, samples.n_samples, {}, True)
-        options = GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
-        gate = slow_samples(samples, options)
-        if not gate.kept:
-            raise DataError(
-                f'none of the {samples.n_samples} samples is slow (every joint under '
-                f'{options.max_speed:g} rad/s): record slow motion, raise the speed limit, or '
-                f'use all samples')
-        return Gated(gate.samples, samples.n_samples, dict(gate.dropped))
+            return None
+        return GateOptions() if self.max_speed is None else GateOptions(self.max_speed)
 
-    def chosen(self, samples: JointSamples) -> JointSamples:
+    def recording(self, samples: JointSamples, reports: Sequence[ReadReport]) -> Recording:
         """
-        Return the samples of the chosen runs and joints.
+        Return the chosen runs and joints of all that was read.
 
         :raises DataError: if no run is chosen.
         """
         runs = [samples.run(number) for number in self.runs]
         if not runs:
             raise DataError('no run is chosen')
-        return concatenate(runs).joints(self.joints)
+        return Recording(concatenate(runs).joints(self.joints), self.gate(),
+                         tuple(reports[number] for number in self.runs))
 
     def reading_words(self, topic: str | None, joints: bool = True) -> list[str]:
         """Return the arguments of a command that reads the same."""

@@ -4,28 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from datetime import datetime, UTC
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import add_to_model, fit_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.refit import refit
+from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.history import with_step
-from gravity_comp_ros.models.provenance import held_out_blocks
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 
 Progress = Callable[[str, float], None]
-# What `fit --holdout` held out stays so with its margins, s, as `add` does it.
-_GUARD = HoldoutOptions().guard
 
 
 @dataclass(frozen=True)
@@ -110,13 +104,12 @@ class Bench:
             return self._reading(job, progress)
         if self._read is None:
             raise DataError('no recording has been read')
-        samples = job.choice.chosen(self._read.samples)
-        reports = tuple(self._read.reports[run] for run in job.choice.runs)
+        recording = job.choice.recording(self._read.samples, self._read.reports)
         if isinstance(job, Learn):
-            return learn(samples, reports, job.choice, progress)
+            return learn(recording, job.choice, progress)
         if isinstance(job, Ask):
-            return diagnose(samples, job.model, progress=progress)
-        return add(samples, reports, job, progress)
+            return diagnose(recording.samples, job.model, progress=progress)
+        return add(recording, job, progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         found = []
@@ -134,41 +127,24 @@ class Bench:
         return self._read
 
 
-def learn(samples: JointSamples, reports: tuple[ReadReport, ...], choice: Choice,
-          progress: Progress) -> Learned:
+def learn(recording: Recording, choice: Choice, progress: Progress) -> Learned:
     """Return the model that `gravity_comp fit` gives, and its held-out error."""
-    gated = choice.gated(samples)
-    result = fit(gated.samples, FitOptions(formulation=choice.formulation), progress)
+    options = FitOptions(formulation=choice.formulation)
+    result = fit_model(recording, options, progress=progress).result
     held_out: dict[str, float] = {}
     if result.model.energy is not None:
         progress('held-out error', 0.8)
         # A refit without anything new: only its held-out error is wanted.
-        held_out = refit(samples, result.model, [], choice.refit_options()).by_joint()[0]
-    provenance = {**result.model.provenance, 'bags': [report.to_json() for report in reports],
-                  'gate': gated.to_json(), 'holdout': None}
-    return Learned(replace(result.model, provenance=provenance), held_out,
-                   tuple(result.report['warnings']))
+        refitted = add_to_model(result.model, recording, (), choice.refit_options()).refit
+        held_out = refitted.by_joint()[0]
+    return Learned(result.model, held_out, tuple(result.report['warnings']))
 
 
-def add(samples: JointSamples, reports: tuple[ReadReport, ...], job: Add,
-        progress: Progress) -> Added:
+def add(recording: Recording, job: Add, progress: Progress) -> Added:
     """Return the model with effects that `gravity_comp add` gives."""
-    wanted = requests(job.effects, job.model.joints)
-    held = held_out_blocks(job.model, [report.sha256 for report in reports], _GUARD)
-    result = refit(samples, job.model, wanted, job.choice.refit_options(),
-                   ~within(samples, held), progress)
-    model = with_step(result.model, job.model, result.added, now(), *result.by_joint())
-    known = list(job.model.provenance.get('bags', ()))
-    seen = {bag['sha256'] for bag in known}
-    new = [report.to_json() for report in reports if report.sha256 not in seen]
-    model = replace(model, provenance={**job.model.provenance, 'bags': [*known, *new]})
+    found = add_to_model(job.model, recording, job.effects, job.choice.refit_options(), progress)
     # The history holds every earlier model; what travels back need not hold it twice.
-    return Added(model, replace(result, model=model))
-
-
-def now() -> str:
-    """Return the time, for histories and file names."""
-    return datetime.now(UTC).isoformat(timespec='seconds')
+    return Added(found.model, replace(found.refit, model=found.model))
 
 
 def described(job: Job) -> str:

@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
@@ -22,7 +24,7 @@ from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.jobs import Add, Added, Ask, Learn, Learned, now, Read, WasRead
+from gravity_comp_ros.workbench.jobs import Add, Added, Ask, Learn, Learned, Read, WasRead
 from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
@@ -85,15 +87,15 @@ class Session:
         return stage.diagnosis if stage and stage.judged_with == self.choice else None
 
     @property
-    def samples(self) -> JointSamples:
+    def recording(self) -> Recording:
         """
-        Return the samples of the chosen runs and the model's joints.
+        Return the chosen runs and joints.
 
         :raises DataError: if nothing was read or chosen.
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        return self.choice.chosen(self.read.samples)
+        return self.choice.recording(self.read.samples, self.read.reports)
 
     # What is to be done.
 
@@ -229,8 +231,8 @@ class Session:
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        samples = replace(self.choice, joints=model.joints).chosen(self.read.samples)
-        return compare(model, self.choice.gated(samples).samples, samples)
+        choice = replace(self.choice, joints=model.joints)
+        return compare_model(model, choice.recording(self.read.samples, self.read.reports))
 
     def contents(self) -> Contents:
         """
@@ -243,18 +245,16 @@ class Session:
             raise DataError('there is no model yet')
         key = _Key(self.choice, stage, self.read, self.diagnosis)
         if self._contents is None or self._contents[0] != key:
-            self._contents = (key, self._make(stage, self.read))
+            self._contents = (key, self._make(stage))
         return self._contents[1]
 
-    def _make(self, stage: Stage, read: WasRead) -> Contents:
-        samples = self.samples.joints(stage.model.joints)
-        gated = self.choice.gated(samples)
+    def _make(self, stage: Stage) -> Contents:
+        recording = self.recording.select_joints(stage.model.joints)
         previous = None if stage.parent is None else self.stages[stage.parent]
-        other = compare(previous.model, gated.samples, samples) if previous else None
+        other = compare_model(previous.model, recording) if previous else None
         return Contents(
-            samples, predict_torque(stage.model, samples), stage.model,
-            compare(stage.model, gated.samples, samples), gated.sentence(),
-            tuple(read.reports[run] for run in self.choice.runs),
+            recording.samples, predict_torque(stage.model, recording.samples), stage.model,
+            compare_model(stage.model, recording), recording.gated.sentence(), recording.reports,
             Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
             previous.name if previous else '', next_command=self._next_command())
@@ -271,9 +271,10 @@ class Session:
         return self._preview[1]
 
     def _constant(self) -> Contents:
-        samples = self.samples
-        if self.read is None or not samples.n_samples:
-            raise DataError('no recording has been read')
+        recording = self.recording
+        samples = recording.samples
+        if not samples.n_samples:
+            raise DataError('the recordings are empty')
         mean, spread = samples.tau.mean(axis=0), samples.tau.std(axis=0)
         torques = tuple(Expansion(np.zeros(1, dtype=np.int64), mean[n:n + 1])
                         for n in range(samples.n_joints))
@@ -281,8 +282,7 @@ class Session:
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
         return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
-                        tuple(self.read.reports[run] for run in self.choice.runs),
-                        Origin('\n'.join(self.commands()), now()))
+                        recording.reports, Origin('\n'.join(self.commands()), now()))
 
     def few_slow(self) -> str:
         """Return a warning where nearly no sample is slow, nothing otherwise."""
@@ -294,14 +294,14 @@ class Session:
     def _count_slow(self) -> str:
         if self.read is None or self.choice.all_samples or not self.choice.runs:
             return ''
-        samples = self.samples
+        recording = self.recording
         try:
-            kept = self.choice.gated(samples).samples.n_samples
+            kept = len(recording.slow)
         except DataError:
             kept = 0
         if kept >= FEW:
             return ''
-        return (f'Only {kept} of {samples.n_samples} samples are slow: these recordings are of '
+        return (f'Only {kept} of {len(recording)} samples are slow: these recordings are of '
                 f'fast motion. Use all samples, or raise the speed limit, under "Samples".')
 
     def findings(self) -> list[tuple[Finding, str]]:

@@ -16,12 +16,12 @@ import re
 import tempfile
 from typing import Any
 
+from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.jobs import now
 from gravity_comp_ros.workbench.session import Given, Session
 from gravity_comp_ros.workbench.stages import Stage
 
