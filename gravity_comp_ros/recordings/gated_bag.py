@@ -18,11 +18,13 @@ from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import (
-    BAD_STAMPS, degree_notes, drop_impossible, gap_notes, MISSING, MOVES, NOT_FINITE,
-    OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME, VELOCITY, zero_effort_note,
-    zero_velocity_notes)
+    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME,
+    VELOCITY)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.read_notes import (
+    degree_notes, drop_impossible, gap_notes, zero_effort_note, zero_velocity_notes)
+from gravity_comp_ros.recordings.several_arms import arms_by_name, jumps_to_and_fro
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import choose_topic, RULE
@@ -80,6 +82,8 @@ def _first_joints(storage: Storage, topic: str, options: ReadOptions) -> tuple[s
         columns = Columns(options.rename)
         columns.add(batch, LayoutDecoder().decode(batch))
         if len(columns):
+            if arms_by_name(columns.names):
+                raise _UnusualError
             return columns.names
     raise _UnusualError
 
@@ -124,6 +128,8 @@ class _Pass:
             raise _UnusualError
         if self._options.degrees:
             q, qd = np.radians(q), np.radians(qd)
+        if not self._times and jumps_to_and_fro(q):
+            raise _UnusualError
         keep = np.ones(len(columns), dtype=bool)
         finite = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
         for reason, fine in ((OTHER_JOINTS, present.any(axis=1)), (MISSING, present.all(axis=1)),

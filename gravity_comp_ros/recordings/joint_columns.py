@@ -99,6 +99,11 @@ class Columns:
         return tuple(dict.fromkeys(name for layout in self._layouts for name in layout))
 
     @property
+    def layouts(self) -> tuple[tuple[str, ...], ...]:
+        """The sequences of names that messages have, in order of their first appearance."""
+        return tuple(self._layouts)
+
+    @property
     def most_common(self) -> tuple[str, ...]:
         """The joint names that most messages have."""
         return max(self._layouts, key=lambda names: len(self._layouts[names].rows))
