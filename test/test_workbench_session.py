@@ -149,7 +149,7 @@ def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_
     session.learn(replace(session.choice, all_samples=True))
     do_next(session, bench)
     found = session.contents()
-    assert session.few_slow() == '' and found.judged == 'all 1200 samples used, fast ones too'
+    assert session.few_slow() == '' and found.judged == '1200 samples used, fast ones too'
     assert found.comparison.joints['elbow'].n == 1200
 
 

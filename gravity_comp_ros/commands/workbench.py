@@ -7,7 +7,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.recordings.storage import open_storage
 
 VERB = 'workbench'
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
                         help='a model to begin with, as `fit` writes it; further ones to '
                         'compare it with (default: one is fitted)')
-    parser.add_argument('--formulation', choices=CHOICES, default='potential',
+    parser.add_argument('--formulation', choices=CHOICES, default=FitOptions().formulation,
                         help='of the model that is fitted first (default: %(default)s)')
     parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
                         help='follow the topics of a running node (default: gravity_comp)')

@@ -11,6 +11,7 @@ from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
@@ -29,7 +30,7 @@ class Choice:
 
     runs: tuple[int, ...] = ()
     joints: tuple[str, ...] = ()
-    formulation: str = 'potential'
+    formulation: str = FitOptions().formulation
     effort_scale: Mapping[str, float] = field(default_factory=dict)
     differentiate: bool = False
     max_speed: float | None = None

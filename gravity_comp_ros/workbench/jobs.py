@@ -137,7 +137,10 @@ def learn(recording: Recording, choice: Choice, progress: Progress) -> Learned:
         # A refit without anything new: only its held-out error is wanted.
         refitted = add_to_model(result.model, recording, (), choice.refit_options()).refit
         held_out = refitted.by_joint()[0]
-    return Learned(result.model, held_out, tuple(result.report['warnings']))
+    # As `fit --joints --urdf none` has it.
+    provenance = {**result.model.provenance, 'description': None, 'joint_order': '--joints'}
+    return Learned(replace(result.model, provenance=provenance), held_out,
+                   tuple(result.report['warnings']))
 
 
 def add(recording: Recording, job: Add, progress: Progress) -> Added:

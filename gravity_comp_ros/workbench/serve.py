@@ -18,6 +18,7 @@ from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.util import bind_sockets
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
@@ -43,7 +44,7 @@ class ServeOptions:
     bags: tuple[Path, ...]
     models: tuple[Path, ...] = ()
     reading: ReadOptions = ReadOptions()
-    formulation: str = 'potential'
+    formulation: str = FitOptions().formulation
     live: str | None = None
     host: str = '127.0.0.1'
     port: int = 5006

@@ -56,8 +56,7 @@ def command_lines(stages: list[Stage], number: int, bags: tuple[Path, ...],
 
     :param bags: all recordings; each stage's choice says which of them it used.
     """
-    lines = [_command(stages[k], bags, topic) for k in path_to(stages, number)]
-    return lines
+    return [_command(stages[k], bags, topic) for k in path_to(stages, number)]
 
 
 def reports(choice: Choice, bags: tuple[Path, ...], topic: str | None) -> list[str]:
@@ -83,9 +82,11 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
         return line('cp', str(stage.given.resolve()), MODEL_FILE)
     if stage.parent is None:
         choice = stage.choice
+        # A description in the recording is not used here.
+        axes = ['--urdf', 'none'] if choice.formulation in ('chain', 'auto') else []
         return line('gravity_comp', 'fit', *_files(choice, bags), '--formulation',
-                    choice.formulation, *choice.reading_words(topic), *choice.gate_words(), '-o',
-                    MODEL_FILE)
+                    choice.formulation, *axes, *choice.reading_words(topic),
+                    *choice.gate_words(), '-o', MODEL_FILE)
     if not stage.effects:
         return line('gravity_comp', 'add', '--undo', '--model', MODEL_FILE)
     return add_command(stage.effects, stage.choice, bags, topic)
