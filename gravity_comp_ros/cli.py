@@ -20,7 +20,7 @@ from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
 VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'update',
-         'replay', 'fleet', 'workbench')
+         'replay', 'plan', 'fleet', 'workbench')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -36,6 +36,8 @@ the loop:
   gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
+  gravity_comp plan run1.mcap --model arm.json -o motion.yaml
+                                                    the motion that settles what run1 cannot
   gravity_comp workbench run1.mcap run2.mcap        the same loop in a browser
 
 without a robot:

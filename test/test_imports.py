@@ -22,6 +22,7 @@ ROOMS = (
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
+    ('planning',),
     ('api',),
     ('__init__',),
     ('report', 'fleet'),

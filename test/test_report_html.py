@@ -22,6 +22,8 @@ from gravity_comp_ros.report.views import joints
 import pytest
 from rough_links import two_links
 
+pytestmark = pytest.mark.slow
+
 # Markup, and formulas that a typesetter of mathematics turns into links that run a script.
 LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
