@@ -134,7 +134,9 @@ def test_the_report_in_a_browser(diagnosed, watched):
         assert len(plots) >= 2 * 8 + 3
         assert all(width > 60 and height > 25 for _, width, height in plots), plots
         assert tab.selected()[0] == 0
-        box = page.locator('#time .bk-Figure').first.bounding_box()
+        first = page.locator('#time .bk-Figure').first
+        first.scroll_into_view_if_needed()
+        box = first.bounding_box()
         page.mouse.move(box['x'] + 200, box['y'] + 40)
         page.mouse.down()
         page.mouse.move(box['x'] + 420, box['y'] + 120, steps=4)
