@@ -17,6 +17,7 @@ from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
@@ -30,6 +31,8 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 # What was held out of a fit stays so with its margins, s.
 _GUARD = HoldoutOptions().guard
 PAYLOAD = 'payload'
+# Fewer slow samples than this are few poses.
+FEW_SLOW = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,14 +78,40 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
+    recording, note = with_enough_motion(recording)
     if effects:
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
         result, joint = fit(recording.slow, options, progress), None
+    if note:
+        result.report['warnings'].insert(0, note)
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
     return Fitted(replace(result, model=replace(result.model, provenance=provenance)), joint)
+
+
+def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
+    """
+    Return the recording, ungated if too little of it is slow, and a note that says so.
+
+    Few slow samples of a fast recording lie in few poses, and a model of them is wrong in all
+    others. Friction and inertia are fitted beside gravity, so that fast samples serve as well.
+
+    :raises DataError: if there are no samples at all.
+    """
+    if recording.gate is None or recording.gated_before is not None:
+        return recording, ''
+    try:
+        n_slow = recording.slow.n_samples
+    except DataError:
+        n_slow = 0
+    n = recording.samples.n_samples
+    if n_slow >= FEW_SLOW or n < 2 * FEW_SLOW:
+        return recording, ''
+    return replace(recording, gate=None), (
+        f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction beside '
+        f'gravity')
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],

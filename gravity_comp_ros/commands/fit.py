@@ -20,6 +20,7 @@ from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
+from gravity_comp_ros.estimation.fit_report import nuisance_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
@@ -35,8 +36,8 @@ examples:
   gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
   gravity_comp fit run1.mcap --urdf robot.urdf -o arm.json   a chain whose axes are known
 
-Only slow samples are used: in fast motion the torque is more than gravity. With --holdout the
-saved model is the one that was judged; `compare --holdout` finds the same held-out data again.
+Slow samples are used; where they are too few, all are, with inertia fitted beside gravity. With
+--holdout the saved model is the one that was judged; `compare --holdout` finds the same data.
 """
 
 
@@ -73,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
-        whole = (reading.load_slow if only_slow else reading.load)(args, report)
+        whole, note = reading.load_enough(args, report, only_slow)
         axes = _axes(args, whole)
         order = _order(args, whole, axes)
         whole = whole.select_joints(order.joints)
@@ -82,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
         found = fit_model(fitted, _options(args, axes), effects, speeds, report)
+        found.result.report['warnings'] += [note] if note else []
         seconds = time.perf_counter() - started
     result, joint = found.result, found.refit
     model = replace(found.model, provenance={
@@ -155,6 +157,9 @@ def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: J
     if fitted.holdout:
         terminal.show(terminal.safe(_holdout_sentence(fitted, fitted.holdout)))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
+    beside = nuisance_sentence(result.model.nuisance)
+    if beside:
+        terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'))
     if 'choice' in result.report:
         choice = result.report['choice']
         terminal.show(terminal.safe(f'{choice["formulation"]} was chosen: {choice["why"]}'))
@@ -207,7 +212,7 @@ def _solver_sentence(result: FitResult) -> str:
     problems = result.report['solver']
     if not problems:
         chain = result.report['chain']
-        left = f'what is left {"is noise" if chain["clean"] else "is more than noise"}'
+        left = f'its residual {"is white" if chain["clean"] else "is not white"}'
         if chain['known_axes']:
             return f'chain: axes as in the URDF; {left}'
         return (f'chain: {chain["starts"]} starts, {sum(chain["right_angles"])} right angles; '

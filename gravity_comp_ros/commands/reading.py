@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
 
 from gravity_comp_ros.api.recording import read_recording, read_slow, Recording
+from gravity_comp_ros.api.steps import FEW_SLOW, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -21,6 +24,23 @@ def load(args: argparse.Namespace, report: ProgressCallback) -> Recording:
     :raises ModelMismatchError: if two bags are of different robots.
     """
     return read_recording(args.bags, read_options(args), gate(args), report)
+
+
+def load_enough(args: argparse.Namespace, report: ProgressCallback,
+                only_slow: bool) -> tuple[Recording, str]:
+    """
+    Return a recording to fit, ungated if too little of it is slow, and a note that says so.
+
+    :param only_slow: whether nothing but the slow samples is needed if they suffice.
+    :raises BagError: if a bag cannot be read.
+    :raises ModelMismatchError: if two bags are of different robots.
+    """
+    if only_slow:
+        with suppress(DataError):
+            slow = load_slow(args, report)
+            if slow.samples.n_samples >= FEW_SLOW:
+                return slow, ''
+    return with_enough_motion(load(args, report))
 
 
 def load_slow(args: argparse.Namespace, report: ProgressCallback) -> Recording:
