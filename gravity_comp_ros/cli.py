@@ -23,7 +23,7 @@ VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'updat
          'replay', 'plan', 'fleet', 'workbench')
 
 DESCRIPTION = """\
-Learn the torque that holds a robot arm up from recorded joint states, and judge it.
+Learn the gravity torque of a robot arm from recorded joint states, and judge it.
 """
 EXAMPLE = """\
 the loop:
@@ -187,7 +187,7 @@ def _fail(who: str, message: str, status: int = 1) -> int:
     try:
         print(f'{who}: {printable(message)}', file=sys.stderr, flush=True)
     except OSError:
-        pass  # nobody listens any more; the exit status still tells
+        pass  # the reader has closed the pipe; the exit status still tells
     return status
 
 
