@@ -17,7 +17,8 @@ def table(tmp_path, monkeypatch):
     q = np.column_stack([0.9 * np.sin(0.13 * t), 1.0 * np.sin(0.11 * t + 0.7)])
     qd = np.gradient(q, t, axis=0)
     elbow = 4.0 * np.sin(q.sum(axis=1))
-    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + elbow, elbow + 0.8 * np.tanh(qd[:, 1] / 0.005)])
+    friction = 0.8 * np.tanh(qd[:, 1] / 0.005)
+    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + elbow, elbow + friction])
     tau += np.random.default_rng(0).normal(scale=0.03, size=tau.shape)
     path = tmp_path / 'my log.csv'
     np.savetxt(path, np.column_stack([t, q, qd, -1000 * tau]), delimiter=',', comments='',
