@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
@@ -24,6 +25,15 @@ FADED = 'stale, faded to zero'
 
 # N·m; less than this of an effect's torque is none.
 LEAST_TORQUE = 1e-4
+# A message counts for at most so many of its usual periods: what a stall has missed is made up
+# for over the messages that follow, not in one step.
+PERIODS = 2.0
+# Messages over which the usual period is the mean, so that a burst counts together with the
+# pause before it; and the least that it is taken for, s.
+PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
+# The watchdog's own calls may be this far apart, s.
+WATCH_PERIOD = 0.05
+TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,18 @@ class Source:
     q_max: FloatArray
     reach: float = math.inf
 
+    def nearest(self, q: FloatArray) -> FloatArray:
+        """
+        Return pose q (N,) with whole turns taken off joints that are outside the trained range.
+
+        Gravity has a period of one turn, so that the torque is the same.
+        """
+        outside = (q < self.q_min) | (q > self.q_max)
+        if not outside.any():
+            return q
+        middle = 0.5 * (self.q_min + self.q_max)
+        return np.where(outside, q - TURN * np.round((q - middle) / TURN), q)
+
 
 class FeedForward:
     """
@@ -99,6 +121,7 @@ class FeedForward:
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
+        self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
         self._fresh: float | None = None
         self.set_options(options)
 
@@ -144,7 +167,7 @@ class FeedForward:
         :param effects: torque (N,) in N·m that comes on top of gravity, within the margin of
             the trained range; past it, and while input is stale, it ramps away.
         """
-        dt = self._elapsed(now)
+        dt = self._since_last_message(now)
         if self._source is None:
             self._fresh = now
             return None
@@ -167,9 +190,11 @@ class FeedForward:
         # A clock that was set back must not make old input young for as long as that.
         self._fresh = min(self._fresh, now)
         age = now - self._fresh
-        if age <= self.options.stale_after or self._is_at_rest():
+        if age <= self.options.stale_after:
             return None
-        dt = self._elapsed(now)
+        dt = min(self._elapsed(now), max(WATCH_PERIOD, PERIODS * self._period()))
+        if self._is_at_rest():
+            return None
         # What turns with the direction of motion must not outlive the news of the motion.
         self._drop_effects(dt)
         if not self._enabled:
@@ -201,6 +226,19 @@ class FeedForward:
         dt = 0.0 if self._now is None else now - self._now
         self._now = now
         return min(max(dt, 0.0), self.options.stale_after)
+
+    def _since_last_message(self, now: float) -> float:
+        """Return the time that a message counts for: after a stall, not all that has passed."""
+        dt = self._elapsed(now)
+        counted = min(dt, PERIODS * self._period()) if self._intervals else dt
+        if dt > 0.0:
+            self._intervals.append(dt)
+        return counted
+
+    def _period(self) -> float:
+        """Return the usual time between messages, s."""
+        n = len(self._intervals)
+        return max(LEAST_PERIOD, sum(self._intervals) / n) if n else LEAST_PERIOD
 
     def _approach(self, goal: float, duration: float, dt: float) -> None:
         step = 1.0 if duration <= 0.0 else dt / duration
@@ -234,6 +272,7 @@ class FeedForward:
     def _torque(self, source: Source, q: FloatArray) -> FloatArray:
         if self.options.extrapolation == 'trust':
             return source.predict(q)
+        q = source.nearest(q)
         margin = min(self.options.extrapolation_margin, source.reach)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())

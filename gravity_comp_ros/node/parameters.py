@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
+from typing import cast
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.payload_test import PayloadLimits
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -117,6 +119,11 @@ TABLE: tuple[Parameter, ...] = (
         'is a motor current, -1 where it counts the other way. One value for all joints or one '
         'per joint; empty means 1.', 'N·m per unit', -1e6, 1e6, read_only=True),
     Parameter(
+        'continuous_joints', 'string[]', (),
+        'Joints that may turn without end. Any other joint further than 4π from 0 is refused as a '
+        'pose: angles in degrees are such. Torque has a period of one turn for every joint.',
+        read_only=True),
+    Parameter(
         'max_speed', 'double', 0.15,
         'Samples are learned from while no joint is faster than this.', 'rad/s', 0.001, 10.0),
     Parameter(
@@ -178,6 +185,14 @@ TABLE: tuple[Parameter, ...] = (
         'A joint that moved over less than this in an epoch is reported as lacking range.',
         'rad', 0.0, 6.3),
     Parameter(
+        'max_payload', 'double', 20.0,
+        'The heaviest body that is put on the last link or taken off. A change of the torque that '
+        'takes more is refused.', 'kg', 0.01, 1000.0),
+    Parameter(
+        'max_payload_reach', 'double', 1.0,
+        'How far the centre of a payload may be from the last joint; without known axes also the '
+        'longest distance of two neighbouring joints.', 'm', 0.01, 10.0),
+    Parameter(
         'fit_timeout', 'double', 120.0,
         'A fit that takes longer is taken for hanging: its process is killed and replaced.',
         's', 0.1, 3600.0),
@@ -192,7 +207,7 @@ TABLE: tuple[Parameter, ...] = (
         'Write the model file whenever a new model is taken into use.'),
     Parameter(
         'history', 'int', 10,
-        'Earlier models that `~/rollback` can bring back.', 'models', 1, 100, read_only=True),
+        'Earlier payloads whose last model `~/rollback` can bring back.', 'models', 1, 100, read_only=True),
     Parameter(
         'enabled', 'bool', True,
         'Publish torques from the start; `~/enable` changes it while the node runs.',
@@ -271,6 +286,12 @@ def check_together(values: Mapping[str, Value], n_joints: int | None = None) -> 
     if values['full_samples'] > values['capacity']:  # type: ignore[operator]
         raise OptionError(f'parameter full_samples: {values["full_samples"]} is more than '
                           f'capacity, {values["capacity"]}')
+
+
+def payload_limits(values: Mapping[str, Value]) -> PayloadLimits:
+    """Return what a payload can be from the parameters."""
+    return PayloadLimits(cast(float, values['max_payload']),
+                         cast(float, values['max_payload_reach']))
 
 
 def markdown() -> str:
