@@ -19,13 +19,13 @@ import tempfile
 import time
 
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.evaluation.compare import compare_prediction, Comparison
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
-from rich.table import Table
 from rich.text import Text
 from robot import DemoError, Robot
 
@@ -110,20 +110,20 @@ def say(text: str, style: str = '') -> None:
     terminal.show(Text('• ' + printable(text), style=style))
 
 
-def table(columns: list[tuple[str, Comparison]]) -> Table:
+def table(columns: list[tuple[str, Comparison]]) -> ScreenTable:
     """Return the errors of each joint at each stage."""
-    made = terminal.table(
-        'RMSE of the predictions in N·m, on motion that was never learned from',
-        ['joint', *(title for title, _ in columns), 'error that\nis left'])
     stale, last = columns[1][1], columns[-1][1]
+    rows = []
     for joint in stale.joints:
         before, after = stale.joints[joint].rmse, last.joints[joint].rmse
         left = '–' if before - after < SMALL and after - before < SMALL else \
             f'{100 * after / before:.0f} %'
         row = [joint, *(f'{found.joints[joint].rmse:.3f}' for _, found in columns), left]
-        made.add_row(*(Text(printable(cell), style='bold' if joint == stale.worst else '')
-                       for cell in row))
-    return made
+        rows.append([Text(printable(cell), style='bold' if joint == stale.worst else '')
+                     for cell in row])
+    return terminal.table(
+        'RMSE of the predictions in N·m, on motion that was never learned from',
+        ['joint', *(title for title, _ in columns), 'error that\nis left'], rows)
 
 
 def summary(columns: list[tuple[str, Comparison]]) -> list[str]:

@@ -164,7 +164,7 @@ def _one_line(error: Exception) -> str:
             return f'needs the Python module {missing}, which does not load here ({error}): ' \
                    f'{PACKAGES[missing]}'
     if isinstance(error, MemoryError):
-        return 'not enough memory: use fewer samples (--rate) or fewer joints (--joints)'
+        return 'not enough memory: use fewer or shorter recordings'
     if isinstance(error, OSError) and error.strerror:
         where = f': {os.fsdecode(error.filename)}' if error.filename is not None else ''
         return f'{error.strerror}{where}'

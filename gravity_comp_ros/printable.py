@@ -23,3 +23,8 @@ def _shown(character: str) -> str:
         return character
     code = ord(character)
     return f'\\x{code:02x}' if code < 0x100 else f'\\u{code:04x}'
+
+
+def counted(number: int, thing: str, things: str = '') -> str:
+    """Return a number and what is counted, as in `1 sample` and `2 samples`."""
+    return f'{number} {thing if number == 1 else things or thing + "s"}'

@@ -75,8 +75,8 @@ def test_wrong_usage_is_2_and_says_what(argv, text, capsys):
      'gravity_comp fit: No space left on device: m.json\n'),
     (PermissionError(13, 'Permission denied', b'm.json'), 1,
      'gravity_comp fit: Permission denied: m.json\n'),
-    (MemoryError(), 1, 'gravity_comp fit: not enough memory: use fewer samples (--rate) or '
-     'fewer joints (--joints)\n'),
+    (MemoryError(), 1, 'gravity_comp fit: not enough memory: use fewer or shorter '
+     'recordings\n'),
     (KeyboardInterrupt(), 130, 'gravity_comp fit: interrupted\n'),
     (ZeroDivisionError('oh'), 1, 'gravity_comp fit: internal error, please report it: '
      'ZeroDivisionError: oh (GRAVITY_COMP_DEBUG=1 shows where)\n'),

@@ -55,7 +55,7 @@ def test_pendulum_torque_by_hand(tmp_path):
     assert (arm.lower[0], arm.upper[0], arm.max_speed[0]) == (-1, 2, 3)
     q = np.array([[0.0], [0.7]])
     # Turning about +y lowers a mass on +x, so the drive must push the other way.
-    expected = -2 * 9.81 * 0.5 * np.cos(q)
+    expected = -2 * 9.80665 * 0.5 * np.cos(q)
     np.testing.assert_allclose(arms.gravity_torque(arm, q), expected, atol=1e-12)
     inertia = 0.01 + 2 * 0.5 ** 2
     moving = arms.inverse_dynamics(arm, q, np.ones((2, 1)), np.full((2, 1), 3.0))
@@ -68,7 +68,7 @@ def test_continuous_joint_turns_like_a_revolute_one(tmp_path):
     arm = arms.from_urdf(path)
     assert (arm.lower[0], arm.upper[0]) == (-np.pi, np.pi)
     q = np.array([[4.0]])
-    np.testing.assert_allclose(arms.gravity_torque(arm, q), -9.81 * np.cos(q), atol=1e-12)
+    np.testing.assert_allclose(arms.gravity_torque(arm, q), -9.80665 * np.cos(q), atol=1e-12)
 
 
 def test_prismatic_joint_is_refused_with_its_name_and_the_reason(tmp_path):
@@ -100,8 +100,8 @@ def test_payload_adds_its_own_weight_and_leaves_the_arm_alone(tmp_path):
     loaded = arms.with_payload(bare, arms.Payload(3.0, (0.0, 0.0, 0.2), (0.1, 0.2, 0.3, 0, 0, 0)))
     q = np.array([[0.4]])
     extra = arms.gravity_torque(loaded, q) - arms.gravity_torque(bare, q)
-    np.testing.assert_allclose(extra, -3 * 9.81 * 0.2 * np.sin(q), atol=1e-12)
-    np.testing.assert_allclose(arms.gravity_torque(bare, q), -9.81 * np.cos(q), atol=1e-12)
+    np.testing.assert_allclose(extra, -3 * 9.80665 * 0.2 * np.sin(q), atol=1e-12)
+    np.testing.assert_allclose(arms.gravity_torque(bare, q), -9.80665 * np.cos(q), atol=1e-12)
     spun = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
             - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
     np.testing.assert_allclose(spun, 0.01 + 0.5 + 3 * 0.04 + 0.2, atol=1e-12)

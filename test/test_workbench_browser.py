@@ -170,7 +170,7 @@ def _saved(page, button, path):
 
 
 @pytest.mark.parametrize('argv, words', [
-    (['silent.mcap'], 'effort is missing or NaN'),
+    (['silent.mcap'], 'effort is missing, NaN'),
     (['other.mcap', '--model', 'arm.json'], 'another robot'),
 ])
 def test_what_cannot_be_shown_is_said_in_words(folder, argv, words):

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.printable import counted
 
 if TYPE_CHECKING:
     from gravity_comp_ros.data.gate import GateOptions
@@ -21,7 +22,7 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     """Add the positional `bags` (a list of paths); with `nargs` None a single `bag`."""
     name = 'bag' if nargs is None else 'bags'
     parser.add_argument(
-        name, metavar='BAG', nargs=nargs, type=Path,
+        name, metavar='BAG', nargs=nargs, type=recording,
         help='an MCAP file, a rosbag2 folder or a bare .db3 file; several bags are several runs')
 
 
@@ -68,8 +69,14 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
 
 
 def gate_options(args: argparse.Namespace) -> GateOptions:
-    """Return the `GateOptions` that --max-speed and --rate ask for."""
+    """
+    Return the `GateOptions` that --max-speed and --rate ask for.
+
+    :raises OptionError: if --all-samples is given as well.
+    """
     from gravity_comp_ros.data.gate import GateOptions
+    if args.all_samples and (args.max_speed, args.rate) != (None, None):
+        raise OptionError('--all-samples goes without the gate: leave --max-speed and --rate out')
     given = {'max_speed': args.max_speed, 'rate_hz': args.rate}
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
@@ -90,9 +97,10 @@ class Gated:
     def sentence(self) -> str:
         """Return one line on what was kept and why the rest was not."""
         if self.all_samples:
-            return f'all {self.total} samples used, fast ones too'
+            return f'{counted(self.total, "sample")} used, fast ones too'
         why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
-        return (f'{self.samples.n_samples} of {self.total} samples pass the slow-motion gate'
+        return (f'{self.samples.n_samples} of {counted(self.total, "sample")} pass the '
+                'slow-motion gate'
                 + (f' ({why})' if why else ''))
 
 
@@ -102,10 +110,10 @@ def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
 
     :raises DataError: if none passes.
     """
+    options = gate_options(args)
     if args.all_samples:
         return Gated(samples, samples.n_samples, {}, True)
     from gravity_comp_ros.data.gate import slow_samples
-    options = gate_options(args)
     result = slow_samples(samples, options)
     return slow_only(result.samples, samples.n_samples, result.dropped, options)
 
@@ -138,6 +146,24 @@ def _json_target(text: str) -> str:
         raise argparse.ArgumentTypeError(
             f'{text} does not end in .json: name a .json file, or put --json after the bags')
     return text
+
+
+def recording(text: str) -> Path:
+    """Return the path of a recording; the name of an effect stands there by a slip."""
+    path = Path(text)
+    if not path.exists() and path.name == text and '.' not in text:
+        from gravity_comp_ros.effects.registry import all_effects
+        if text.split(':')[0].split(',')[0] in all_effects():
+            raise argparse.ArgumentTypeError(
+                f'{text} is an effect: separate effects with commas and no space')
+    return path
+
+
+def count(text: str) -> int:
+    """Return a whole number above 0."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number above 0')
+    return int(text)
 
 
 def joint_list(text: str) -> tuple[str, ...]:

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.evaluation.compare import Calibration, compare, JointComparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.printable import printable
-from rich.table import Table
+from gravity_comp_ros.printable import counted, printable
+from gravity_comp_ros.recordings.topic_choice import named_joints
 from rich.text import Text
 
 _MOST_PLACES = 2
@@ -48,8 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_json(parser)
     html.add_html(parser)
     parser.add_argument('--previous', metavar='MODEL.json', type=Path, default=None,
-                        help='another model, for its errors beside in the report (default: what '
-                        'the model was before its last addition)')
+                        help='another model, for its errors beside in the report of --html '
+                        '(default: what the model was before its last addition)')
+    parser.set_defaults(parser=parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,6 +61,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
+    if args.previous is not None and args.html is None:
+        args.parser.error('--previous is for the report: give --html as well')
     model = load_model(args.model)
     chosen = _chosen(args, model)
     # The model needs every one of its joints; --joints only says which of them to show.
@@ -95,7 +99,7 @@ def _judged(samples: JointSamples, loaded: reading.Loaded) -> str:
     """Return in words which samples the errors are of."""
     kept = loaded.gated.samples.n_samples
     held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
-    return f'{samples.n_samples} samples ({loaded.gated.sentence()}{held})'
+    return f'{counted(samples.n_samples, "sample")} ({loaded.gated.sentence()}{held})'
 
 
 def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
@@ -113,12 +117,7 @@ def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSampl
 
 
 def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
-    chosen = args.joints or model.joints
-    unknown = [name for name in chosen if name not in model.joints]
-    if unknown:
-        raise OptionError(f'--joints: the model has no joint {", ".join(unknown)}; it has '
-                          f'{", ".join(model.joints)}')
-    return tuple(chosen)
+    return named_joints('--joints: the model', model.joints, args.joints or model.joints, 'shown')
 
 
 def _unseen(args: argparse.Namespace, model: GravityModel,
@@ -143,7 +142,7 @@ def _unseen(args: argparse.Namespace, model: GravityModel,
 
 
 def _table(model: GravityModel, joints: dict[str, JointComparison],
-           samples: JointSamples) -> Table:
+           samples: JointSamples) -> ScreenTable:
     worst = _worst(joints)
     rows = []
     for name, found in joints.items():
@@ -152,7 +151,7 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
                  f'{model.noise[model.joints.index(name)]:.4f}', *_shares(found.band)]
         rows.append([Text(cell, style='bold' if name == worst else '') for cell in cells])
     return terminal.table(
-        f'error of the model in N·m, {samples.n_samples} samples',
+        f'error of the model in N·m, {counted(samples.n_samples, "sample")}',
         ['joint', 'n', 'RMSE', 'nRMSE', 'std', 'max', 'RMSE in training',
          *(() if model.uncertainty is None else ('in band', 'outside'))], rows)
 

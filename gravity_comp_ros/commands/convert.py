@@ -8,6 +8,7 @@ from pathlib import Path
 from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, names_shown, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
 from gravity_comp_ros.recordings.table import (
     ANGLE_UNITS, Converted, EFFORT_UNITS, read_table, TableOptions, TIME_UNITS)
@@ -90,10 +91,10 @@ def run(args: argparse.Namespace) -> int:
         emit_json(_facts(args, converted), args.json)
         return 0
     topic = converted.topic
-    show(f'wrote {safe(args.output)}: {len(topic.t)} samples over {topic.t[-1]:.4g} s, joints '
-         f'{safe(names_shown(topic.joints))}')
+    show(f'wrote {safe(args.output)}: {counted(len(topic.t), "sample")} over '
+         f'{topic.t[-1]:.4g} s, joints {safe(names_shown(topic.joints))}')
     if converted.dropped:
-        warn(f'{converted.dropped} bad row{"s" if converted.dropped > 1 else ""} left out')
+        warn(f'{counted(converted.dropped, "bad row")} left out')
     for note in converted.notes:
         warn(note)
     return 0

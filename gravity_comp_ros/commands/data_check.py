@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
 from gravity_comp_ros.effects.motion_direction import least_widths
 from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 import numpy as np
-from rich.table import Table
 
 _COLUMNS = ('joint', 'range °', 'max rad/s', 'turns', 'at rest', 'noise N·m', 'independent')
 
@@ -37,7 +37,7 @@ class DataCheck:
         """Return remarks in words."""
         return self.facts.remarks
 
-    def table(self) -> Table:
+    def table(self) -> ScreenTable:
         """Return the facts as a table."""
         rows = []
         for name, report in self.reports.items():

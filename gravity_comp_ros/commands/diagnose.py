@@ -9,6 +9,7 @@ import shlex
 import time
 
 from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -22,7 +23,6 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadReport
-from rich.table import Table
 
 VERB = 'diagnose'
 HELP = 'name the physical effect that a gravity model is missing, with its size'
@@ -146,8 +146,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         terminal.show(_table(diagnosis))
     for line in _laws(diagnosis):
         terminal.show(line)
-    for line in _next_steps(args, diagnosis):
-        terminal.show(line)
+    _show_next_steps(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
     unseen = check.unseen()
@@ -158,19 +157,17 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
     terminal.show('')
 
 
-def _table(diagnosis: Diagnosis) -> Table:
+def _table(diagnosis: Diagnosis) -> ScreenTable:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
              f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}',
              ', '.join(f.rivals)] for f in diagnosis.findings]
     columns = [*_FINDINGS, _RIVALS]
     if not any(f.rivals for f in diagnosis.findings):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    made = terminal.table('what is missing', columns, rows,
-                          left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS))
-    # Names are copied from here, so they stay whole; numbers and rivals may be folded.
-    for column in made.columns[:3]:
-        column.no_wrap = True
-    return made
+    # Names are copied from here, so they stay whole; coefficients and rivals may be folded.
+    return terminal.table('what is missing', columns, rows, keys=2,
+                          left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS),
+                          folds=('coefficient, 95 %', _RIVALS))
 
 
 def _coefficients(finding: Finding) -> str:
@@ -192,19 +189,20 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
     return [*lines, '']
 
 
-def _next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
-    """Return lines of markup on what to do next."""
+def _show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
+    """Show the commands that follow, with this call's file names, and what findings lack."""
     targets = wording.targets(diagnosis.findings)
-    lines = []
+    open_ = [f for f in diagnosis.findings if f.verdict not in wording.FOUND and f.next_step]
+    if not targets and not open_:
+        return
+    terminal.show('[bold]next step[/bold]')
     if targets and args.model is None:
         bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-        lines.append(f'  {terminal.safe(f"gravity_comp fit {bags} -o MODEL.json")}')
+        terminal.show_command(f'gravity_comp fit {bags} -o MODEL.json')
     if targets:
-        command = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
-                               f'--model MODEL.json BAG...', args)
-        lines.append(f'  {terminal.safe(command)}')
-    for finding in diagnosis.findings:
-        if finding.verdict not in wording.FOUND and finding.next_step:
-            place = f'{finding.effect or "unknown"} on {wording.where(finding)}'
-            lines.append(f'  {terminal.safe(f"{place}: {finding.next_step}")}')
-    return ['[bold]next step[/bold]', *lines, ''] if lines else []
+        terminal.show_command(_spelled_out(
+            f'gravity_comp add {shlex.quote(",".join(targets))} --model MODEL.json BAG...', args))
+    for finding in open_:
+        place = f'{finding.effect or "unknown"} on {wording.where(finding)}'
+        terminal.show(f'  {terminal.safe(f"{place}: {finding.next_step}")}')
+    terminal.show('')

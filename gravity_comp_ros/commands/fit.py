@@ -11,8 +11,11 @@ import time
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.joint_order import joint_order, JointOrder
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions, FitResult
@@ -20,9 +23,7 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.history import with_step
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import save_model
-from rich.table import Table
 
 VERB = 'fit'
 HELP = 'learn the gravity model of an arm from slow motion'
@@ -49,18 +50,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='one potential energy for all joints; the same with the structure '
                         'of a serial arm (chain); whichever of the two predicts held-out data '
                         'better (auto); or each joint by itself as in Yu 2022 (default: '
-                        f'{FitOptions().formulation}, with --urdf chain)')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='take the axes of the chain from here; masses in it are not used')
+                        f'{FitOptions().formulation}, with --urdf chain, with the '
+                        "recording's own description auto)")
     parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
                         const=0.2, default=None, help='hold this share of the data out of the '
                         'fit and judge the model on it: whole runs, or blocks of a single run '
                         '(0.2 if no number is given)')
-    parser.add_argument('--terms', metavar='N', type=int, default=8,
+    parser.add_argument('--terms', metavar='N', type=arguments.count, default=8,
                         help='terms of each equation to show (default: %(default)s)')
     parser.add_argument('--effects', metavar='A,B:JOINT,...', default=None,
                         help='learn these effects together with gravity; without a joint, on '
                         'every joint that can show them (docs/effects.md has them all)')
+    add_urdf(parser, 'take the axes of the chain from here')
     arguments.add_gate(parser)
     arguments.add_reading(parser)
     arguments.add_json(parser)
@@ -68,36 +69,40 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    if args.urdf is not None and args.formulation not in (None, 'chain', 'auto'):
+    if urdf_file(args) is not None and args.formulation not in (None, 'chain', 'auto'):
         raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
         loaded = (reading.load_slow if only_slow else reading.load)(args, report)
-        geometry = _geometry(args, loaded)
-        if geometry is not None:
-            loaded = loaded.ordered(geometry.joints)
+        axes = _axes(args, loaded)
+        order = _order(args, loaded, axes)
+        loaded = loaded.ordered(order.joints)
         parts = _split(args, loaded)
         fitted = parts.fitted if parts else loaded.gated.samples
         started = time.perf_counter()
-        result, joint = _fit(args, loaded, fitted, parts, geometry, report)
+        result, joint = _fit(args, loaded, fitted, parts, axes, report)
         seconds = time.perf_counter() - started
     judged = compare(result.model, parts.held_out, loaded.samples) if parts else None
     provenance = {**result.model.provenance, **loaded.to_json(),
-                  'holdout': _holdout_json(args, loaded, parts)}
+                  'holdout': _holdout_json(args, loaded, parts),
+                  'description': axes.to_json(), 'joint_order': order.source}
     model = replace(result.model, provenance=provenance)
     document = {
         'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
         'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': provenance['holdout'], **loaded.to_json(),
+        'holdout': provenance['holdout'], 'description': axes.to_json(),
+        'joint_order': order.source, **loaded.to_json(),
         **(refitting.to_json(joint) if joint else {})}
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, loaded, parts, result, judged, seconds)
+        _show(args, loaded, axes, order, parts, result, judged, seconds)
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
+    for line in [axes.problem] if axes.problem else []:
+        terminal.warn(line)
     for line in refitting.warnings(joint) if joint else []:
         terminal.warn(line)
     if args.json:
@@ -106,11 +111,14 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
-         parts: Split | None, geometry: Geometry | None, report: terminal.ProgressCallback
+         parts: Split | None, axes: KnownAxes, report: terminal.ProgressCallback
          ) -> tuple[FitResult, Refit | None]:
     """Return the fit; with --effects its model has them, and the refit that judged them."""
-    usual = FitOptions().formulation if geometry is None else 'chain'
-    options = FitOptions(formulation=args.formulation or usual, geometry=geometry)
+    usual = FitOptions().formulation
+    if axes.geometry is not None:
+        # Nobody has said that the recording's own description is right: the data decide.
+        usual = 'chain' if axes.asked else 'auto'
+    options = FitOptions(formulation=args.formulation or usual, geometry=axes.geometry)
     if args.effects is None:
         return fit(fitted, options, report), None
     samples = loaded.samples
@@ -123,11 +131,20 @@ def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
     return FitResult(model, found, both.fit.converged), both.joint
 
 
-def _geometry(args: argparse.Namespace, loaded: reading.Loaded) -> Geometry | None:
-    if args.urdf is None:
-        return None
-    from gravity_comp_ros.description.urdf import read_urdf
-    return read_urdf(args.urdf, loaded.samples.names)
+def _axes(args: argparse.Namespace, loaded: reading.Loaded) -> KnownAxes:
+    """Return the axes from a description, unless the formulation has no use for them."""
+    if args.formulation not in (None, 'chain', 'auto'):
+        return KnownAxes()
+    return known_axes(args, loaded.samples.names, choose=args.joints is None)
+
+
+def _order(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes) -> JointOrder:
+    """Return the order of the arm, as the user, a description or the names tell it."""
+    if axes.geometry is not None:
+        return JointOrder(axes.geometry.joints, 'description')
+    if args.joints is not None:
+        return JointOrder(loaded.samples.names, '--joints')
+    return joint_order(loaded.samples.names)
 
 
 def _split(args: argparse.Namespace, loaded: reading.Loaded) -> Split | None:
@@ -162,9 +179,10 @@ def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]
     return found
 
 
-def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
-          result: FitResult, judged: Comparison | None, seconds: float) -> None:
-    for line in loaded.lines():
+def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes, order: JointOrder,
+          parts: Split | None, result: FitResult, judged: Comparison | None,
+          seconds: float) -> None:
+    for line in [*loaded.lines(), *axes.notes, f'order of joints: {order.source}']:
         terminal.show(terminal.safe(line))
     if parts:
         terminal.show(terminal.safe(_holdout_sentence(loaded, parts)))
@@ -175,7 +193,7 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, parts: Split | None,
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
-        equation = shortened(result.model.equation(joint), max(1, args.terms))
+        equation = shortened(result.model.equation(joint), args.terms)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
     for warning in result.report['warnings']:
         terminal.warn(warning)
@@ -192,7 +210,7 @@ def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
             f'{parts.fitted.n_samples} are fitted')
 
 
-def _joint_table(result: FitResult, judged: Comparison | None) -> Table:
+def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
     columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'noise N·m']
     if judged is not None:

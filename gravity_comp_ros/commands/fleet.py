@@ -15,6 +15,7 @@ from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.fleet.engine import Engine
 from gravity_comp_ros.fleet.folder import find_robots
 from gravity_comp_ros.fleet.run import FleetRun, Outcome
+from gravity_comp_ros.printable import counted
 
 VERB = 'fleet'
 HELP = 'fit or diagnose every robot of a folder, here or on a Dask cluster'
@@ -39,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='FOLDER', type=Path, required=True,
                         help='where results go: ROBOT.json, ROBOT.diagnosis.json')
     where = parser.add_mutually_exclusive_group()
-    where.add_argument('--workers', metavar='N', type=_count, default=os.cpu_count() or 1,
+    where.add_argument('--workers', metavar='N', type=arguments.count, default=os.cpu_count() or 1,
                        help='processes on this machine (default: one a core)')
     where.add_argument('--scheduler', metavar='ADDRESS', default=None,
                        help='a Dask scheduler, e.g. tcp://10.0.0.5:8786')
@@ -104,19 +105,14 @@ def _show(what: str, outcome: Outcome) -> None:
         rows.append([name, str(done['bags']), str(done['samples']),
                      f'{max(done["rmse"].values()):.4f}', done['model']] if what == 'fit'
                     else [name, _findings(done['findings']), done['diagnosis']])
-    terminal.show(terminal.table(f'{what}: {len(rows)} robots', columns, rows,
+    terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
                                  left=('findings', 'model', 'file')))
-    terminal.show(f'{len(outcome.failed_bags)} bags and {len(outcome.failed_robots)} robots left '
-                  f'out; {outcome.resumed} results were there already')
+    terminal.show(f'left out: {counted(len(outcome.failed_bags), "bag")} and '
+                  f'{counted(len(outcome.failed_robots), "robot")}; '
+                  f'{counted(outcome.resumed, "result")} of an earlier run')
 
 
 def _findings(findings: list[dict]) -> str:
     told = [f'{f["effect"] or "unexplained"}:{f["joint"] or "arm"} ({f["verdict"]})'
             for f in findings if f['verdict'] in ('established', 'likely', 'ambiguous')]
     return ', '.join(told) or 'nothing missing'
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f'{text!r} is not a number of processes')
-    return int(text)

@@ -11,6 +11,7 @@ from gravity_comp_ros.commands.reading import bag_json
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 import numpy as np
 
@@ -59,11 +60,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _show(report: ReadReport, facts: RecordingFacts) -> None:
     show(f'[bold]{safe(report.path)}[/bold]  topic {safe(report.topic)}',
-         f'{report.n_samples} samples at {report.rate_hz:.4g} Hz over {report.duration_s:.4g} s, '
-         f'velocity {report.velocity}')
+         f'{counted(report.n_samples, "sample")} at {report.rate_hz:.4g} Hz over '
+         f'{report.duration_s:.4g} s, velocity {report.velocity}')
     if report.dropped:
         dropped = ', '.join(f'{count} {reason}' for reason, count in report.dropped.items())
-        show(f'dropped {sum(report.dropped.values())} of {report.n_messages} messages: '
+        show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
              f'{safe(dropped)}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
     columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'turns', 'effort N·m')

@@ -13,6 +13,7 @@ from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.data.holdout import Block
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 from gravity_comp_ros.recordings.parallel import read_gated_bags
 
@@ -51,6 +52,7 @@ def load(args: argparse.Namespace, report: ProgressCallback) -> Loaded:
     :raises ModelMismatchError: if two bags are of different robots.
     :raises DataError: if nothing passes the gate.
     """
+    gate_options(args)   # what is wrong with them is said before a long read
     reports, samples = read_all(args, report)
     return Loaded(reports, gated(args, samples), samples)
 
@@ -101,10 +103,10 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     found = []
     for report in reports:
         found.append(
-            f'{report.path.name}: {report.topic}, {report.n_samples} samples at '
+            f'{report.path.name}: {report.topic}, {counted(report.n_samples, "sample")} at '
             f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
             f'velocity {report.velocity}')
-        found += [f'  dropped {count} of {report.n_messages} messages: {reason}'
+        found += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
                   for reason, count in report.dropped.items() if count]
         found += [f'  {note}' for note in report.notes]
     return found

@@ -8,13 +8,14 @@ from datetime import datetime, UTC
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.wording import percent, plus_minus
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.applied_effects import AppliedEffect
-from rich.table import Table
+from gravity_comp_ros.printable import counted
 
 _MOST_SHOWN = 6
 
@@ -40,10 +41,10 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
 def fitted_sentence(result: Refit) -> str:
     """Return how many samples were fitted."""
     speeds = '' if result.all_speeds else ', the slow ones; --all-samples takes fast ones too'
-    return f'gravity and effects are fitted to {result.n_samples} samples{speeds}'
+    return f'gravity and effects are fitted to {counted(result.n_samples, "sample")}{speeds}'
 
 
-def error_table(result: Refit) -> Table:
+def error_table(result: Refit) -> ScreenTable:
     """Return the held-out errors by joint, before and after."""
     rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
              percent(e.nrmse_after), _change(e.before, e.after))

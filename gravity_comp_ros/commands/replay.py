@@ -13,6 +13,7 @@ from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, Recording
 from gravity_comp_ros.recordings.mcap_writer import (
     joint_states, JointTopic, write_bag, WriteOptions)
@@ -70,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
     show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
                [(joint, f'{a:.3f}', f'{b:.3f}') for joint, a, b in
                 zip(samples.names, rms, np.abs(residual).max(axis=0))]))
-    show(f'wrote {safe(args.output)}: {count} messages on /joint_states, {PREDICTION} and '
-         f'{RESIDUAL}')
+    show(f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
+         f'{PREDICTION} and {RESIDUAL}')
     if outside > 0:
         warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
              f'trained on')

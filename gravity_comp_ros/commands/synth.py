@@ -6,11 +6,12 @@ import argparse
 from math import radians
 from pathlib import Path
 
-from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, positive
+from gravity_comp_ros.commands.arguments import add_json, count, finite, joint_list, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import hidden, KINDS
@@ -36,9 +37,10 @@ examples:
   gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
 """
 
-_DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'multisine': (100.0, 50.0)}
-_DEFAULT_POSES = 1000
-_POSE_RATE = 0.5
+# Length in s and rate in Hz.
+_DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5),
+             'multisine': (100.0, 50.0)}
+_MOST_SAMPLES = 1e6
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,8 +58,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_arm(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--arm', metavar='iiwa7|FILE.urdf', default='iiwa7',
                        help='KUKA LBR iiwa 7 R800, or any arm of revolute joints')
-    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=finite,
-                       default=(0.0, 0.0), help='of the base, in degrees (default: level)')
+    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=angle,
+                       default=(0.0, 0.0),
+                       help='of the base, -180 to 180 degrees (default: level)')
     group.add_argument('--joint-names', metavar='A,B,...', type=joint_list,
                        help="names to record (default: the model's own)")
 
@@ -67,7 +70,7 @@ def _add_motion(group: argparse._ArgumentGroup) -> None:
                        default='eq17', help='see below (default: eq17)')
     group.add_argument('--duration', metavar='S', type=positive, help='length in s')
     group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
-    group.add_argument('--samples', metavar='N', type=int,
+    group.add_argument('--samples', metavar='N', type=count,
                        help='number of samples, instead of a duration')
     group.add_argument('--start', metavar='S', type=finite, default=0.0,
                        help='begin at this time of the motion (default: 0)')
@@ -95,6 +98,14 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        help='gravity alone, as though the arm stopped for every sample')
 
 
+def angle(text: str) -> float:
+    """Return an angle within half a turn, in degrees."""
+    value = finite(text)
+    if abs(value) > 180.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is not within -180 to 180 degrees')
+    return value
+
+
 def run(args: argparse.Namespace) -> int:
     arm = _arm(args)
     motion = _motion(args, arm)
@@ -104,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         emit_json(_facts(args, samples, notes), args.json)
         return 0
-    length = f'{len(samples)} samples of {samples.n_joints} joints'
+    length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
     what = f' with {args.payload:g} kg' if args.payload else ''
     show(f'wrote {safe(args.output)}: {safe(arm.name)}{what} on {motion.name}, {length}, '
          f'{samples.t[-1] - samples.t[0]:.4g} s')
@@ -127,20 +138,20 @@ def _arm(args: argparse.Namespace) -> arms.Arm:
 
 
 def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
-    if args.samples is not None and args.samples < 1:
-        raise OptionError(f'--samples {args.samples}: at least one sample is needed')
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
     if args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
-    if args.motion == 'random':
-        rate = args.rate or _POSE_RATE
-        count = args.samples or (max(1, round(args.duration * rate)) if args.duration
-                                 else _DEFAULT_POSES)
-        return motions.random_poses(arm.lower, arm.upper, count, args.seed, 1 / rate, args.start)
     default_duration, default_rate = _DEFAULTS[args.motion]
     rate = args.rate or default_rate
     duration = args.samples / rate if args.samples else args.duration or default_duration
+    if duration * rate > _MOST_SAMPLES:
+        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
+                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
+                          f'--rate')
+    if args.motion == 'random':
+        poses = max(1, round(duration * rate))
+        return motions.random_poses(arm.lower, arm.upper, poses, args.seed, 1 / rate, args.start)
     if args.motion == 'multisine':
         options = motions.MultisineOptions(max_speed=args.max_speed or 0.1)
         return motions.multisine(arm.lower, arm.upper, arm.max_speed, args.seed, options,

@@ -17,14 +17,13 @@ import sys
 import threading
 from typing import Any
 
+from gravity_comp_ros.commands.screen_table import ScreenTable, wrapped
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.printable import printable
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn
 from rich.progress import TimeElapsedColumn
-from rich.table import Table
 from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
@@ -44,17 +43,42 @@ def safe(text: object) -> str:
 def console(stderr: bool = False) -> Console:
     """Return a console on today's standard output (or error), wide enough off-screen."""
     made = Console(stderr=stderr, highlight=False, emoji=False)
-    if not made.is_terminal and 'COLUMNS' not in os.environ:
+    if not _has_width(made):
         made = Console(stderr=stderr, highlight=False, emoji=False,
                        width=_WIDTH_WITHOUT_SCREEN)
     return made
 
 
+def _has_width(out: Console) -> bool:
+    """Return whether there is a screen, or the user says how wide a line may be."""
+    return out.is_terminal or 'COLUMNS' in os.environ
+
+
+def _width_in_a_pipe(thing: Any) -> int:
+    # A program that reads a table wants one row on one line.
+    return thing.natural_width() if isinstance(thing, ScreenTable) else 0
+
+
 def show(*things: Any) -> None:
-    """Print tables or lines of markup on standard output; escape file text with `safe`."""
+    """
+    Print tables or lines of markup on standard output; escape file text with `safe`.
+
+    On a screen, long lines are broken between words. Elsewhere they stay lines.
+    """
     out = console()
     for thing in things:
-        out.print(thing, soft_wrap=isinstance(thing, str))
+        if not isinstance(thing, str):
+            out.width = max(out.width, _width_in_a_pipe(thing) if not _has_width(out) else 0)
+            out.print(thing)
+            continue
+        line = Text.from_markup(thing)
+        for part in wrapped(line, out.width) if _has_width(out) else [line]:
+            out.print(part, soft_wrap=True)
+
+
+def show_command(command: str) -> None:
+    """Print a command to be copied: unbroken, whatever the width; nothing in it is markup."""
+    console().print(Text(f'  {printable(command)}'), soft_wrap=True)
 
 
 def note(text: str) -> None:
@@ -68,21 +92,21 @@ def warn(text: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
-          left: Sequence[str] = (), caption: str | None = None) -> Table:
+          left: Sequence[str] = (), caption: str | None = None, folds: Sequence[str] | None = None,
+          keys: int = 1) -> ScreenTable:
     """
-    Return a table; the first column and those in `left` are text, the rest numbers.
+    Return a table that fits on any screen; see `ScreenTable`.
 
-    Titles and columns are markup of our own; every cell is escaped, unless it is a `Text`.
+    Every cell is shown as it is, in printable characters, unless it is a `Text`.
+
+    :param left: columns of text beside the first; the rest are numbers.
+    :param folds: columns whose text may go on further lines; those in `left` if not given.
+    :param keys: how many columns say what a row is about.
     """
-    made = Table(title=title, caption=caption, title_justify='left', caption_justify='left',
-                 box=box.SIMPLE_HEAD, title_style='bold', pad_edge=False)
-    for number, column in enumerate(columns):
-        is_text = number == 0 or column in left
-        made.add_column(column, justify='left' if is_text else 'right', no_wrap=not is_text,
-                        overflow='fold')
-    for row in rows:
-        made.add_row(*(cell if isinstance(cell, Text) else safe(cell) for cell in row))
-    return made
+    shown = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
+             for row in rows]
+    return ScreenTable(title, columns, shown, left, left if folds is None else folds, caption,
+                       keys)
 
 
 @contextmanager

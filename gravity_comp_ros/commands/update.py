@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes
+from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone, with_step
 from gravity_comp_ros.models.model_file import load_model, save_model
-from rich.table import Table
 
 VERB = 'update'
 HELP = 'relearn after a payload change, from ten seconds of slow motion'
@@ -41,11 +42,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='NEW.json', type=Path,
                         help='write the new model here (default: over the old one, which --undo '
                         'brings back)')
-    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path,
-                        help='where the axes of the arm are: tells mass and centre of mass')
     parser.add_argument('--undo', action='store_true',
                         help='take the last change of the model back; needs no bag')
     parser.add_argument('--dry-run', action='store_true', help='show, but write nothing')
+    add_urdf(parser, 'where the axes of the arm are: gives mass and centre of mass')
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
@@ -86,25 +86,34 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        geometry = None
-        if args.urdf is not None:
-            from gravity_comp_ros.description.urdf import read_urdf
-            geometry = read_urdf(args.urdf, model.joints)
-        result = update(model, _gravity(model, loaded), geometry=geometry)
+        result, axes = _updated(model, _gravity(model, loaded), known_axes(args, model.joints))
         report('update', 1.0)
     changed = _with_history(model, result, loaded)
     if not args.dry_run:
         save_model(target, changed)
     if args.json != '-':
-        _show(args, loaded, result, target)
-    for line in _warnings(model, result, loaded):
+        _show(args, loaded, axes, result, target)
+    warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, loaded)]
+    for line in warnings:
         terminal.warn(line)
     if args.json:
         terminal.emit_json(
             {'model': str(target), 'written': not args.dry_run, **result.report,
              'effects': [effect.target for effect in changed.applied.effects],
-             'warnings': _warnings(model, result, loaded), **loaded.to_json()}, args.json)
+             'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
     return 0
+
+
+def _updated(model: GravityModel, samples: JointSamples,
+             axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
+    """Return the update, and the axes that it used: a recording's own only if they fit."""
+    try:
+        return update(model, samples, geometry=axes.geometry), axes
+    except ModelMismatchError as problem:
+        if axes.geometry is None or axes.asked:
+            raise
+        unused = KnownAxes(problem=f'robot description not used: {problem}')
+        return update(model, samples), unused
 
 
 def _gravity(model: GravityModel, loaded: reading.Loaded) -> JointSamples:
@@ -139,16 +148,16 @@ def _warnings(model: GravityModel, result: UpdateResult, loaded: reading.Loaded)
     return lines
 
 
-def _show(args: argparse.Namespace, loaded: reading.Loaded, result: UpdateResult,
-          target: Path) -> None:
-    for line in loaded.lines():
+def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes,
+          result: UpdateResult, target: Path) -> None:
+    for line in [*loaded.lines(), *axes.notes]:
         terminal.show(terminal.safe(line))
     terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
     done = 'nothing written (--dry-run)' if args.dry_run else f'written to {target}'
     terminal.show('', terminal.safe(done))
 
 
-def _joint_table(result: UpdateResult) -> Table:
+def _joint_table(result: UpdateResult) -> ScreenTable:
     report = result.report
     rows = [(name, f'{report["effect_mean"][name]:+.3f}', f'{report["effect_max"][name]:.3f}',
              f'± {1.96 * report["std"][name]:.3f}', f'{report["rmse_before"][name]:.4f}',

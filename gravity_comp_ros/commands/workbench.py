@@ -8,6 +8,7 @@ from pathlib import Path
 from gravity_comp_ros.commands import arguments
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES
+from gravity_comp_ros.recordings.storage import open_storage
 
 VERB = 'workbench'
 HELP = 'see where a model fails, add effects and watch the error fall, in a browser'
@@ -53,6 +54,10 @@ def run(args: argparse.Namespace) -> int:
     """Serve the page until it is stopped."""
     if not args.bags and args.live is None:
         raise OptionError('name at least one recording, or follow a node with --live')
+    for bag in args.bags:
+        # What cannot be opened is said here, not on a page that has to be looked at.
+        with open_storage(bag):
+            pass
     # Bokeh is looked for here, and nowhere else is it needed.
     from gravity_comp_ros.workbench.serve import serve, ServeOptions
     serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),

@@ -1,48 +1,72 @@
 """
 Read from a URDF where the axes of an arm are: nothing else in it is used.
 
-Masses and meshes are not looked at; fixed joints are merged into their neighbours. The joints
-that a model or a recording names must follow each other on one way through the tree; what hangs
-beyond the last of them (a gripper) does not matter.
+Masses and meshes are not looked at. The wanted joints must follow each other on one path through
+the tree of joints; other branches and what follows the last of them (a gripper) do not matter.
+Joints on the path that are not wanted are held at a value:
+
+- a fixed joint is merged into its neighbours, whatever its axis;
+- a prismatic joint before the arm, or a turn about the vertical, does not turn gravity in the
+  arm's base, so that its value is of no interest;
+- a waist, or a joint between two wanted ones, is held where an option or the recording says,
+  otherwise at rest: at 0, or in the middle of its limits if 0 lies beyond them;
+- a joint that mimics another is held where its rule puts it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+import math
 from pathlib import Path
-from xml.etree.ElementTree import Element, ParseError
 
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
+from gravity_comp_ros.description.serial_arm import wanted_path
+from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import aligned
-from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.printable import printable
+from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
 import numpy as np
 
 _MAX_BYTES = 32 * 2 ** 20
-_TURNING = ('revolute', 'continuous')
+# An axis this near to the vertical turns nothing that gravity acts on.
+_VERTICAL = 1e-6
 
 
 @dataclass(frozen=True)
-class _Joint:
-    name: str
-    kind: str
-    parent: str
-    child: str
-    rotation: FloatArray
-    origin: FloatArray
-    axis: FloatArray
+class HeldAt:
+    """
+    Where joints beside the wanted ones are, in rad (m if prismatic), by name.
+
+    `fixed` is what an option says; `recorded` is what the recording says where no option does.
+
+    :raises OptionError: if a value is not finite.
+    """
+
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    recorded: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, value in {**self.recorded, **self.fixed}.items():
+            if not math.isfinite(value):
+                raise OptionError(f'joint {name} cannot be held at {value}')
 
 
-def read_urdf(path: Path | str, joints: Collection[str]) -> Geometry:
+def read_urdf(path: Path | str, joints: Collection[str], held: HeldAt = HeldAt()) -> Geometry:
     """
     Return where the axes of `joints` are, in the order in which they follow each other.
 
     :raises DataError: if the file cannot be read or is no URDF.
     :raises ModelMismatchError: if it is of another arm.
+    """
+    return parse_urdf(read_text(path), joints, str(path), held)
+
+
+def read_text(path: Path | str) -> bytes:
+    """
+    Return the content of a URDF file.
+
+    :raises DataError: if it cannot be read, or is too large to be one.
     """
     path = Path(path)
     try:
@@ -53,116 +77,122 @@ def read_urdf(path: Path | str, joints: Collection[str]) -> Geometry:
         raise DataError(f'cannot read URDF {path}: {reason}') from problem
     if len(data) > _MAX_BYTES:
         raise DataError(f'{path} is too large to be a URDF')
-    return parse_urdf(data, joints, str(path))
+    return data
 
 
-def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF') -> Geometry:
+def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF',
+               held: HeldAt = HeldAt()) -> Geometry:
     """
     Return the same from a URDF's text, such as what /robot_description holds.
 
     :param source: what to call it in messages.
     :raises DataError: if it is no URDF.
     :raises ModelMismatchError: if it is of another arm.
+    :raises OptionError: if `held.fixed` names a wanted joint, or one that the robot lacks.
     """
-    try:
-        root = fromstring(text)
-    except (ParseError, DefusedXmlException, ValueError, RecursionError) as problem:
-        raise DataError(f'{source} is not a URDF: {printable(str(problem))}') from problem
-    if root.tag != 'robot':
-        raise DataError(f'{source} is not a URDF: it holds <{printable(root.tag)}>, not <robot>')
-    if any('xacro' in element.tag for element in root):
-        raise DataError(f'{source} is a xacro file: turn it into a URDF first '
-                        f'(`xacro {source} > robot.urdf`)')
-    every = [_joint(element, source) for element in root.iter('joint')
-             if element.get('type') is not None]
-    return _geometry(_path(every, set(joints), source), source)
+    tree = parse_tree(text, source)
+    path = wanted_path(tree, joints)
+    _check_fixed(tree, joints, held)
+    return _Walk(tree, set(joints), held).geometry(path)
 
 
-def _path(every: list[_Joint], wanted: set[str], source: str) -> list[_Joint]:
-    """Return all joints from the root to the last one wanted, fixed ones among them."""
-    by_name = {joint.name: joint for joint in every}
-    missing = sorted(wanted - set(by_name))
-    if missing or not wanted:
-        known = ', '.join(joint.name for joint in every if joint.kind != 'fixed')
-        raise ModelMismatchError(f'{source} has no joint {", ".join(missing)}; it has {known}')
-    above = {joint.child: joint for joint in every}
-    ways = [_upwards(by_name[name], above, source) for name in wanted]
-    longest = max(ways, key=len)
-    passed = [joint.name for joint in longest if joint.kind != 'fixed']
-    aside = sorted(wanted - set(passed))
-    if aside:
-        raise ModelMismatchError(f'{source}: {", ".join(aside)} and {longest[-1].name} are on '
-                                 f'different branches; name the joints of one arm (--joints)')
-    between = [name for name in passed if name not in wanted]
-    if between:
-        raise ModelMismatchError(f'{source} has joint {", ".join(between)} before '
-                                 f'{longest[-1].name}, which the samples lack')
-    return longest
+def held_joints(text: str | bytes, joints: Collection[str],
+                source: str = 'URDF') -> tuple[str, ...]:
+    """
+    Return the joints whose values the geometry of `joints` depends on, from the base outwards.
+
+    :raises DataError: as `parse_urdf`.
+    :raises ModelMismatchError: as `parse_urdf`.
+    """
+    tree = parse_tree(text, source)
+    walk = _Walk(tree, set(joints), HeldAt())
+    walk.geometry(wanted_path(tree, joints))
+    # Of a joint that mimics another the value comes from the other.
+    names = (walk.leader(tree.joints[joint.name]).name for joint in walk.held)
+    return tuple(dict.fromkeys(names))
 
 
-def _upwards(joint: _Joint, above: dict[str, _Joint], source: str) -> list[_Joint]:
-    way = [joint]
-    while way[-1].parent in above:
-        way.append(above[way[-1].parent])
-        if len(way) > len(above):
-            raise DataError(f'{source}: joint {joint.name} hangs on itself')
-    return way[::-1]
+def _check_fixed(tree: RobotTree, joints: Collection[str], held: HeldAt) -> None:
+    for name in held.fixed:
+        if name not in tree.joints:
+            raise OptionError(f'{tree.source} has no joint {name} to hold')
+        if name in joints:
+            raise OptionError(f'joint {name} is one of the arm, so that it cannot be held at a '
+                              f'value')
 
 
-def _geometry(way: list[_Joint], source: str) -> Geometry:
-    names, rotations, origins = [], [], []
-    # The frame of the next link in that of the last axis.
-    rotation, origin = np.eye(3), np.zeros(3)
-    for joint in way:
-        origin = origin + rotation @ joint.origin
-        rotation = rotation @ joint.rotation
-        if joint.kind == 'fixed':
-            continue
-        if joint.kind not in _TURNING:
-            raise ModelMismatchError(f'{source}: joint {joint.name} is {joint.kind}; only '
-                                     f'revolute joints are possible')
-        turn = aligned(joint.axis)
-        names.append(joint.name)
-        rotations.append(rotation @ turn)
-        origins.append(origin)
-        rotation, origin = turn.T, np.zeros(3)
-    return Geometry(tuple(names), np.array(rotations), np.array(origins), way[-1].child, rotation)
+class _Walk:
+    """The walk from the root to the last wanted joint."""
+
+    def __init__(self, tree: RobotTree, wanted: set[str], held_at: HeldAt) -> None:
+        self._tree, self._wanted, self._held_at = tree, wanted, held_at
+        self.held: list[HeldJoint] = []
+        self._in_arm, self._upright = False, True
+
+    def geometry(self, path: list[TreeJoint]) -> Geometry:
+        names, rotations, origins = [], [], []
+        # The frame of the next link in that of the last axis.
+        rotation, origin = np.eye(3), np.zeros(3)
+        for joint in path:
+            origin = origin + rotation @ joint.origin()
+            rotation = rotation @ joint.rotation()
+            if joint.name in self._wanted:
+                turn = aligned(joint.axis())
+                names.append(joint.name)
+                rotations.append(rotation @ turn)
+                origins.append(origin)
+                rotation, origin = turn.T, np.zeros(3)
+                self._in_arm = True
+            elif joint.moves and joint.kind not in FREE:
+                rotation, origin = self._hold(joint, rotation, origin)
+        return Geometry(tuple(names), np.array(rotations), np.array(origins), path[-1].child,
+                        rotation, tuple(self.held), self._tree.source)
+
+    def _hold(self, joint: TreeJoint, rotation: FloatArray,
+              origin: FloatArray) -> tuple[FloatArray, FloatArray]:
+        axis = joint.axis()
+        if not self._in_arm:
+            tilts = joint.turns and abs((rotation @ axis)[2]) < 1.0 - _VERTICAL
+            # What turns about the vertical matters only where something has tilted it.
+            if not joint.turns or (self._upright and not tilts):
+                return rotation, origin
+            self._upright = False
+        value, by = self._value(joint)
+        self.held.append(HeldJoint(joint.name, value, by))
+        if joint.turns:
+            return rotation @ _about(axis, value), origin
+        return rotation, origin + value * (rotation @ axis)
+
+    def leader(self, joint: TreeJoint) -> TreeJoint:
+        """Return the joint that decides where a joint is: itself, or the one that it mimics."""
+        seen = [joint]
+        while (rule := seen[-1].mimic) is not None:
+            if rule.joint not in self._tree.joints:
+                raise DataError(f'{self._tree.source}: joint {seen[-1].name} mimics '
+                                f'{rule.joint}, which is not there')
+            seen.append(self._tree.joints[rule.joint])
+            if len(seen) > len(self._tree.joints):
+                raise DataError(f'{self._tree.source}: joint {joint.name} mimics itself')
+        return seen[-1]
+
+    def _value(self, joint: TreeJoint) -> tuple[float, str]:
+        if joint.name in self._held_at.fixed:
+            return float(self._held_at.fixed[joint.name]), 'option'
+        leader = self.leader(joint)
+        if leader.name in self._wanted:
+            raise ModelMismatchError(
+                f'{self._tree.source}: joint {joint.name} within the arm mimics {leader.name}: a '
+                f'linkage, which is no serial arm')
+        if joint.mimic is not None:
+            value, by = self._value(self._tree.joints[joint.mimic.joint])
+            return joint.mimic.multiplier * value + joint.mimic.offset, by
+        if joint.name in self._held_at.recorded:
+            return float(self._held_at.recorded[joint.name]), 'recording'
+        return joint.rest(), 'assumption'
 
 
-def _joint(element: Element, source: str) -> _Joint:
-    name = printable(element.get('name', ''))
-    parent, child = element.find('parent'), element.find('child')
-    if parent is None or child is None:
-        raise DataError(f'{source}: joint {name} has no parent or no child')
-    place = element.find('origin')
-    axis = element.find('axis')
-    along = _vector(axis, 'xyz', (1.0, 0.0, 0.0), name, source)
-    length = float(np.linalg.norm(along))
-    if length < 1e-9:
-        raise DataError(f'{source}: the axis of joint {name} has no direction')
-    return _Joint(name, element.get('type', ''), printable(parent.get('link', '')),
-                  printable(child.get('link', '')),
-                  _rotation(_vector(place, 'rpy', (0.0, 0.0, 0.0), name, source)),
-                  _vector(place, 'xyz', (0.0, 0.0, 0.0), name, source), along / length)
-
-
-def _vector(element: Element | None, key: str, default: tuple[float, float, float], name: str,
-            source: str) -> FloatArray:
-    text = None if element is None else element.get(key)
-    if text is None:
-        return np.array(default)
-    try:
-        vector = np.array([float(part) for part in text.split()])
-    except ValueError:
-        vector = np.zeros(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise DataError(f'{source}: joint {name} has {key}="{printable(text)}", not 3 numbers')
-    return vector
-
-
-def _rotation(rpy: FloatArray) -> FloatArray:
-    """Return the rotation by roll about x, pitch about y, yaw about z, in this order."""
-    (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
-    return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-                     [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-                     [-sp, cp * sr, cp * cr]])
+def _about(axis: FloatArray, angle: float) -> FloatArray:
+    """Return the rotation by `angle` about a unit vector (Rodrigues)."""
+    x, y, z = axis
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew)

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import SequenceMatcher
 
+from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.effects.effect import Effect
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
@@ -36,6 +37,8 @@ class Request:
 def requests(texts: Iterable[str], joints: tuple[str, ...]) -> list[Request]:
     """
     Return what texts like `coulomb_friction:elbow` ask for on an arm of these joints.
+
+    A joint is named by its name, or by its number from 1.
 
     :raises OptionError: if an effect or joint is unknown, or is asked for twice.
     """
@@ -72,10 +75,11 @@ def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
         return [Request(effect, None, True)]
     if not colon:
         return [Request(effect, each, False) for each in joints]
-    if joint not in joints:
+    named = joint_named(joint, joints)
+    if named is None:
         raise OptionError(f'no joint {printable(joint)!r} in the model{_meant(joint, joints)}; '
-                          f'it has {", ".join(joints)}')
-    return [Request(effect, joint, True)]
+                          f'it has {", ".join(joints)}, or 1 to {len(joints)}')
+    return [Request(effect, named, True)]
 
 
 def _meant(word: str, known: Iterable[str]) -> str:

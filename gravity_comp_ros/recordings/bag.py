@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
-from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, RULE
+from gravity_comp_ros.recordings.topic_choice import (
+    choose_joints, choose_topic, named_joints, RULE)
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +34,10 @@ LONELY = 'alone in a gap, no velocity'
 BAD_STAMPS = 0.1
 # A joint that travels further than this moves, rad.
 MOVES = 1e-3
+# No position in rad, speed or effort in any driver's unit is larger.
+IMPOSSIBLE = 1e9
+# A gap is longer than this, s, and than so many usual intervals.
+GAP, GAP_STEPS = 10.0, 100.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,8 @@ class ReadOptions:
 
     `topic`: the JointState topic; if None, the only one there is, or `/joint_states`.
     `joints`: these, in this order; if None, all of them in the order of the first message.
-    `effort_scale`: N·m per unit of effort by joint name, sign included; 1 where not given.
+    `effort_scale`: N·m per unit of effort by joint, sign included; 1 where not given.
+    A joint is given by its name, or by its number from 1 in the order of the first message.
     `differentiate`: take speeds from positions although there are velocities.
 
     :raises OptionError: if a scale is 0 or not finite, or joints repeat.
@@ -142,9 +149,20 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
         raise BagError(f'{where} has no messages')
     if not len(columns):
         raise BagError(f'{where} has no usable message: {_listed(columns.dropped)}')
-    joints = choose_joints(where, columns, options.joints, options.effort_scale)
+    options = _by_name(where, columns.names, options)
+    joints = choose_joints(where, columns, options.joints)
     reading = _Reading(where, columns, joints, notes)
     return reading.recording(path, topic, n_messages, options)
+
+
+def _by_name(where: str, known: tuple[str, ...], options: ReadOptions) -> ReadOptions:
+    """Return the options with joints by name where they were given by number."""
+    scaled = named_joints(where, known, options.effort_scale, 'scaled')
+    scale = dict(zip(scaled, options.effort_scale.values()))
+    chosen = options.joints
+    if chosen is not None:
+        chosen = named_joints(where, known, chosen, 'chosen')
+    return replace(options, joints=chosen, effort_scale=scale)
 
 
 class _Reading:
@@ -157,6 +175,10 @@ class _Reading:
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
         present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
+        beyond = drop_impossible(self.q, self.qd, self.tau)
+        if beyond:
+            self.notes.append(f'{counted(beyond, "value")} beyond {IMPOSSIBLE:g}: no measurement '
+                              f'of an arm, so taken as missing')
         self._keep(present.any(axis=1), OTHER_JOINTS)
         present = present[present.any(axis=1)]
         self._keep(present.all(axis=1), MISSING)
@@ -173,6 +195,7 @@ class _Reading:
             self.joints, time, self.q, self.qd, self.tau * list(scale.values()),
             path.name or path.resolve().name)
         steps = np.diff(time)
+        self.notes += gap_notes(time)
         report = ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
             'differentiated' if unmeasured.any() else 'measured',
@@ -198,14 +221,15 @@ class _Reading:
             bad = ~np.isfinite(values)
             share = bad.mean(axis=0)
             if (share >= RULE).all():
-                raise BagError(f'{self.where}: {what} is missing or NaN in '
+                raise BagError(f'{self.where}: {what} is missing, NaN or beyond {IMPOSSIBLE:g} in '
                                f'{int(bad.any(axis=1).sum())} of {len(values)} messages, for '
                                f'every joint; the driver must publish it')
             if (share >= RULE).any():
                 worst = int(np.argmax(share))
                 good = ','.join(np.array(self.joints)[share < RULE])
                 raise BagError(
-                    f'{self.where}: {what} of joint {self.joints[worst]} is missing or NaN in '
+                    f'{self.where}: {what} of joint {self.joints[worst]} is missing, NaN or '
+                    f'beyond {IMPOSSIBLE:g} in '
                     f'{int(bad[:, worst].sum())} of {len(values)} messages; leave it out with '
                     f'--joints {good}')
         self._keep(np.isfinite(self.q).all(axis=1) & np.isfinite(self.tau).all(axis=1),
@@ -250,6 +274,34 @@ class _Reading:
         which = ('of every joint' if unmeasured.all()
                  else 'of ' + ', '.join(np.array(self.joints)[unmeasured]))
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
+
+
+def drop_impossible(*arrays: FloatArray) -> int:
+    """Put NaN for what is finite and yet no measurement, and return how many that was."""
+    count = 0
+    for values in arrays:
+        beyond = np.isfinite(values) & (np.abs(values) > IMPOSSIBLE)
+        values[beyond] = np.nan
+        count += int(beyond.sum())
+    return count
+
+
+def gap_notes(t: FloatArray) -> list[str]:
+    """
+    Say where a recording has a hole that no lost message explains.
+
+    :param t: times (M,) in s, rising.
+    """
+    steps = np.diff(t)
+    if not steps.size:
+        return []
+    longest = int(np.argmax(steps))
+    count = int((steps > max(GAP, GAP_STEPS * float(np.median(steps)))).sum())
+    if not count:
+        return []
+    what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
+    return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
+            f'its load changed in between, these are two recordings']
 
 
 def zero_effort_note(joint: str) -> str:

@@ -18,8 +18,8 @@ from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import (
-    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME,
-    VELOCITY, zero_effort_note, zero_velocity_notes)
+    BAD_STAMPS, drop_impossible, gap_notes, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag,
+    ReadOptions, ReadReport, TIME, VELOCITY, zero_effort_note, zero_velocity_notes)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
@@ -117,6 +117,8 @@ class _Pass:
     def _take(self, columns: Columns) -> None:
         present = columns.presence(self._joints)
         q, qd, tau = columns.values(self._joints)
+        if drop_impossible(q, qd, tau):
+            raise _UnusualError
         keep = np.ones(len(columns), dtype=bool)
         finite = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
         for reason, fine in ((OTHER_JOINTS, present.any(axis=1)), (MISSING, present.all(axis=1)),
@@ -160,6 +162,7 @@ class _Pass:
         notes += zero_velocity_notes(self._joints, self._high - self._low > MOVES, self._moving)
         times = (np.frombuffer(self._times, dtype=np.int64) - self._times[0]) / 1e9
         steps = np.diff(times)
+        notes += gap_notes(times)
         report = ReadReport(
             path, topic, self._messages, len(times), dict(self._dropped), 'measured',
             float(1 / np.median(steps)) if steps.size else 0.0, float(times[-1]),

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import hashlib
 from pathlib import Path, PurePosixPath
 import re
+import shlex
 import tempfile
 from typing import Any
 
@@ -20,6 +21,7 @@ _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
 _ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
 _ROS1_MAGIC = b'#ROSBAG V'
+_TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy')
 _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
@@ -164,6 +166,9 @@ def _open_file(file: Path, scratch: Path) -> Storage:
         raise BagError(f'{file} is empty (0 bytes)')
     if magic.startswith(_ROS1_MAGIC):
         raise BagError(f'{file} is a ROS 1 bag; convert it to ROS 2 first (rosbags-convert)')
+    if file.suffix.lower() in _TABLES:
+        raise BagError(f'{file} is a table, not a recording: first `gravity_comp convert '
+                       f'{shlex.quote(str(file))} -o {shlex.quote(file.stem)}.mcap`')
     raise BagError(f'{file} is neither an MCAP nor a .db3 file')
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from gravity_comp_ros.errors import BagError, ModelMismatchError
+from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
 from gravity_comp_ros.recordings.storage_interface import Storage
@@ -52,23 +53,37 @@ def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str,
                    f'--topic')
 
 
-def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None,
-                  scaled: Iterable[str] = ()) -> tuple[str, ...]:
+def named_joints(where: str, known: tuple[str, ...], wanted: Iterable[str],
+                 what: str) -> tuple[str, ...]:
+    """
+    Return the joints that a user named, by name or by number from 1.
+
+    :param where: the recording, to be named in errors.
+    :param what: what the joints were named for, likewise.
+    :raises ModelMismatchError: if one is not in the recording.
+    :raises OptionError: if one is named twice.
+    """
+    wanted = tuple(wanted)
+    found = tuple(joint_named(text, known) for text in wanted)
+    unknown = [text for text, joint in zip(wanted, found) if joint is None]
+    if unknown:
+        raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it has '
+                                 f'{", ".join(known)}')
+    joints = tuple(joint for joint in found if joint is not None)
+    if len(set(joints)) < len(joints):
+        raise OptionError(f'a joint is named twice ({what}): {", ".join(wanted)}')
+    return joints
+
+
+def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
+                  ) -> tuple[str, ...]:
     """
     Return the joints to read: the chosen ones, or all in order of their first appearance.
 
     :param where: the recording, to be named in errors.
-    :param scaled: joints that an effort scale names.
-    :raises ModelMismatchError: if a chosen or scaled joint is in no message.
     :raises BagError: if at least half of the messages do not have one of the joints.
     """
-    known = columns.names
-    for what, joints in (('chosen', chosen or ()), ('scaled', scaled)):
-        unknown = [joint for joint in joints if joint not in known]
-        if unknown:
-            raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it '
-                                     f'has {", ".join(known)}')
-    joints = chosen or known
+    joints = chosen or columns.names
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from math import pi, radians
 from pathlib import Path
 
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
 FloatArray = NDArray[np.float64]
-
-STANDARD_GRAVITY = 9.81
 
 # KUKA LBR iiwa 7 R800, from public robot descriptions (IFL-CAMP/iiwa_stack, BSD-2). One row a
 # joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
@@ -102,8 +101,7 @@ def iiwa7(names: Sequence[str] | None = None) -> Arm:
         raise OptionError(f'the iiwa 7 has 7 joints; {len(joints)} names given, or they repeat')
     upper = np.radians(_IIWA7_LIMIT_DEG)
     speed = np.radians(_IIWA7_SPEED_DEG)
-    model = pin.Model()
-    model.name = 'iiwa7'
+    model = empty_model('iiwa7')
     parent = 0
     for n, joint in enumerate(joints):
         (xyz, rpy), (mass, com, inertia) = _IIWA7_ORIGINS[n], _IIWA7_LINKS[n]
@@ -135,6 +133,7 @@ def from_urdf(path: str | Path) -> Arm:
     except (ValueError, RuntimeError) as error:
         reason = ' '.join(str(error).split())
         raise OptionError(f'{path} is not a URDF of a robot: {reason}') from None
+    model.gravity.linear = _level()
     joints = tuple(model.names)[1:]
     if not joints:
         raise OptionError(f'URDF {path} has no moving joint')
@@ -151,6 +150,14 @@ def from_urdf(path: str | Path) -> Arm:
     unlimited = ~(upper > lower) | ~np.isfinite(upper - lower) | (upper - lower > 1e3)
     return Arm(model.name or path.stem, joints, model, np.where(unlimited, -pi, lower),
                np.where(unlimited, pi, upper), speed)
+
+
+def empty_model(name: str) -> pin.Model:
+    """Return a model without joints, in standard gravity: Pinocchio itself rounds to 9.81."""
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = _level()
+    return model
 
 
 def renamed(arm: Arm, names: Sequence[str]) -> Arm:
@@ -184,7 +191,7 @@ def with_base_tilt(arm: Arm, roll: float, pitch: float) -> Arm:
     """
     model = arm.model.copy()
     base = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
-    model.gravity.linear = base.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    model.gravity.linear = base.T @ _level()
     return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
 
 
@@ -212,6 +219,10 @@ def inverse_dynamics(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> F
     data = arm.model.createData()
     return np.array([pin.rnea(arm.model, data, _configuration(arm, pose), v, a)
                      for pose, v, a in zip(poses, speeds, accelerations)]).reshape(poses.shape)
+
+
+def _level() -> FloatArray:
+    return np.array([0.0, 0.0, -STANDARD_GRAVITY])
 
 
 def _rows(arm: Arm, values: ArrayLike) -> FloatArray:

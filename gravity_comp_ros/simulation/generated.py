@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
+from gravity_comp_ros.simulation.arms import Arm, empty_model, with_base_tilt
 from gravity_comp_ros.simulation.motions import Motion, sample
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ def generated_arm(seed: int, n_joints: int | None = None, right_angles: bool = F
     """
     rng = np.random.default_rng([seed, int(right_angles)])
     n = n_joints or 6 + seed % 2
-    model, parent = pin.Model(), 0
+    model, parent = empty_model(f'generated_{seed}'), 0
     names = tuple(f'joint_{k + 1}' for k in range(n))
     for k, name in enumerate(names):
         wrist = k >= n - 2

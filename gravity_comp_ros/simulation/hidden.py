@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import isfinite, radians
 
+from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
 from gravity_comp_ros.simulation.cases import noise_levels
@@ -111,10 +112,9 @@ def hidden(text: str, arm: Arm) -> Disturbance:
 def _joint(where: str, arm: Arm) -> int:
     if not where:
         return min(1, arm.n_joints - 1)
-    if where in arm.joints:
-        return arm.joints.index(where)
-    if where.isdecimal() and 1 <= int(where) <= arm.n_joints:
-        return int(where) - 1
+    joint = joint_named(where, arm.joints)
+    if joint is not None:
+        return arm.joints.index(joint)
     raise OptionError(f'no joint {where}; there are {", ".join(arm.joints)}, or 1 to '
                       f'{arm.n_joints}')
 

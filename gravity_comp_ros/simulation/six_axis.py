@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from math import pi
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.arms import Arm, empty_model
 import numpy as np
 import pinocchio as pin
 
@@ -50,8 +50,7 @@ def six_axis(names: Sequence[str] | None = None) -> Arm:
     joints = tuple(names) if names else NAMES
     if len(set(joints)) != 6:
         raise OptionError(f'the arm has 6 joints; {len(joints)} names given, or they repeat')
-    model = pin.Model()
-    model.name = 'six_axis'
+    model = empty_model('six_axis')
     parent = 0
     for joint, (xyz, rpy), (mass, com, radius, length, axis) in zip(joints, _ORIGINS, _LINKS):
         parent = model.addJoint(

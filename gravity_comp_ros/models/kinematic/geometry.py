@@ -9,12 +9,36 @@ two moments of every link.
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
-STANDARD_GRAVITY = 9.81
+__all__ = ['Geometry', 'HeldJoint', 'HELD_BY', 'STANDARD_GRAVITY']
+
+HELD_BY = ('option', 'recording', 'assumption')
+
+
+@dataclass(frozen=True)
+class HeldJoint:
+    """
+    A joint that carries the arm or lies within it, but is none of its N joints.
+
+    `value` in rad (m for a prismatic joint) is what the geometry takes it to be at, and `by`
+    says why: an option, the recording, or the assumption that it is at rest.
+
+    :raises DataError: if the value is not finite, or the reason is none of `HELD_BY`.
+    """
+
+    name: str
+    value: float
+    by: str
+
+    def __post_init__(self) -> None:
+        if not math.isfinite(self.value) or self.by not in HELD_BY:
+            raise DataError(f'joint {self.name} held at {self.value} by {self.by}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +49,8 @@ class Geometry:
     `rotations` (N, 3, 3) turn the coordinates of frame i (before joint i turns; its z is the
     axis) into those of frame i-1, the first into those of the base, whose z points up. `origins`
     (N, 3) in m say where axis i lies in frame i-1. `link` names what the last joint moves, and
-    `link_rotation` (3, 3) turns that link's own coordinates into those of frame N.
+    `link_rotation` (3, 3) turns that link's own coordinates into those of frame N. `held` are
+    the other joints that all this depends on. `source` names the description for messages.
 
     :raises DataError: if shapes disagree, a number is not finite, or one is no rotation.
     """
@@ -35,6 +60,8 @@ class Geometry:
     origins: FloatArray
     link: str
     link_rotation: FloatArray
+    held: tuple[HeldJoint, ...] = ()
+    source: str = ''
 
     def __post_init__(self) -> None:
         n = len(self.joints)

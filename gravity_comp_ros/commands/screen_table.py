@@ -1,0 +1,160 @@
+"""Tables that fit on the screen: no name is cut, no number loses a digit, at any width."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import re
+import textwrap
+
+from rich import box
+from rich.cells import cell_len
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.table import Table
+from rich.text import Text
+
+# Text that may be folded is given at least this much room, characters.
+_LEAST_TEXT = 16
+# With more parts than this, lines of `column: value` are easier to read.
+_MOST_PARTS = 3
+_GAP, _TIGHT_GAP = 3, 1
+# What a line is not broken within: a word, or a number with its unit.
+_WORD = re.compile(r'\S+(?: (?:N·m(?:/\S+)?|rad/s|rad|Hz|kg|mm|ms|s|%|°)(?![^\s,;:.)]))?')
+
+
+@dataclass(frozen=True)
+class _Column:
+    """A heading and its cells; `text` is aligned left, `folds` if it may go on further lines."""
+
+    heading: str
+    cells: tuple[Text, ...]
+    text: bool
+    folds: bool
+
+    def least(self, one_line: bool) -> int:
+        """Return the characters it needs, its heading on one line or a word to a line."""
+        words = self.heading.splitlines() if one_line else self.heading.split()
+        widest = max((cell_len(cell.plain) for cell in self.cells), default=0)
+        if self.folds and not one_line:
+            widest = min(widest, _LEAST_TEXT)
+        return max(widest, *(cell_len(word) for word in words))
+
+    def heading_lines(self, width: int) -> str:
+        """Return the heading broken between words."""
+        lines = self.heading.splitlines()
+        return '\n'.join(part for line in lines for part in textwrap.wrap(line, width))
+
+
+@dataclass(frozen=True)
+class ScreenTable:
+    """
+    A table; the first `keys` columns say what a row is about.
+
+    Where the screen is too narrow for it, headings go on two lines, then columns move closer,
+    then the table goes on in a second one with the same keys, then each row becomes lines of
+    its own.
+
+    :param left: further columns that hold text; the others hold numbers.
+    :param folds: columns whose text may go on further lines.
+    """
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[Text]]
+    left: Sequence[str] = ()
+    folds: Sequence[str] = ()
+    caption: str | None = None
+    keys: int = 1
+
+    def natural_width(self) -> int:
+        """Return the width at which nothing is folded."""
+        return _needed(self._columns(), one_line=True, gap=_GAP)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        columns, width = self._columns(), options.max_width
+        for one_line, gap in ((True, _GAP), (False, _GAP), (False, _TIGHT_GAP)):
+            if _needed(columns, one_line, gap) <= width:
+                yield self._made(columns, one_line, gap, self.title, self.caption)
+                return
+        parts = list(_parts(columns, self.keys, width))
+        if len(parts) > _MOST_PARTS or any(_needed(p, False, _GAP) > width for p in parts):
+            yield from self._lines(columns, width)
+            return
+        for number, part in enumerate(parts):
+            last = number == len(parts) - 1
+            title = self.title if number == 0 else ''
+            yield self._made(part, False, _GAP, title, self.caption if last else None)
+
+    def _columns(self) -> list[_Column]:
+        return [_Column(heading, tuple(row[k] for row in self.rows),
+                        k == 0 or heading in self.left, heading in self.folds)
+                for k, heading in enumerate(self.headings)]
+
+    def _made(self, columns: Sequence[_Column], one_line: bool, gap: int, title: str,
+              caption: str | None) -> Table:
+        table = Table(title=Text(title), caption=caption, title_justify='left',
+                      caption_justify='left', box=box.SIMPLE_HEAD, title_style='bold',
+                      pad_edge=False, padding=(0, 1 if gap == _GAP else 0))
+        if not title:
+            table.title = None
+        for column in columns:
+            # Only what folds gives way; the room for it has been reckoned.
+            least = column.least(one_line=False)
+            heading = column.heading_lines(column.least(one_line))
+            table.add_column(Text(heading), justify='left' if column.text else 'right',
+                             no_wrap=not column.folds, overflow='fold', min_width=least)
+        for cells in zip(*(column.cells for column in columns)):
+            table.add_row(*cells)
+        return table
+
+    def _lines(self, columns: Sequence[_Column], width: int) -> Iterator[Text]:
+        """Yield each row as lines of its own, keys first."""
+        if self.title:
+            yield Text(self.title, style='bold')
+        room = max(cell_len(column.heading) for column in columns) + 3
+        for row in self.rows:
+            keys = Text('  ').join(row[:self.keys])
+            keys.stylize('bold')
+            yield _folding(keys)
+            for column, cell in zip(columns[self.keys:], row[self.keys:]):
+                name = Text(f'  {column.heading}'.ljust(room))
+                short = room + cell_len(cell.plain) <= width
+                yield _folding(name + cell if short else Text(f'  {column.heading}  ') + cell)
+        if self.caption:
+            yield Text(self.caption)
+
+
+def _needed(columns: Sequence[_Column], one_line: bool, gap: int) -> int:
+    return sum(column.least(one_line) for column in columns) + gap * len(columns)
+
+
+def _parts(columns: list[_Column], keys: int, width: int) -> Iterator[list[_Column]]:
+    """Yield groups of columns that fit side by side, each after the keys."""
+    head, part = columns[:keys], list[_Column]()
+    for column in columns[keys:]:
+        if part and _needed([*head, *part, column], False, _GAP) > width:
+            yield [*head, *part]
+            part = []
+        part.append(column)
+    yield [*head, *part]
+
+
+def _folding(text: Text) -> Text:
+    text.no_wrap, text.overflow = False, 'fold'
+    return text
+
+
+def wrapped(line: Text, width: int, indent: int = 4) -> list[Text]:
+    """Return a line broken between words, what follows indented further; no word is cut."""
+    lead = len(line.plain) - len(line.plain.lstrip())
+    if cell_len(line.plain) <= width or width - lead < 4 * indent:
+        return [line]
+    breaks: list[int] = []
+    for word in _WORD.finditer(line.plain):
+        begin, left = (breaks[-1], lead + indent) if breaks else (lead, lead)
+        if word.start() > begin and left + cell_len(line.plain[begin:word.end()]) > width:
+            breaks.append(word.start())
+    first, *rest = line.divide(breaks)
+    for part in (first, *rest):
+        part.rstrip()
+    return [first, *(Text(' ' * (lead + indent)) + part for part in rest)]

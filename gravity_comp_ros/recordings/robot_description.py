@@ -1,0 +1,94 @@
+"""
+The robot description that a recording holds.
+
+robot_state_publisher publishes the URDF as a std_msgs/String, once, transient local. A recorder
+that subscribes to all topics keeps it; the quality of service is of no interest in a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+import struct
+
+from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.recordings.storage import open_storage
+from gravity_comp_ros.recordings.storage_interface import Storage
+
+STRING = 'std_msgs/msg/String'
+TOPIC = '/robot_description'
+
+_LARGEST = 32 * 2 ** 20
+
+
+@dataclass(frozen=True)
+class RecordedDescription:
+    """A URDF's text, and the topic and recording that it comes from."""
+
+    text: str
+    topic: str
+    path: Path
+
+    @property
+    def source(self) -> str:
+        """What to call it in messages."""
+        return f'{self.topic} in {self.path.name or self.path.resolve().name}'
+
+
+def robot_description(path: Path | str) -> RecordedDescription | None:
+    """
+    Return the description in a recording; None if there is none.
+
+    That is the latest message on /robot_description, or on the only topic of this name in a
+    namespace.
+
+    :raises BagError: if the recording cannot be read, or the message is damaged.
+    """
+    path = Path(path)
+    with open_storage(path) as storage:
+        topic = _topic(storage)
+        if topic is None:
+            return None
+        latest = b''
+        for _, data in storage.messages(topic):
+            latest = data
+    if not latest:
+        return None
+    try:
+        return RecordedDescription(decode_string(latest), topic, path)
+    except ValueError as problem:
+        raise BagError(f'{path}, topic {topic}: the robot description cannot be decoded: '
+                       f'{problem}') from None
+
+
+def first_description(paths: Iterable[Path | str]) -> RecordedDescription | None:
+    """
+    Return the description in the first of several recordings that holds one.
+
+    :raises BagError: as `robot_description`.
+    """
+    return next((found for path in paths if (found := robot_description(path))), None)
+
+
+def decode_string(data: bytes) -> str:
+    """
+    Return the text of a std_msgs/String in plain CDR.
+
+    :raises ValueError: if the bytes are something else.
+    """
+    if len(data) < 8 or data[0] != 0 or data[1] not in (0, 1):
+        raise ValueError('not plain CDR')
+    (length,) = struct.unpack_from('<I' if data[1] else '>I', data, 4)
+    if length > _LARGEST or 8 + length > len(data):
+        raise ValueError('the text ends after the message')
+    return data[8:8 + length].rstrip(b'\0').decode('utf-8')
+
+
+def _topic(storage: Storage) -> str | None:
+    found = {topic.name for topic in storage.topics
+             if topic.type == STRING and topic.encoding == 'cdr' and topic.count
+             and topic.name.endswith(TOPIC)}
+    if TOPIC in found:
+        return TOPIC
+    return found.pop() if len(found) == 1 else None

@@ -1,0 +1,139 @@
+"""What a person gives by a slip: one line that says what is wrong, and nothing written."""
+
+import json
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.joint_names import joint_named
+from gravity_comp_ros.printable import counted
+from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.gated_bag import read_gated
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+T = np.arange(500) / 5.0
+Q = np.column_stack([0.6 * np.sin(0.1 * T), 0.7 * np.cos(0.07 * T)])
+QD = np.column_stack([0.06 * np.cos(0.1 * T), -0.049 * np.sin(0.07 * T)])
+TAU = np.column_stack([10 * np.sin(Q[:, 0]), 3 * np.sin(Q[:, 1])]) \
+    + np.random.default_rng(0).normal(scale=0.05, size=(500, 2))
+
+
+def bag(path, t=T, q=Q, tau=TAU):
+    write_bag(path, [JointTopic('/joint_states', ('shoulder', 'elbow'), t, q, QD[:len(t)], tau)])
+    return str(path)
+
+
+@pytest.fixture(scope='module')
+def files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('files')
+    model = str(folder / 'arm.json')
+    good = bag(folder / 'good.mcap')
+    assert main(['fit', good, '-o', model]) == 0
+    (folder / 'log.csv').write_text('t,q_1,tau_1\n0,0,1\n1,1,2\n')
+    return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
+
+
+@pytest.mark.parametrize(('status', 'call', 'says'), [
+    (2, 'fit GOOD --terms -3', 'not a whole number above 0'),
+    (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
+    (2, 'synth --samples 0 -o NEW.mcap', 'not a whole number above 0'),
+    (2, 'synth --samples 1.5 -o NEW.mcap', 'not a whole number above 0'),
+    (1, 'synth --duration 1e9 -o NEW.mcap', 'shorten --duration or lower --rate'),
+    (1, 'synth --motion random --duration 1e9 -o NEW.mcap', 'shorten --duration or lower --rate'),
+    (1, 'info GOOD --all-samples --max-speed 1', 'leave --max-speed and --rate out'),
+    (1, 'fit GOOD --all-samples --rate 1 -o NEW.json', 'leave --max-speed and --rate out'),
+    (1, 'compare GOOD --model MODEL --all-samples --rate 1', 'leave --max-speed and --rate out'),
+    (2, 'compare GOOD --model MODEL --previous MODEL', 'give --html as well'),
+    (2, 'add coulomb_friction viscous_friction GOOD --model MODEL', 'separate effects with comma'),
+    (2, 'fit GOOD --effects coulomb_friction torque_offset:elbow', 'separate effects with comma'),
+    (1, 'fit CSV', 'is a table, not a recording: first `gravity_comp convert '),
+    (1, 'workbench nofile.mcap --no-browser', 'no such recording: nofile.mcap'),
+    (1, 'workbench GOOD nofile.mcap --no-browser', 'no such recording: nofile.mcap'),
+    (1, 'fit GOOD --joints 1,3', 'no joint 3 (chosen); it has shoulder, elbow'),
+    (1, 'fit GOOD --joints 2,elbow', 'a joint is named twice'),
+    (1, 'add coulomb_friction:3 GOOD --model MODEL', 'it has shoulder, elbow, or 1 to 2')])
+def test_one_line(files, tmp_path, capsys, monkeypatch, status, call, says):
+    monkeypatch.chdir(tmp_path)
+    assert main([files.get(word, word) for word in call.split()]) == status
+    shown = capsys.readouterr()
+    assert says in shown.err and shown.err.count('\n') == 1 and shown.out == ''
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_may_be_called_like_an_effect(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    bag('coulomb_friction')
+    assert main(['info', 'coulomb_friction']) == 0
+
+
+@pytest.mark.parametrize('call', [
+    'fit GOOD --joints 2,1', 'info GOOD --joints 2,1',
+    'diagnose GOOD --joints 2,1 --effects torque_offset',
+    'compare GOOD --model MODEL --joints 2,1'])
+def test_a_joint_is_a_name_or_a_number_in_every_verb(files, capsys, call):
+    argv = [files.get(word, word) for word in call.split()]
+    found = []
+    for joints in ('2,1', 'elbow,shoulder'):
+        assert main([joints if word == '2,1' else word for word in argv] + ['--json']) == 0
+        document = json.loads(capsys.readouterr().out)
+        found.append(document.get('recordings', [document])[0]['joints'])
+    assert list(found[0]) == ['elbow', 'shoulder'] and found[0] == found[1]
+
+
+def test_a_scale_and_an_effect_by_number(files, capsys):
+    assert main(['info', files['GOOD'], '--effort-scale', '2=-1', '--json']) == 0
+    facts = json.loads(capsys.readouterr().out)['recordings'][0]
+    assert facts['effort_scale'] == {'elbow': -1.0}
+    assert main(['add', 'torque_offset:2', files['GOOD'], '--model', files['MODEL'], '--dry-run',
+                 '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['added'] == ['torque_offset:elbow']
+
+
+def test_a_name_comes_before_a_number():
+    assert joint_named('2', ('2', '1')) == '2'
+    assert joint_named('2', ('a', 'b')) == 'b'
+    assert joint_named('0', ('a', 'b')) is None and joint_named('x', ('a',)) is None
+
+
+@pytest.mark.parametrize('what', ['q', 'tau'])
+def test_a_value_that_no_arm_has_is_dropped(tmp_path, capsys, what):
+    spoiled = {'q': Q.copy(), 'tau': TAU.copy()}
+    spoiled[what][100, 0] = 1e300
+    path = bag(tmp_path / 'x.mcap', **spoiled)
+    whole, gated = read_bag(path), read_gated(path)
+    assert len(whole.samples) == 499 and gated.report == whole.report
+    assert any('1 value beyond 1e+09' in note for note in whole.report.notes)
+    assert np.abs(whole.samples.tau).max() < 20
+    assert main(['fit', path, '--json']) == 0
+    shown = capsys.readouterr()
+    assert 'RuntimeWarning' not in shown.err
+    assert json.loads(shown.out)['joints']['shoulder']['rmse'] < 0.1
+
+
+def test_efforts_that_no_arm_has_throughout(tmp_path, capsys):
+    assert main(['info', bag(tmp_path / 'x.mcap', tau=1e300 * TAU)]) == 1
+    assert 'beyond 1e+09 in 500 of 500' in capsys.readouterr().err
+
+
+def test_a_gap_is_named_wherever_the_recording_is_read(tmp_path):
+    t = T.copy()
+    t[250:] += 1000.0
+    path = bag(tmp_path / 'x.mcap', t=t)
+    for report in (read_bag(path).report, read_gated(path).report):
+        assert any(note.startswith('a gap of 1000 s, 49.8 s after') for note in report.notes)
+    # Poses half a minute apart are no gaps.
+    slow = bag(tmp_path / 'y.mcap', t=30.0 * np.arange(500.0))
+    assert not any('gap' in note for note in read_bag(slow).report.notes)
+
+
+def test_one_is_one(tmp_path, capsys):
+    path = bag(tmp_path / 'x.mcap', T[:1], Q[:1], TAU[:1])
+    assert main(['info', path]) == 0
+    assert '\n1 sample at' in capsys.readouterr().out
+
+
+@given(st.integers(0, 1000))
+def test_counted(number):
+    text = counted(number, 'bag')
+    assert text.split() == [str(number), 'bag' if number == 1 else 'bags']

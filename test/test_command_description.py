@@ -1,0 +1,142 @@
+"""`fit` and `update` with the robot description that a recording holds."""
+
+import json
+from pathlib import Path
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
+from gravity_comp_ros.simulation import arms, motions
+import numpy as np
+import pytest
+from recordings import START_NS, STORE
+from rosbags.rosbag2 import StoragePlugin, Writer
+import urdf_snippets as robots
+
+STRING = 'std_msgs/msg/String'
+IIWA = (Path(__file__).resolve().parent.parent / 'bags' / 'iiwa7.urdf').read_text()
+JOINTS = arms.iiwa7().joints
+# The same arm on a waist that pitches, with a gripper.
+WAISTED = IIWA.replace('</robot>', robots.joint(
+    'waist', 'world', 'iiwa_link_0', axis='0 1 0', rpy='0 0 0').replace(
+        '<link name="iiwa_link_0">', '<link name="unused">') + robots.joint(
+            'finger', 'iiwa_link_7', 'tip', 'prismatic') + '</robot>')
+WAIST = 0.3
+
+
+def recording(path, text, arm, q, seed=0, others=(), order=sorted):
+    """Write gravity at poses q in the order of `order`, other joints' positions beside it."""
+    tau = arms.gravity_torque(arm, q)
+    tau += 0.1 * np.random.default_rng(seed).normal(size=tau.shape)
+    names = order(arm.joints)
+    columns = [arm.joints.index(name) for name in names]
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        states = writer.add_connection('/joint_states', JOINT_STATE, typestore=STORE)
+        described = writer.add_connection('/robot_description', STRING, typestore=STORE)
+        message = STORE.types[STRING](data=text)
+        writer.write(described, START_NS, STORE.serialize_cdr(message, STRING))
+        for n, pose in enumerate(q):
+            stamp = START_NS + n * 200_000_000
+            beside = [(name, where(n)) for name, where in others]
+            writer.write(states, stamp, encode(
+                stamp, [*names, *(name for name, _ in beside)],
+                [*pose[columns], *(value for _, value in beside)],
+                np.zeros(len(names) + len(beside)), [*tau[n, columns], *(0.0 for _ in beside)]))
+    return path
+
+
+@pytest.fixture(scope='module')
+def bags(tmp_path_factory):
+    """Return bags of the iiwa: alone, of another description, and on a waist with a gripper."""
+    folder = tmp_path_factory.mktemp('described')
+    q, arm = motions.eq17(duration=40.0).q, arms.iiwa7()
+    backwards = tuple(reversed(JOINTS))
+    recording(folder / 'own', IIWA, arm, q, order=lambda names: backwards)
+    recording(folder / 'other', robots.UR, arm, q)
+    # A waist that leans forward about y turns the vertical the other way.
+    leaning = arms.with_base_tilt(arm, 0.0, WAIST)
+    finger = ('finger', lambda n: 0.01 * (n % 2))
+    recording(folder / 'leaning', WAISTED, leaning, q, 0, [finger, ('waist', lambda n: WAIST)])
+    recording(folder / 'moving', WAISTED, leaning, q, 0, [finger, ('waist', lambda n: 1e-3 * n)])
+    recording(folder / 'lacking', WAISTED, leaning, q, 0, [finger])
+    loaded = arms.with_payload(arm, arms.Payload(2.0, (0.0, 0.0, 0.1)))
+    recording(folder / 'tool', IIWA, loaded, motions.eq17(start=100.0, duration=10.0).q, 1)
+    return folder
+
+
+def run(capsys, *argv):
+    capsys.readouterr()
+    status = main([*map(str, argv)])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    return json.loads(out.out), out.err
+
+
+def test_the_recordings_own_description_is_used(bags, tmp_path, capsys):
+    model = tmp_path / 'arm.json'
+    found, told = run(capsys, 'fit', bags / 'own', '-o', model, '--json')
+    assert found['description'] == {
+        'source': '/robot_description in own', 'joints': list(JOINTS), 'link': 'iiwa_link_7',
+        'left_out': [], 'held': {}}
+    assert found['joint_order'] == 'description' and told.count('warning') == 0
+    assert load_model(model).joints == JOINTS
+    assert load_model(model).provenance['description']['source'] == '/robot_description in own'
+    assert found['report']['chain']['known_axes']
+    # The tool is weighed without any file named.
+    payload, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--json')
+    assert payload['description']['source'] == '/robot_description in tool'
+    assert payload['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    bare, _ = run(capsys, 'update', bags / 'tool', '--model', model, '--dry-run', '--urdf', 'none',
+                  '--json')
+    assert bare['payload'] is None and bare['description'] is None
+
+
+def test_without_a_description_numbers_order_the_joints(bags, capsys):
+    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--formulation', 'chain',
+                   '--json')
+    assert found['description'] is None and found['joint_order'] == 'numbers in the names'
+    assert list(found['joints']) == list(JOINTS)
+    some = ','.join(JOINTS[1::-1])
+    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some, '--json')
+    assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == '--joints'
+
+
+def test_another_robots_description_is_left_aside(bags, tmp_path, capsys):
+    found, told = run(capsys, 'fit', bags / 'other', '--formulation', 'chain', '--json')
+    assert found['description'] is None
+    assert 'robot description not used: /robot_description in other has no joint iiwa' in told
+    # Named by the user, it must fit.
+    path = tmp_path / 'ur.urdf'
+    path.write_text(robots.UR)
+    assert main(['fit', str(bags / 'own'), '--urdf', str(path)]) == 1
+    assert f'{path} has no joint iiwa_joint_1' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('bag, argv, value, by', [
+    ('leaning', (), WAIST, 'recording'), ('lacking', ('--fixed', f'waist={WAIST}'), WAIST,
+                                          'option'), ('lacking', (), 0.0, 'assumption')])
+def test_a_waist_that_is_no_joint_of_the_model(bags, capsys, bag, argv, value, by):
+    found, _ = run(capsys, 'fit', bags / bag, '--joints', ','.join(JOINTS), *argv,
+                   '--formulation', 'chain', '--json')
+    assert found['description']['held'] == {'waist': {'value': pytest.approx(value), 'by': by}}
+    tilt = found['report']['chain']['base_tilt']
+    # Where it is known the base stands as described; at 0 the data show the tilt.
+    assert tilt == pytest.approx(0.0 if by != 'assumption' else WAIST, abs=0.02)
+
+
+def test_a_gripper_is_left_out_and_a_moving_waist_is_told(bags, capsys):
+    found, _ = run(capsys, 'fit', bags / 'lacking', '--formulation', 'chain', '--json')
+    assert found['description']['left_out'] == ['finger']
+    assert list(found['joints']) == list(JOINTS)
+    _, told = run(capsys, 'fit', bags / 'moving', '--joints', ','.join(JOINTS), '--formulation',
+                  'chain', '--json')
+    assert 'joint waist moves by 0.199 during the recordings' in told
+
+
+@pytest.mark.parametrize('argv, words', [
+    (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'one of the arm'),
+    (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
+])
+def test_a_useless_fixed_joint_is_refused(bags, capsys, argv, words):
+    assert main(['fit', str(bags / 'own'), *argv]) == 1
+    assert words in capsys.readouterr().err

@@ -1,0 +1,52 @@
+"""The order of joints: from a description, from numbers in the names, or as recorded."""
+
+from gravity_comp_ros.description.joint_order import (
+    AS_RECORDED, DESCRIPTION, joint_order, NUMBERS)
+from hypothesis import given, strategies
+import pytest
+import urdf_snippets as robots
+
+
+def test_a_description_orders_what_was_published_by_alphabet():
+    assert joint_order(sorted(robots.UR_JOINTS), robots.UR) == joint_order(
+        robots.UR_JOINTS, robots.UR)
+    found = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
+    assert (found.joints, found.source) == (robots.UR_JOINTS, DESCRIPTION)
+
+
+@pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
+def test_a_description_of_no_use_leaves_the_names(urdf):
+    found = joint_order(sorted(robots.UR_JOINTS), urdf)
+    assert (found.joints, found.source) == (tuple(sorted(robots.UR_JOINTS)), AS_RECORDED)
+
+
+@pytest.mark.parametrize('names', [
+    [f'iiwa_joint_{n}' for n in range(1, 8)], [f'joint_a{n}' for n in range(1, 8)],
+    [f'panda_joint{n}' for n in range(1, 8)], [f'arm_{n}_joint' for n in range(1, 8)],
+    [f'joint_{n}' for n in range(1, 13)], [f'lbr7_A{n}' for n in range(7)],
+    [f'left_{part}' for part in robots.BAXTER_PARTS], ['S0', 'S1', 'E0', 'E1', 'W0'],
+])
+@given(data=strategies.data())
+def test_numbers_in_the_names(names, data):
+    shuffled = data.draw(strategies.permutations(names))
+    found = joint_order(shuffled)
+    assert (found.joints, found.source) == (tuple(names), NUMBERS)
+
+
+@pytest.mark.parametrize('names', [
+    ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint'], ['wrist_1', 'elbow'], ['a'],
+    # Two arms, or joints beside an arm: numbers order neither.
+    ['left_1', 'left_2', 'right_1', 'right_2'],
+    ['arm1_joint1', 'arm1_joint2', 'arm2_joint1', 'arm2_joint2'],
+    ['joint_2', 'joint_1', 'gripper'], ['joint_01', 'joint_1'],
+])
+def test_names_that_say_nothing(names):
+    found = joint_order(names)
+    assert (found.joints, found.source) == (tuple(names), AS_RECORDED)
+
+
+@given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
+def test_an_order_has_the_same_joints_and_is_stable(names):
+    found = joint_order(names)
+    assert sorted(found.joints) == sorted(names)
+    assert joint_order(found.joints).joints == found.joints
