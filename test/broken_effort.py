@@ -73,7 +73,7 @@ def swapped(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def external(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """A driver that takes gravity off by a model of its own, which is 3 % wrong."""
+    """Return effort less the gravity of a driver's own model, which is 3 % wrong."""
     return 0.03 * tau + IDLE * rng.standard_normal(tau.shape)
 
 

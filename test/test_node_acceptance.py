@@ -1,6 +1,7 @@
 """A new model passes tests that do not ask its own samples alone; a real payload passes them."""
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 import sys
 
@@ -20,7 +21,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'bench'))
 pytest.importorskip('pinocchio')
-from node_acceptance import ARM, job_of, Payload, recorded  # noqa: E402
+bench = import_module('node_acceptance')
+ARM, job_of, Payload, recorded = bench.ARM, bench.job_of, bench.Payload, bench.recorded
 
 
 @pytest.fixture(scope='module')

@@ -154,7 +154,7 @@ def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
     samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
     save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
     node = Live({**defaults(), 'model_file': str(path), 'ramp_time': 0.0,
-                 'max_torque_rate': ()}, '/joint_states', 0.0)
+                 'max_torque_rate': (), 'unlimited_torque': True}, '/joint_states', 0.0)
     try:
         far = q.max(axis=0) + 1.0
         found = send(node, 1.0, far, 0 * far, 0 * far)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, cast
 
 from gravity_comp_ros.data.gate import Gate, GateOptions
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
+from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
-from gravity_comp_ros.node.messages import Reader, Reading
+from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.parameters import Value
 from gravity_comp_ros.node.realtime_effects import (
@@ -34,15 +36,18 @@ class Arm:
     def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
+        self._settings = settings
         self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']),
                              cast(tuple[str, ...], settings['continuous_joints']))
+        self.described: ArmDescription | None = None
+        self._allowed = bool(settings['enabled'])
+        self.is_interleaved = False
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
         self.health = EffortHealth()
         self.sent = SentTorque(len(joints))
         self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
-        self.feed.enable(bool(settings['enabled']))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.residual = np.zeros(len(joints))
         self.n_residual = 0
@@ -55,16 +60,52 @@ class Arm:
         # All effects of the model that a moment tells, and those of them that are sent.
         self._effects: InstantEffects | None = None
         self._sent: InstantEffects | None = None
-        self._settings = settings
         self._reported: Counter[str] = Counter()
         self._reported_received = 0
         self._reported_gate: Counter[str] = Counter()
+        self._limit()
+
+    def describe(self, described: ArmDescription) -> None:
+        """Use what a robot description says."""
+        self.described = described
+        self.reader.allow_turns(described.continuous)
+        self._limit()
+
+    def enable(self, enabled: bool) -> None:
+        """Allow or forbid torque; it ramps either way."""
+        self._allowed = enabled
+        self._limit()
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """The axes of the arm where they are known."""
+        return None if self.described is None else self.described.geometry
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether there is a bound for the torque, or a parameter says that none is needed."""
+        return bool(self.feed.options.max_torque) or bool(self._settings['unlimited_torque'])
+
+    def _limit(self) -> None:
+        options = feedforward_options(self._settings)
+        if not options.max_torque and self.described is not None:
+            options = replace(options, max_torque=self.described.max_effort)
+        self.feed.set_options(options)
+        self.feed.enable(self._allowed and self.is_limited)
+
+    def _bound(self) -> str:
+        """Return where the bound of the torque is from, in a word."""
+        if self._settings['max_torque']:
+            return 'set'
+        if self.feed.options.max_torque:
+            return SOURCE
+        return 'unlimited' if self.is_limited else 'none'
 
     def set(self, settings: Mapping[str, Value]) -> None:
         """Use changed settings from now on."""
         self._settings = settings
         self.gate = Gate(len(self.joints), gate_options(settings))
-        self.feed.set_options(feedforward_options(settings))
+        self._limit()
         self.epoch.set_options(epoch_options(settings))
         self._find_effects()
 
@@ -205,6 +246,7 @@ class Arm:
         new = self.reader.received - self._reported_received
         fresh = counts - self._reported
         self._reported, self._reported_received = counts.copy(), self.reader.received
+        self.is_interleaved = fresh[TIME_BACK] + fresh[TIME_STILL] > 0
         stale = age is not None and age > self.feed.options.stale_after
         return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
                                         fresh, late)
@@ -217,11 +259,10 @@ class Arm:
         residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
         self.residual = np.zeros(len(self.joints))
         self.n_residual = 0
-        options = self.feed.options
         return [
             diagnostics.feedforward_status(
                 self.feed.state(now), self.feed.enabled,
-                0.0 if outside is None else float(outside.max()), bool(options.max_torque),
+                0.0 if outside is None else float(outside.max()), self._bound(),
                 self.feed.margin, self._sent.targets if self._sent else (),
                 self.effects_problem),
             *diagnostics.joint_statuses(

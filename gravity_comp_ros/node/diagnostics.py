@@ -118,21 +118,27 @@ def learning_status(learning: Learning) -> Status:
     if learning.compensated:
         return Status('learning', WARN, learning.last_fit, values)
     if learning.kept_old:
-        return Status('learning', WARN, f'old model kept: {learning.last_fit}', values)
+        return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
+                      f'{learning.epoch}', values)
     return Status('learning', OK, learning.epoch, values)
 
 
-def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
+def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
                        margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
     """
     Return the state of the torque that is published.
 
     :param outside: how far the pose is outside the trained range, in rad, as `margin`.
+    :param bound: where the bound of the torque is from, `none` if torque must not be sent for
+        the lack of one.
     :param sent: the effects that are compensated; `problem` is why one is not.
     """
     values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': 'set' if limited else 'none',
+              'torque limits': bound,
               'compensated effects': ', '.join(sent) or 'none'}
+    if bound == 'none':
+        return Status('feed-forward', ERROR, 'no torque is published without a bound: set '
+                      'max_torque, or unlimited_torque', values)
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
     if outside > margin:
@@ -140,7 +146,7 @@ def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
                       'the trained range', values)
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    if not limited:
+    if bound == 'unlimited':
         return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)
 

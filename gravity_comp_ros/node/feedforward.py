@@ -28,8 +28,7 @@ LEAST_TORQUE = 1e-4
 # A message counts for at most so many of its usual periods: what a stall has missed is made up
 # for over the messages that follow, not in one step.
 PERIODS = 2.0
-# Messages over which the usual period is the mean, so that a burst counts together with the
-# pause before it; and the least that it is taken for, s.
+# Messages over which the usual period is the median, and the least that it is taken for, s.
 PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
 # The watchdog's own calls may be this far apart, s.
 WATCH_PERIOD = 0.05
@@ -121,6 +120,8 @@ class FeedForward:
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
+        # Time that passed in a stall and that no message has counted for yet, s.
+        self._owed = 0.0
         self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
         self._fresh: float | None = None
         self.set_options(options)
@@ -192,6 +193,7 @@ class FeedForward:
         age = now - self._fresh
         if age <= self.options.stale_after:
             return None
+        self._owed = 0.0
         dt = min(self._elapsed(now), max(WATCH_PERIOD, PERIODS * self._period()))
         if self._is_at_rest():
             return None
@@ -230,15 +232,18 @@ class FeedForward:
     def _since_last_message(self, now: float) -> float:
         """Return the time that a message counts for: after a stall, not all that has passed."""
         dt = self._elapsed(now)
-        counted = min(dt, PERIODS * self._period()) if self._intervals else dt
+        counted = dt
+        if self._intervals:
+            counted = min(dt + self._owed, PERIODS * self._period())
+        self._owed = min(max(0.0, self._owed + dt - counted), self.options.stale_after)
         if dt > 0.0:
             self._intervals.append(dt)
         return counted
 
     def _period(self) -> float:
         """Return the usual time between messages, s."""
-        n = len(self._intervals)
-        return max(LEAST_PERIOD, sum(self._intervals) / n) if n else LEAST_PERIOD
+        every = sorted(self._intervals)
+        return max(LEAST_PERIOD, every[len(every) // 2]) if every else LEAST_PERIOD
 
     def _approach(self, goal: float, duration: float, dt: float) -> None:
         step = 1.0 if duration <= 0.0 else dt / duration

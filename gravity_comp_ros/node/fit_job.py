@@ -43,8 +43,8 @@ class Job:
 
     `base` is the model that was in use when the epoch began, to which a change may be fitted;
     `old` the one in use now, which is to be beaten. `effects` are to be in a whole model; `asked`
-    says that somebody waits for it. `noise` (N,) in N·m is that of earlier epochs where it is known
-    better than `base` says, `sent` the torque that the node published around each sample.
+    says that somebody waits for it. `payload` bounds what a payload can be, `geometry` has the
+    axes where they are known, `sent` the torque that the node published around each sample.
     """
 
     number: int

@@ -102,6 +102,12 @@ class Reader:
         self._rebellion: list[float] = []
         self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
+    def allow_turns(self, continuous: Sequence[str]) -> None:
+        """Take joints for continuous, on top of those that are."""
+        for k, name in enumerate(self.joints):
+            if name in continuous:
+                self._farthest[k] = ABSURD_TURNS
+
     def read(self, message: Any, arrival: float) -> Reading | None:
         """
         Return what `message` says, or None if it cannot be used.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from gravity_comp_ros.data.gate import RATE
@@ -12,9 +12,9 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.fit_job import Findings, Job, Outcome, Question
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
 from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
@@ -47,14 +47,16 @@ class Live:
         # How often messages came faster than they could be handled, since the start.
         self.late = self._late_reported = 0
         self._topic = topic
-        self._settings_checked(None)
+        self._settings_checked(())
         self.models = Models(str(settings['model_file']), cast(int, settings['history']))
         self.fits = FitProcess(cast(float, settings['fit_timeout']))
         self.arm: Arm | None = None
         self._jobs = 0
         # Results of jobs up to this number come too late to be used.
         self._outdated = 0
-        self.geometry: Geometry | None = None
+        self._description = ''
+        # Joints that were taken from a first message, which may be a gripper's.
+        self._guessed = False
         # What happened, for the log: (is it bad news, sentence).
         self.news: deque[tuple[bool, str]] = deque(maxlen=100)
         self._requests = FitRequests()
@@ -72,8 +74,8 @@ class Live:
         if joints or entry:
             self._begin(joints or entry.model.joints, entry)  # type: ignore[union-attr]
 
-    def _settings_checked(self, n_joints: int | None) -> None:
-        check_together(self.settings, n_joints)
+    def _settings_checked(self, joints: tuple[str, ...]) -> None:
+        check_together(self.settings, joints)
 
     def set(self, settings: Mapping[str, Value]) -> None:
         """Use changed settings from now on; they have been checked."""
@@ -83,13 +85,35 @@ class Live:
             self.arm.set(self.settings)
 
     def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
-        self._settings_checked(len(joints))
+        self._settings_checked(joints)
         check_effects(self.settings, joints)
         self.arm = Arm(joints, self.settings, is_open=entry is None,
                        has_base=entry is not None and _can_change(entry.model))
         if entry is not None:
             self.arm.use(entry.model, None, 0)
             self._base = entry.model
+        self.news.append((False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
+                          f'{entry.describe() if entry else "none yet"}; formulation of fits: '
+                          f'{self.settings["formulation"]}; bound of the torque: '
+                          f'{self.settings["max_torque"] or "none set"}'))
+        self._use_description()
+
+    def describe(self, text: str) -> None:
+        """Use a robot description from now on."""
+        self._description = text
+        self._use_description()
+
+    def _use_description(self) -> None:
+        arm = self.arm
+        if arm is None or not self._description:
+            return
+        found = describe_arm(self._description, arm.joints)
+        arm.describe(found)
+        axes = f'not used: {found.problem}' if found.geometry is None else 'used'
+        limits = ', '.join(f'{limit:g}' for limit in found.max_effort) or 'none'
+        self.news.append((bool(found.problem), f'robot description: axes {axes}; effort limits '
+                          f'{limits} N·m; joints without end: '
+                          f'{", ".join(found.continuous) or "none"}'))
 
     def message(self, message: Any, now: float, arrival: float
                 ) -> tuple[Reading | None, FloatArray | None]:
@@ -100,7 +124,7 @@ class Live:
         :param arrival: time in s for a message without a stamp.
         """
         arm = self.arm
-        if arm is None:
+        if arm is None or (self._guessed and self._is_larger(arm, message.name)):
             arm = self._meet(tuple(message.name))
             if arm is None:
                 return None, None
@@ -118,6 +142,11 @@ class Live:
         arm.last_seen, arm.pose = now, reading.q
         return reading, tau
 
+    def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
+        """Return whether another device with more joints speaks before there is a model."""
+        return (self.models.model is None and self._jobs == 0 and arm.reader.joints != names
+                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= 10)
+
     def _meet(self, names: tuple[str, ...]) -> Arm | None:
         """Take the joints from a first message."""
         try:
@@ -129,6 +158,7 @@ class Live:
                 raise OptionError(f'{self._topic} has {len(names)} joints and a model takes at '
                                   'most 10; set the parameter joints')
             self._begin(names, None)
+            self._guessed = True
         except OptionError as problem:
             self.problem = str(problem)
             self._unnamed['missing_joint'] += 1
@@ -213,7 +243,7 @@ class Live:
         job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
                   self._base, self.models.model, options,
                   cast(tuple[str, ...], self.settings['effects']), asked,
-                  payload_limits(self.settings), self.geometry, arm.epoch.sent())
+                  payload_limits(self.settings), arm.geometry, arm.epoch.sent())
         self.fits.submit(job, now)
         arm.epoch.fit_started()
         return self._jobs
@@ -336,7 +366,10 @@ class Live:
         """Ramp torque up or down."""
         if self.arm is None:
             return False, NO_JOINTS
-        self.arm.feed.enable(enabled)
+        self.arm.enable(enabled)
+        if enabled and not self.arm.is_limited:
+            return False, ('no torque is published without a bound: set max_torque, or '
+                           'unlimited_torque')
         seconds = self.settings['ramp_time']
         if enabled:
             return True, f'torque ramps up over {seconds} s'
@@ -348,6 +381,17 @@ class Live:
             return True, self.models.save()
         except ModelFileError as problem:
             return False, str(problem)
+
+    def save_alone(self) -> None:
+        """Write the model file because a new model is in use; say if that fails."""
+        success, text = self.save()
+        if not success:
+            self.problem = text
+        self.news.append((not success, text))
+
+    def is_interleaved(self) -> bool:
+        """Return whether the last report counted messages out of order."""
+        return self.arm is not None and self.arm.is_interleaved
 
     def close(self) -> None:
         """End the fit process, and answer whoever waits."""

@@ -100,7 +100,7 @@ def _lies_on(model: GravityModel, geometry: Geometry) -> bool:
 
 
 def _contradiction(evidence: PayloadEvidence) -> Iterator[str]:
-    """All joints change as one body on the last link makes them."""
+    """Object where the joints do not change as one body on the last link makes them."""
     residual = _residual(evidence)
     ratio = residual / evidence.noise
     worst = int(np.argmax(ratio))
@@ -121,7 +121,7 @@ def _size(evidence: PayloadEvidence, limits: PayloadLimits) -> Iterator[str]:
 
 
 def _inner_links_alone(evidence: PayloadEvidence) -> Iterator[str]:
-    """A body on the last link changes the links beyond the elbow as well."""
+    """Object where no link beyond the elbow changes, which a body on the last link does."""
     n = len(evidence.names)
     moments = _moment_change(evidence)
     outer = moments.copy()
@@ -138,7 +138,7 @@ def _inner_links_alone(evidence: PayloadEvidence) -> Iterator[str]:
 
 
 def _common_factor(evidence: PayloadEvidence, before: FloatArray) -> Iterator[str]:
-    """A payload does not change all joints by one factor."""
+    """Object to one factor for all joints, which no payload makes."""
     factor = _factor(evidence, before)
     if abs(factor - 1.0) < SAME_FACTOR:
         return
@@ -151,7 +151,7 @@ def _common_factor(evidence: PayloadEvidence, before: FloatArray) -> Iterator[st
 
 def _known_body(evidence: PayloadEvidence, before: FloatArray, limits: PayloadLimits,
                 geometry: Geometry) -> Iterator[str]:
-    """With known axes the change is four numbers: a mass and its first moment."""
+    """Weigh the change on known axes: four numbers, a mass and its first moment."""
     chain = evidence.base.chain
     assert chain is not None
     columns = np.tensordot(geometry.tool_moments(), ForwardKinematics(

@@ -88,7 +88,7 @@ def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_trai
     if new < _BETTER * echo:
         return None
     return ('the effort is the torque that this node published '
-            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, and the new model '
-            f'leaves {new:.3g}. Either the model in use is right already, or the arm floats on '
-            'that torque and is led by hand, which shows nothing new: move it by its own '
+            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, and the new '
+            f'model leaves {new:.3g}. Either the model in use is right already, or the arm floats '
+            'on that torque and is led by hand, which shows nothing new: move it by its own '
             'controller')
