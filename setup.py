@@ -30,7 +30,7 @@ ROS = [
 ]
 TEST = ['pytest>=7.4', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5', 'hypothesis>=6.98',
         'playwright>=1.40', 'flake8>=7', 'flake8-import-order>=0.18',
-        'flake8-quotes>=3.3', 'pydocstyle>=6.3', 'rosbags>=0.10',
+        'flake8-quotes>=3.3', 'ruff>=0.5', 'rosbags>=0.10',
         'colcon-common-extensions>=0.3', 'colcon-ros>=0.5']
 
 setup(

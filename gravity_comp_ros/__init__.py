@@ -1,3 +1,72 @@
-"""Sparse gravity models for robot arms, learned from slow motion (Yu 2022)."""
+"""
+Gravity compensation for robot arms, learned from recorded joint states.
+
+    import gravity_comp_ros as gc
+    data = gc.read(["run1.mcap", "run2.mcap"])   # or gc.Recording.from_arrays(q, tau, t)
+    train, test = data.split(0.2)
+    model = gc.fit(train)
+    print(gc.compare(model, test))               # error of every joint, N·m
+    found = gc.diagnose(train, model)            # which physical effect is missing
+    model = gc.add_effects(model, train, found.findings)
+    print(gc.compare(model, test))
+    model = gc.update(model, gc.read("tool.mcap"))   # after a payload change
+    model.save("arm.json")
+
+Arrays are NumPy arrays of M samples and N joints, (M, N), in rad, rad/s and N·m. Every result
+has typed fields, prints as a table, and shows as one in a notebook. Every error that data or
+options can cause is a `GravityCompError` whose message says what was wrong and where.
+"""
+
+from importlib import import_module
+from typing import Any, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.api.loop import add_effects as add_effects
+    from gravity_comp_ros.api.loop import compare as compare
+    from gravity_comp_ros.api.loop import diagnose as diagnose
+    from gravity_comp_ros.api.loop import fit as fit
+    from gravity_comp_ros.api.loop import update as update
+    from gravity_comp_ros.api.model import FitReport as FitReport
+    from gravity_comp_ros.api.model import load as load
+    from gravity_comp_ros.api.model import Model as Model
+    from gravity_comp_ros.api.model import save as save
+    from gravity_comp_ros.api.recording import read as read
+    from gravity_comp_ros.api.recording import Recording as Recording
+    from gravity_comp_ros.api.results import Diagnosis as Diagnosis
+    from gravity_comp_ros.data.gate import GateOptions as GateOptions
+    from gravity_comp_ros.diagnosis.findings import Finding as Finding
+    from gravity_comp_ros.diagnosis.findings import Verdict as Verdict
+    from gravity_comp_ros.errors import GravityCompError as GravityCompError
+    from gravity_comp_ros.errors import Hint as Hint
+    from gravity_comp_ros.evaluation.compare import Comparison as Comparison
 
 __version__ = '0.1.0'
+
+# Name -> module. A module is imported when one of its names is asked for first, so that
+# `import gravity_comp_ros` costs nothing and the node never loads what it does not use.
+_PLACES = {
+    'read': 'api.recording', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
+    'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
+    'add_effects': 'api.loop', 'update': 'api.loop',
+    'load': 'api.model', 'save': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
+    'Comparison': 'evaluation.compare', 'Diagnosis': 'api.results',
+    'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
+    'GravityCompError': 'errors', 'Hint': 'errors',
+}
+__all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Finding', 'fit',
+           'FitReport', 'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'read',
+           'Recording', 'save', 'update', 'Verdict']
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, and import it if it is asked for the first time (PEP 562)."""
+    if name not in _PLACES:
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    found = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Return the public names, those that were not asked for yet included."""
+    return sorted({*globals(), *__all__})

@@ -15,12 +15,12 @@ from typing import NoReturn
 
 from gravity_comp_ros import __version__
 from gravity_comp_ros.commands.outputs import check_outputs
-from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.errors import GravityCompError, Hint
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
 VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'update',
-         'replay', 'fleet', 'workbench')
+         'replay', 'plan', 'fleet', 'workbench')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -36,6 +36,8 @@ the loop:
   gravity_comp update tool.mcap --model arm.json    relearn after a payload change, from 10 s
   gravity_comp replay run2.mcap --model arm.json -o out.mcap
                                                     measured, predicted, residual to plot
+  gravity_comp plan run1.mcap --model arm.json -o motion.yaml
+                                                    the motion that settles what run1 cannot
   gravity_comp workbench run1.mcap run2.mcap        the same loop in a browser
 
 without a robot:
@@ -60,6 +62,13 @@ PACKAGES = {
     'scipy': 'pip install scipy',
     'yaml': 'pip install PyYAML',
     'zstandard': "pip install 'gravity_comp_ros[bags]'",
+}
+
+# What the core advises, in terms of the command line.
+HINTS = {
+    Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
+    Hint.INSTALL_EFFECT: 'install the package that brings it, or take it back with '
+                         '`gravity_comp add --undo`',
 }
 
 # The problems here are too small for threads: on a busy machine, threads that wait for each
@@ -157,7 +166,7 @@ def _module(verb: str) -> ModuleType:
 def _one_line(error: Exception) -> str:
     """Return what to tell the user about `error`."""
     if isinstance(error, GravityCompError):
-        return str(error)
+        return error.message if error.hint is None else f'{error.message}: {HINTS[error.hint]}'
     if isinstance(error, ImportError):
         missing = (error.name or '').split('.')[0]
         if missing in PACKAGES:

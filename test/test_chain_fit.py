@@ -17,6 +17,8 @@ import pytest
 from serial_arms import poses, samples_of, six_axes_with_parallel_ones
 from test_chain_model import random_chain
 
+pytestmark = pytest.mark.slow
+
 NOISE = 0.1
 CHAIN = FitOptions('chain')
 

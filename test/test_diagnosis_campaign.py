@@ -9,6 +9,8 @@ from gravity_comp_ros.simulation.case_list import case
 from gravity_comp_ros.simulation.cases import recordings
 import pytest
 
+pytestmark = pytest.mark.slow
+
 # Shorter and at a lower rate than the campaign's, which `python -m bench.campaign.run` runs
 # over ten seeds.
 RATE, DURATION = 25.0, 60.0

@@ -22,6 +22,8 @@ import numpy as np
 import pytest
 from serial_arms import poses, samples_of, serial_arm
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 DEADLINE = 120.0
 

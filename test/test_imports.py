@@ -15,13 +15,16 @@ MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 
 # Lowest first. A module may import from its own room and from those below it.
 ROOMS = (
-    ('__init__', 'errors', 'printable', 'atomic'),
+    ('errors', 'printable', 'display', 'atomic'),
     ('data',),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
     ('evaluation',),
     ('estimation',),
     ('diagnosis',),
+    ('planning',),
+    ('api',),
+    ('__init__',),
     ('report', 'fleet'),
     ('node', 'workbench', 'commands', 'cli'),
 )

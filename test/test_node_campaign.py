@@ -21,6 +21,8 @@ from ros_harness import ROOT, running, set_parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
+pytestmark = pytest.mark.slow
+
 NAMES = [f'iiwa_joint_{k}' for k in range(1, 8)]
 NAN, INF = float('nan'), float('inf')
 FAST = {'diagnostics_rate': 20.0, 'ramp_time': 0.0, 'max_torque_rate': '[]',

@@ -18,6 +18,8 @@ import pytest
 from ros_harness import matrix, ROOT, running, set_parameter
 from rosgraph_msgs.msg import Clock
 
+pytestmark = pytest.mark.slow
+
 BAGS = ROOT / 'bags'
 UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
 PATIENT = {'stale_after': 10.0, 'unlimited_torque': True}

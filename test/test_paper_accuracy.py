@@ -14,6 +14,8 @@ from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ARM = arms.iiwa7()
 SEEDS = range(10)
 FORMULATIONS = ('potential', 'per_joint')

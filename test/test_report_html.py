@@ -11,6 +11,8 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 from rough_links import two_links
 
+pytestmark = pytest.mark.slow
+
 EVIL = ('<img src=x onerror=alert(1)>', '</script><script>alert(2)</script>')
 ORDER = ['joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model', 'quality',
          'provenance']

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = [name for name in ('gravity_comp_ros', 'test', 'launch', 'examples', 'bench',
                              'setup.py') if (ROOT / name).exists()]
@@ -23,9 +25,9 @@ def test_flake8():
     assert status == 0, output
 
 
-def test_docstrings():
-    # pydocstyle reads only files named by hand, not folders' tests, hence the match.
-    status, output = lint('pydocstyle', '--config=setup.cfg', r'--match=.*\.py')
+def test_ruff():
+    # Among much else docstrings, by the rules of ament_pep257.
+    status, output = lint('ruff', 'check', '--no-cache')
     assert status == 0, output
 
 
@@ -33,8 +35,8 @@ def test_docstrings():
     (('flake8', '--config', 'setup.cfg'), 'import sys\nimport os\nprint(os, sys)\n', 'I100'),
     (('flake8', '--config', 'setup.cfg'), 'x = "double"\n', 'Q000'),
     (('flake8', '--config', 'setup.cfg'), f'x = {"1" * 99}\n', 'E501'),
-    (('pydocstyle', '--config=setup.cfg', r'--match=.*\.py'),
-     'def f():\n    """Returns\n    x"""\n', 'D400'),
+    (('ruff', 'check', '--config', 'pyproject.toml'),
+     'def f():\n    """Returns\n    x"""\n', 'D205'),
 ])
 def test_linters_see_a_breach(tmp_path, linter, text, code):
     file = tmp_path / 'bad.py'

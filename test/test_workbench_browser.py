@@ -19,6 +19,8 @@ import numpy as np
 import pytest
 from rough_links import COULOMB, two_links
 
+pytestmark = pytest.mark.slow
+
 PATIENCE = 120.0
 RMSE = 'td:nth-of-type(2)'  # in the table of errors
 # Each view's heading, and how many plots it has at least, with the error so far.

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from gravity_comp_ros.api.provenance import bag_json, now
+from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
-from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.estimation.refit import refit
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.history import undone, with_step
+from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
@@ -33,9 +31,6 @@ are few or the effect shows in fast motion only (inertia, Coriolis, delay); --al
 --max-speed say otherwise. Errors are of data that was not fitted: whole runs, or blocks of time.
 docs/effects.md describes every effect.
 """
-
-# What is held out stays so with its margins, s.
-_GUARD = HoldoutOptions().guard
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -74,7 +69,7 @@ def _check_usage(args: argparse.Namespace) -> None:
 
 def _undo(args: argparse.Namespace, model: GravityModel) -> int:
     try:
-        back = undone(model, refitting.now())
+        back = undone(model, now())
     except DataError as problem:
         raise OptionError(f'{args.model}: {problem}') from problem
     step = back.history[-1]
@@ -92,17 +87,15 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
 
 
 def _add(args: argparse.Namespace, model: GravityModel) -> int:
-    wanted = requests(args.effects.split(','), model.joints)
+    effects = args.effects.split(',')
+    requests(effects, model.joints)  # a slip of the keyboard shows before bags are read
     args.joints = model.joints
     with terminal.progress() as report:
-        reports, samples = reading.read_all(args, report)
-        # What was held out of the model stays so.
-        use = ~within(samples, reading.held_out_blocks(model, reports, _GUARD))
-        result = refit(samples, model, wanted, refitting.speeds(args), use, report)
-    changed = with_step(result.model, model, result.added, refitting.now(), *result.by_joint())
-    changed = replace(changed, provenance=_provenance(model, reports))
+        recording = reading.load_all(args, report)
+        done = add_to_model(model, recording, effects, refitting.speeds(args), report)
+    result, reports = done.refit, recording.reports
     if not args.dry_run:
-        save_model(args.model, changed)
+        save_model(args.model, done.model)
     if args.json != '-':
         _show(args, result, reports)
     for line in [*reading.scale_warnings(model, reports), *refitting.warnings(result)]:
@@ -111,16 +104,8 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
              **refitting.to_json(result),
-             'bags': [reading.bag_json(r) for r in reports]}, args.json)
+             'bags': [bag_json(r) for r in reports]}, args.json)
     return 0
-
-
-def _provenance(model: GravityModel, reports: tuple[ReadReport, ...]) -> dict[str, Any]:
-    """Return the model's provenance with the bags that it is now fitted to."""
-    known = list(model.provenance.get('bags', ()))
-    seen = {bag['sha256'] for bag in known}
-    new = [reading.bag_json(report) for report in reports if report.sha256 not in seen]
-    return {**model.provenance, 'bags': [*known, *new]}
 
 
 def _show(args: argparse.Namespace, result: Refit,

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.printable import counted
+from gravity_comp_ros.errors import OptionError
 
 if TYPE_CHECKING:
     from gravity_comp_ros.data.gate import GateOptions
     from gravity_comp_ros.recordings.bag import ReadOptions
+
+
+# Those of `recordings.bag`, which would have to be loaded for --help; a test compares them.
+_EFFORT_UNITS = ('Nm', 'mNm', 'Ncm', 'kgfcm', 'kgfm', 'lbfft', 'lbfin')
 
 
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
@@ -28,7 +29,7 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     """
-    Add --topic, --effort-scale, --differentiate and, unless a model says it, --joints.
+    Add what says how a bag is read; --joints unless a model says it.
 
     `read_options` says what they mean.
     """
@@ -43,6 +44,14 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
+    group.add_argument('--effort-unit', choices=_EFFORT_UNITS, default='Nm',
+                       help='unit of the effort in the bag (default: %(default)s); for a motor '
+                       'current give --effort-scale')
+    group.add_argument('--degrees', action='store_true',
+                       help='angles and speeds in the bag are in degrees')
+    group.add_argument('--rename', metavar='OLD=NEW,...', type=renames, action='extend',
+                       default=[], help='call joints of the bag by other names, as those of a '
+                       'URDF; the other options and the model use the new ones')
     group.add_argument('--differentiate', action='store_true',
                        help='take speeds from the positions, for a driver whose velocities are '
                        '0 or wrong; where there are none that is done anyway')
@@ -54,11 +63,12 @@ def read_options(args: argparse.Namespace) -> ReadOptions:
     merged: dict[str, float] = {}
     for part in args.effort_scale:
         merged.update(part)
-    return ReadOptions(args.topic, args.joints, merged, args.differentiate)
+    return ReadOptions(args.topic, args.joints, merged, args.differentiate, args.degrees,
+                       args.effort_unit, dict(args.rename))
 
 
 def add_gate(parser: argparse.ArgumentParser) -> None:
-    """Add --max-speed, --rate and --all-samples; see `gated`."""
+    """Add --max-speed, --rate and --all-samples; see `gate`."""
     group = parser.add_argument_group('slow-motion gate (gravity shows only in slow motion)')
     group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
                        help='fastest joint speed that a sample may have')
@@ -81,56 +91,14 @@ def gate_options(args: argparse.Namespace) -> GateOptions:
     return GateOptions(**{key: value for key, value in given.items() if value is not None})
 
 
-@dataclass(frozen=True)
-class Gated:
-    """Samples that passed the gate, and what became of the others."""
-
-    samples: JointSamples
-    total: int
-    dropped: Mapping[str, int]
-    all_samples: bool
-
-    def to_json(self) -> dict[str, object]:
-        return {'total': self.total, 'kept': self.samples.n_samples,
-                'dropped': dict(self.dropped), 'all_samples': self.all_samples}
-
-    def sentence(self) -> str:
-        """Return one line on what was kept and why the rest was not."""
-        if self.all_samples:
-            return f'{counted(self.total, "sample")} used, fast ones too'
-        why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
-        return (f'{self.samples.n_samples} of {counted(self.total, "sample")} pass the '
-                'slow-motion gate'
-                + (f' ({why})' if why else ''))
-
-
-def gated(args: argparse.Namespace, samples: JointSamples) -> Gated:
+def gate(args: argparse.Namespace) -> GateOptions | None:
     """
-    Return the samples that the gate of `args` lets through.
+    Return the gate that the arguments ask for, None with --all-samples.
 
-    :raises DataError: if none passes.
+    :raises OptionError: if they contradict each other.
     """
     options = gate_options(args)
-    if args.all_samples:
-        return Gated(samples, samples.n_samples, {}, True)
-    from gravity_comp_ros.data.gate import slow_samples
-    result = slow_samples(samples, options)
-    return slow_only(result.samples, samples.n_samples, result.dropped, options)
-
-
-def slow_only(samples: JointSamples, total: int, dropped: Mapping[str, int],
-              options: GateOptions) -> Gated:
-    """
-    Return what the gate kept of `total` samples.
-
-    :raises DataError: if that is none.
-    """
-    if samples.n_samples == 0:
-        raise DataError(
-            f'none of the {total} samples is slow (every joint under '
-            f'{options.max_speed:g} rad/s): record slow motion, raise --max-speed, or pass '
-            '--all-samples')
-    return Gated(samples, total, dict(dropped), False)
+    return None if args.all_samples else options
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -187,6 +155,17 @@ def scales(text: str) -> dict[str, float]:
         if number == 0.0:
             raise argparse.ArgumentTypeError(f'{part!r}: a scale of 0 leaves no torque')
         found[name.strip()] = number
+    return found
+
+
+def renames(text: str) -> list[tuple[str, str]]:
+    """Return the pairs in `OLD=NEW,...`."""
+    found = []
+    for part in text.split(','):
+        old, equals, new = (word.strip() for word in part.partition('='))
+        if not (old and equals and new):
+            raise argparse.ArgumentTypeError(f'{part!r} is not OLD=NEW')
+        found.append((old, new))
     return found
 
 

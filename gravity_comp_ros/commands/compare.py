@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
+from gravity_comp_ros.api.provenance import held_out_blocks
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.evaluation.compare import Calibration, compare, JointComparison
+from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted, printable
@@ -69,15 +73,16 @@ def _run(args: argparse.Namespace) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         loaded = reading.load(args, report)
-    samples, fitted = _unseen(args, model, loaded)
-    comparison = compare(model, samples, loaded.samples)
+    part, fitted = _unseen(args, model, loaded)
+    samples = part.slow
+    comparison = compare_model(model, part)
     joints = {name: comparison.joints[name] for name in chosen}
     if args.html:
         html.write(args, html.contents(
             args, model, loaded.samples, comparison, _judged(samples, loaded), loaded.reports,
-            None, *_previous(args, model, samples, loaded.samples), shown=chosen))
+            None, *_previous(args, model, part), shown=chosen))
     if args.json != '-':
-        for line in loaded.lines():
+        for line in reading.lines(loaded):
             terminal.show(terminal.safe(line))
         terminal.show('', _table(model, joints, samples))
         for line in [*_failures(joints, comparison.share_outside), *_band(comparison.band)]:
@@ -95,15 +100,15 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _judged(samples: JointSamples, loaded: reading.Loaded) -> str:
+def _judged(samples: JointSamples, loaded: Recording) -> str:
     """Return in words which samples the errors are of."""
     kept = loaded.gated.samples.n_samples
     held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
     return f'{counted(samples.n_samples, "sample")} ({loaded.gated.sentence()}{held})'
 
 
-def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSamples,
-              recorded: JointSamples) -> tuple[dict[str, float], str]:
+def _previous(args: argparse.Namespace, model: GravityModel,
+              part: Recording) -> tuple[dict[str, float], str]:
     """Return RMSE by joint of an earlier model on the same samples, and its name."""
     if args.previous is not None:
         other, name = load_model(args.previous), args.previous.name
@@ -112,7 +117,7 @@ def _previous(args: argparse.Namespace, model: GravityModel, samples: JointSampl
         if not steps or steps[-1].previous is None:
             return {}, ''
         other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'
-    found = compare(other, samples, recorded)
+    found = compare_model(other, part)
     return {joint: x.rmse for joint, x in found.joints.items()}, name
 
 
@@ -121,22 +126,21 @@ def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
 
 
 def _unseen(args: argparse.Namespace, model: GravityModel,
-            loaded: reading.Loaded) -> tuple[JointSamples, list[str]]:
-    """Return the samples to judge on, and the bags among them that the model was fitted to."""
-    samples = loaded.gated.samples
+            loaded: Recording) -> tuple[Recording, list[str]]:
+    """Return the part to judge on, and the bags in it that the model was fitted to."""
     known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
     seen = [run for run, report in enumerate(loaded.reports) if report.sha256 in known]
     blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
     if not args.holdout:
-        return samples, [loaded.reports[run].path.name for run in seen]
+        return loaded, [loaded.reports[run].path.name for run in seen]
     if not blocks:
         raise OptionError(f'nothing was held out when {args.model} was fitted: fit it with '
                           '--holdout')
     fresh = [Block(run, -float('inf'), float('inf')) for run in range(len(loaded.reports))
              if run not in seen]
-    held_out = reading.held_out_blocks(model, loaded.reports)
-    kept = samples.select(within(samples, [*fresh, *held_out]))
-    if kept.n_samples == 0:
+    held_out = held_out_blocks(model, loaded.reports)
+    kept = replace(loaded, use=within(loaded.samples, [*fresh, *held_out]))
+    if not kept.slow.n_samples:
         raise DataError('the model was fitted to all of these bags: nothing of them was held out')
     return kept, []
 

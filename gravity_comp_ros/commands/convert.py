@@ -20,8 +20,10 @@ columns (--time, --position, --velocity, --effort):
   q_{i}      every column with a number in that place, in order: q_0, q_1, ...
   a,b,c      these, by name
   2-8        the second to the eighth; numbers count from 1
+  none       no such column, for --time
   In an NPZ file an array q of M rows and N columns is called q.
 Left out, usual names are looked for: t or time, q_{i}, qd_{i}, tau_{i} and the like.
+Between semicolons or tabs, numbers may have a decimal comma.
 
 examples:
   gravity_comp convert log.csv -o log.mcap
@@ -46,15 +48,18 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
     for what in ('time', 'position', 'velocity', 'effort'):
         group.add_argument(f'--{what}', metavar='COLUMNS', help=f'columns of {what}')
     group.add_argument('--rate', metavar='HZ', type=positive,
-                       help='fixed rate, for a table without time')
+                       help='fixed rate, for a table without time (--time none ignores one)')
     group.add_argument('--joint-names', metavar='A,B,...', type=joint_list,
                        help='names to record (default: joint_1, joint_2, ...)')
 
 
 def _add_units(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default='s')
-    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default='rad')
-    group.add_argument('--effort-unit', choices=tuple(EFFORT_UNITS), default='Nm')
+    group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default=None,
+                       help='(default: s, and a question where that cannot be)')
+    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default='rad',
+                       help='of positions and velocities (default: %(default)s)')
+    group.add_argument('--effort-unit', choices=tuple(EFFORT_UNITS), default='Nm',
+                       help='A and mA need --torque-constant (default: %(default)s)')
     group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
                        help='-1 where the file has the torque on the drive, not by it '
                        '(several: write --effort-sign=-1,1,...)')

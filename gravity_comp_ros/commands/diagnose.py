@@ -8,6 +8,7 @@ from pathlib import Path
 import shlex
 import time
 
+from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
@@ -75,7 +76,8 @@ def _run(args: argparse.Namespace) -> int:
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
-        reports, samples = reading.read_all(args, report)
+        recording = reading.load_all(args, report)
+        reports, samples = recording.reports, recording.samples
         diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
     for line in reading.scale_warnings(model, reports) if model else []:
@@ -98,7 +100,7 @@ def _run(args: argparse.Namespace) -> int:
         terminal.emit_json(
             {**diagnosis.to_json(), 'verdict': wording.verdict(diagnosis),
              'model': args.model.name if args.model else None,
-             'data': check.to_json(), 'bags': [reading.bag_json(r) for r in reports],
+             'data': check.to_json(), 'bags': [bag_json(r) for r in reports],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
     return 0
 

@@ -10,19 +10,17 @@ import re
 import time
 from typing import Any
 
+from gravity_comp_ros.api.provenance import Holdout
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model, fit_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.data.holdout import HoldoutOptions, Split, split, within
-from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions, FitResult
-from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.refit_result import Refit
-from gravity_comp_ros.evaluation.compare import compare, Comparison
-from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 
 VERB = 'fit'
@@ -74,30 +72,30 @@ def run(args: argparse.Namespace) -> int:
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
-        loaded = (reading.load_slow if only_slow else reading.load)(args, report)
-        axes = _axes(args, loaded)
-        order = _order(args, loaded, axes)
-        loaded = loaded.ordered(order.joints)
-        parts = _split(args, loaded)
-        fitted = parts.fitted if parts else loaded.gated.samples
+        whole = (reading.load_slow if only_slow else reading.load)(args, report)
+        axes = _axes(args, whole)
+        order = _order(args, whole, axes)
+        whole = whole.select_joints(order.joints)
+        fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
+        effects = args.effects.split(',') if args.effects is not None else ()
+        speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        result, joint = _fit(args, loaded, fitted, parts, axes, report)
+        found = fit_model(fitted, _options(args, axes), effects, speeds, report)
         seconds = time.perf_counter() - started
-    judged = compare(result.model, parts.held_out, loaded.samples) if parts else None
-    provenance = {**result.model.provenance, **loaded.to_json(),
-                  'holdout': _holdout_json(args, loaded, parts),
-                  'description': axes.to_json(), 'joint_order': order.source}
-    model = replace(result.model, provenance=provenance)
+    result, joint = found.result, found.refit
+    model = replace(found.model, provenance={
+        **found.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
+    judged = compare_model(model, held) if held else None
     document = {
         'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
         'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': provenance['holdout'], 'description': axes.to_json(),
-        'joint_order': order.source, **loaded.to_json(),
+        'holdout': model.provenance['holdout'], 'description': axes.to_json(),
+        'joint_order': order.source, **whole.to_json(),
         **(refitting.to_json(joint) if joint else {})}
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, loaded, axes, order, parts, result, judged, seconds)
+        _show(args, fitted, axes, order, result, judged, seconds)
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
@@ -110,58 +108,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _fit(args: argparse.Namespace, loaded: reading.Loaded, fitted: JointSamples,
-         parts: Split | None, axes: KnownAxes, report: terminal.ProgressCallback
-         ) -> tuple[FitResult, Refit | None]:
-    """Return the fit; with --effects its model has them, and the refit that judged them."""
+def _options(args: argparse.Namespace, axes: KnownAxes) -> FitOptions:
     usual = FitOptions().formulation
     if axes.geometry is not None:
         # Nobody has said that the recording's own description is right: the data decide.
         usual = 'chain' if axes.asked else 'auto'
-    options = FitOptions(formulation=args.formulation or usual, geometry=axes.geometry)
-    if args.effects is None:
-        return fit(fitted, options, report), None
-    samples = loaded.samples
-    wanted = requests(args.effects.split(','), samples.names)
-    use = ~within(samples, parts.guarded) if parts else None
-    both = fit_with_effects(samples, fitted, wanted, options, refitting.speeds(args), use, report)
-    model = with_step(both.joint.model, both.gravity, both.joint.added, refitting.now(),
-                      *both.joint.by_joint())
-    found = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
-    return FitResult(model, found, both.fit.converged), both.joint
+    return FitOptions(formulation=args.formulation or usual, geometry=axes.geometry)
 
 
-def _axes(args: argparse.Namespace, loaded: reading.Loaded) -> KnownAxes:
+def _axes(args: argparse.Namespace, recording: Recording) -> KnownAxes:
     """Return the axes from a description, unless the formulation has no use for them."""
     if args.formulation not in (None, 'chain', 'auto'):
         return KnownAxes()
-    return known_axes(args, loaded.samples.names, choose=args.joints is None)
+    return known_axes(args, recording.joints, choose=args.joints is None)
 
 
-def _order(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes) -> JointOrder:
+def _order(args: argparse.Namespace, recording: Recording, axes: KnownAxes) -> JointOrder:
     """Return the order of the arm, as the user, a description or the names tell it."""
     if axes.geometry is not None:
         return JointOrder(axes.geometry.joints, 'description')
     if args.joints is not None:
-        return JointOrder(loaded.samples.names, '--joints')
-    return joint_order(loaded.samples.names)
-
-
-def _split(args: argparse.Namespace, loaded: reading.Loaded) -> Split | None:
-    if args.holdout is None:
-        return None
-    return split(loaded.gated.samples, HoldoutOptions(fraction=args.holdout))
-
-
-def _holdout_json(args: argparse.Namespace, loaded: reading.Loaded,
-                  parts: Split | None) -> dict[str, Any] | None:
-    """Return which stretches of which bags were held out; times are from the bag's start."""
-    if parts is None:
-        return None
-    return {'fraction': args.holdout, 'n_samples': parts.held_out.n_samples,
-            'blocks': [{'name': loaded.reports[b.run].path.name,
-                        'sha256': loaded.reports[b.run].sha256,
-                        'start': b.start, 'end': b.end} for b in parts.blocks]}
+        return JointOrder(recording.joints, '--joints')
+    return joint_order(recording.joints)
 
 
 def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]:
@@ -179,13 +147,12 @@ def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]
     return found
 
 
-def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes, order: JointOrder,
-          parts: Split | None, result: FitResult, judged: Comparison | None,
-          seconds: float) -> None:
-    for line in [*loaded.lines(), *axes.notes, f'order of joints: {order.source}']:
+def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: JointOrder,
+          result: FitResult, judged: Comparison | None, seconds: float) -> None:
+    for line in [*reading.lines(fitted), *axes.notes, f'order of joints: {order.source}']:
         terminal.show(terminal.safe(line))
-    if parts:
-        terminal.show(terminal.safe(_holdout_sentence(loaded, parts)))
+    if fitted.holdout:
+        terminal.show(terminal.safe(_holdout_sentence(fitted, fitted.holdout)))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
     if 'choice' in result.report:
         choice = result.report['choice']
@@ -201,13 +168,13 @@ def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes, ord
     terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
 
 
-def _holdout_sentence(loaded: reading.Loaded, parts: Split) -> str:
-    if loaded.gated.samples.n_runs > 1:
-        what = ', '.join(loaded.reports[block.run].path.name for block in parts.blocks)
+def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
+    if fitted.n_runs > 1:
+        what = ', '.join(fitted.reports[block.run].path.name for block in holdout.blocks)
     else:
-        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in parts.blocks)
-    return (f'held out: {what} ({parts.held_out.n_samples} samples); '
-            f'{parts.fitted.n_samples} are fitted')
+        what = ' and '.join(f'{b.start:.1f} to {b.end:.1f} s' for b in holdout.blocks)
+    return (f'held out: {what} ({holdout.n_samples} samples); '
+            f'{fitted.slow.n_samples} are fitted')
 
 
 def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:

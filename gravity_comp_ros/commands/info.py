@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands.arguments import (
     add_bags, add_gate, add_json, add_reading, gate_options, read_options)
-from gravity_comp_ros.commands.reading import bag_json
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import describe, JointFacts, RecordingFacts

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from datetime import datetime, UTC
 from typing import Any
 
 from gravity_comp_ros.commands import terminal
@@ -18,11 +17,6 @@ from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.printable import counted
 
 _MOST_SHOWN = 6
-
-
-def now() -> str:
-    """Return the time, for a model's history."""
-    return datetime.now(UTC).isoformat(timespec='seconds')
 
 
 def speeds(args: argparse.Namespace) -> RefitOptions:

@@ -26,6 +26,7 @@ motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
   random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
+  FILE.yaml  what `gravity_comp plan` has written (50 Hz)
   multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
 
 examples:
@@ -37,6 +38,9 @@ examples:
   gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
 """
 
+_MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
+_FILE_RATE = 50.0
+_FILES = ('.yaml', '.yml', '.csv')
 # Length in s and rate in Hz.
 _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5),
              'multisine': (100.0, 50.0)}
@@ -66,8 +70,9 @@ def _add_arm(group: argparse._ArgumentGroup) -> None:
 
 
 def _add_motion(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--motion', choices=('eq15', 'eq17', 'random', 'multisine'),
-                       default='eq17', help='see below (default: eq17)')
+    group.add_argument('--motion', metavar='NAME|FILE', type=_motion_name, default='eq17',
+                       help=f'{", ".join(_MOTIONS)}, see below, or a motion that `plan` has '
+                       'written (.yaml or .csv) (default: eq17)')
     group.add_argument('--duration', metavar='S', type=positive, help='length in s')
     group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
     group.add_argument('--samples', metavar='N', type=count,
@@ -140,15 +145,14 @@ def _arm(args: argparse.Namespace) -> arms.Arm:
 def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
+    if Path(args.motion).suffix in _FILES:
+        return _played(args, arm)
     if args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
     default_duration, default_rate = _DEFAULTS[args.motion]
     rate = args.rate or default_rate
     duration = args.samples / rate if args.samples else args.duration or default_duration
-    if duration * rate > _MOST_SAMPLES:
-        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
-                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
-                          f'--rate')
+    _check_size(duration, rate)
     if args.motion == 'random':
         poses = max(1, round(duration * rate))
         return motions.random_poses(arm.lower, arm.upper, poses, args.seed, 1 / rate, args.start)
@@ -158,6 +162,42 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
                                  duration, rate, args.start)
     make = motions.eq15 if args.motion == 'eq15' else motions.eq17
     return make(duration, rate, args.start)
+
+
+def _motion_name(text: str) -> str:
+    if text not in _MOTIONS and Path(text).suffix not in _FILES:
+        raise argparse.ArgumentTypeError(f'no motion {text}; give one of {", ".join(_MOTIONS)}, '
+                                         f'or a {" or ".join(_FILES)} file')
+    return text
+
+
+def _check_size(duration: float, rate: float) -> None:
+    if duration * rate > _MOST_SAMPLES:
+        raise OptionError(f'{duration:g} s at {rate:g} Hz are {duration * rate:.3g} samples; at '
+                          f'most {_MOST_SAMPLES:.0e} are simulated: shorten --duration or lower '
+                          f'--rate')
+
+
+def _played(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
+    """Return the motion in a file, from its beginning to its end."""
+    from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+    if args.max_speed is not None or args.start:
+        raise OptionError('--max-speed and --start are not for a motion from a file')
+    found = read_trajectory(Path(args.motion))
+    if sorted(found.joints) != sorted(arm.joints):
+        raise OptionError(f'{args.motion} moves {", ".join(found.joints)}, but the joints of '
+                          f'{arm.name} are {", ".join(arm.joints)}')
+    order = [found.joints.index(joint) for joint in arm.joints]
+
+    def path(t: motions.FloatArray
+             ) -> tuple[motions.FloatArray, motions.FloatArray, motions.FloatArray]:
+        q, qd, qdd = found.at(t + found.t[0])
+        return q[:, order], qd[:, order], qdd[:, order]
+
+    rate = args.rate or _FILE_RATE
+    duration = args.samples / rate if args.samples else args.duration or found.duration
+    _check_size(duration, rate)
+    return motions.sample(Path(args.motion).name, path, duration, rate)
 
 
 def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import update_model, Updated
+from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
-from gravity_comp_ros.estimation.update import update, UpdateResult
+from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
-from gravity_comp_ros.models.history import undone, with_step
+from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 
 VERB = 'update'
@@ -67,7 +67,7 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
         raise OptionError(f'the last change of {args.model} is no update: '
                           f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
     try:
-        back = undone(model, refitting.now())
+        back = undone(model, now())
     except DataError as problem:
         raise OptionError(f'{args.model}: {problem}') from problem
     if not args.dry_run:
@@ -86,9 +86,9 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        result, axes = _updated(model, _gravity(model, loaded), known_axes(args, model.joints))
+        done, axes = _updated(model, loaded, known_axes(args, model.joints))
         report('update', 1.0)
-    changed = _with_history(model, result, loaded)
+    changed, result = done.model, done.result
     if not args.dry_run:
         save_model(target, changed)
     if args.json != '-':
@@ -104,43 +104,19 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     return 0
 
 
-def _updated(model: GravityModel, samples: JointSamples,
-             axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
+def _updated(model: GravityModel, loaded: Recording,
+             axes: KnownAxes) -> tuple[Updated, KnownAxes]:
     """Return the update, and the axes that it used: a recording's own only if they fit."""
     try:
-        return update(model, samples, geometry=axes.geometry), axes
+        return update_model(model, loaded, axes.geometry), axes
     except ModelMismatchError as problem:
         if axes.geometry is None or axes.asked:
             raise
         unused = KnownAxes(problem=f'robot description not used: {problem}')
-        return update(model, samples), unused
+        return update_model(model, loaded), unused
 
 
-def _gravity(model: GravityModel, loaded: reading.Loaded) -> JointSamples:
-    """Return the gated samples without what the model's effects add to gravity."""
-    samples = loaded.gated.samples
-    if not model.applied.effects:
-        return samples
-    taken = effect_torque(model, loaded.samples)[rows_of(loaded.samples, samples)]
-    return replace(samples, tau=samples.tau - taken)
-
-
-def _with_history(model: GravityModel, result: UpdateResult,
-                  loaded: reading.Loaded) -> GravityModel:
-    """Return the new model with where it came from, and the old one to go back to."""
-    report, new = result.report, result.model
-    bags = [reading.bag_json(bag) for bag in loaded.reports]
-    *before, last = new.provenance['updates']
-    known = model.provenance.get('bags', ())
-    seen = {bag['sha256'] for bag in known}
-    provenance = {**new.provenance,
-                  'updates': [*before, {'when': refitting.now(), 'bags': bags, **last}],
-                  'bags': [*known, *(bag for bag in bags if bag['sha256'] not in seen)]}
-    return with_step(replace(new, provenance=provenance), model, ('payload',), refitting.now(),
-                     report['rmse_before'], report['rmse'], UPDATED)
-
-
-def _warnings(model: GravityModel, result: UpdateResult, loaded: reading.Loaded) -> list[str]:
+def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:
     lines = [*result.report['warnings'], *reading.scale_warnings(model, loaded.reports)]
     known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
     lines += [f'the model was fitted to {bag.path.name} already: is it of the new payload?'
@@ -148,9 +124,9 @@ def _warnings(model: GravityModel, result: UpdateResult, loaded: reading.Loaded)
     return lines
 
 
-def _show(args: argparse.Namespace, loaded: reading.Loaded, axes: KnownAxes,
+def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
           result: UpdateResult, target: Path) -> None:
-    for line in [*loaded.lines(), *axes.notes]:
+    for line in [*reading.lines(loaded), *axes.notes]:
         terminal.show(terminal.safe(line))
     terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
     done = 'nothing written (--dry-run)' if args.dry_run else f'written to {target}'

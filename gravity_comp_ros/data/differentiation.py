@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import savgol_filter
 
 FloatArray = NDArray[np.float64]
 
@@ -68,6 +67,7 @@ def differentiate(t: ArrayLike, q: ArrayLike,
 
 def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
     """Return the speed over one stretch without a gap."""
+    from scipy.signal import savgol_filter  # half a second that most runs do not need
     if len(t) < 2:
         return np.full_like(q, np.nan)
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)

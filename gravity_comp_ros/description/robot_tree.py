@@ -77,13 +77,18 @@ class TreeJoint:
                             f'direction')
         return axis / length
 
-    def rest(self) -> float:
-        """Return 0, or the middle of the limits if 0 lies beyond them."""
+    def limits(self) -> tuple[float, float] | None:
+        """Return the lower and upper limit of the position; None for a joint without limits."""
         limit = _child(self.element, 'limit')
         if limit is None or self.kind == 'continuous':
-            return 0.0
+            return None
         low, high = self._number(limit, 'lower', 0.0), self._number(limit, 'upper', 0.0)
-        return 0.0 if low <= 0.0 <= high or low > high else 0.5 * (low + high)
+        return (low, high) if low <= high else None
+
+    def rest(self) -> float:
+        """Return 0, or the middle of the limits if 0 lies beyond them."""
+        low, high = self.limits() or (0.0, 0.0)
+        return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
     def _number(self, element: Element, key: str, default: float) -> float:
         text = element.get(key)

@@ -11,7 +11,7 @@ from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import Motion
 import numpy as np
-from scipy import stats
+from scipy import special
 
 _DOUBT = 0.05
 # Where one place has more than this of an effect (a stop that one run has reached), what the
@@ -56,7 +56,7 @@ def all_may_be_nothing(selection: Selection, candidate: Candidate) -> bool:
     values = fit.all_data[here]
     spread = _covariance(selection, joint, fit, groups)[np.ix_(here, here)]
     t2 = float(values @ np.linalg.lstsq(spread, values, rcond=1e-10)[0])
-    return bool(stats.f.sf(t2 * (b - k) / (k * (b - 1)), k, b - k) >= _DOUBT)
+    return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 
 def _half_widths(selection: Selection, joint: int, fit: Fit) -> FloatArray:
@@ -64,7 +64,7 @@ def _half_widths(selection: Selection, joint: int, fit: Fit) -> FloatArray:
     widths = []
     for groups in (np.arange(selection.blocks.count), selection.blocks.places):
         spread = _covariance(selection, joint, fit, groups)
-        wide = stats.t.ppf(0.975, max(int(groups.max()), 2))
+        wide = special.stdtrit(max(int(groups.max()), 2), 0.975)
         told = largest_part(selection.grams[joint], fit.columns, groups) < _ONE_PLACE
         widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)) * told)
     return np.asarray(np.max(widths, axis=0))

@@ -79,7 +79,8 @@ def joint_gram(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray,
 
 @dataclass(frozen=True)
 class Prior:
-    """What other joints tell about shared columns: information (F, S, S) and vector (F, S).
+    """
+    What other joints tell about shared columns: information (F, S, S) and vector (F, S).
 
     One for each of the F folds left out, and a last one with all data.
     """

@@ -4,11 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import Any
 
 from gravity_comp_ros.diagnosis.structure_tests import StructureTest
 
-VERDICTS = ('established', 'likely', 'ambiguous', 'weak', 'untestable', 'unexplained')
+
+class Verdict(StrEnum):
+    """How sure a finding is, the surest first; the last two say what cannot be judged."""
+
+    ESTABLISHED = 'established'
+    LIKELY = 'likely'
+    AMBIGUOUS = 'ambiguous'
+    WEAK = 'weak'
+    UNTESTABLE = 'untestable'
+    UNEXPLAINED = 'unexplained'
+
+
+VERDICTS = tuple(Verdict)
 
 
 @dataclass(frozen=True)
@@ -27,7 +40,8 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out fractions of the torque's range (Yu 2022,
     Eq. 16) without and with it; `base_absorbed` is the share of it that the gravity model
-    imitates; `runs_better` the share of runs on which it helps.
+    imitates; `runs_better` the share of runs on which it helps. `verdict` is a `Verdict`, which
+    compares and prints as its text.
     """
 
     joint: str | None
@@ -43,6 +57,9 @@ class Finding:
     next_step: str
     p: float = 1.0
     setting: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, 'verdict', Verdict(self.verdict))
 
     def to_json(self) -> dict[str, Any]:
         """Return the finding as `diagnose --json` prints it."""

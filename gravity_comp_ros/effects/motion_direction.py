@@ -15,13 +15,13 @@ A width that is wrong by a few mrad/s would come back as a Stribeck effect of ju
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.presliding import presliding_state, steady_path
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 # rad/s. Below this, encoders and drives are not to be trusted.
 LEAST_WIDTH = 0.002
@@ -99,11 +99,9 @@ def _best_hold(fit: _Fit, samples: JointSamples, path: FloatArray) -> tuple[floa
     errors = [fit.error(_held(samples, path, hold)) for hold in HOLDS]
     best = int(np.argmin(errors))
     low, high = HOLDS[max(best - 1, 0)], HOLDS[min(best + 1, len(HOLDS) - 1)]
-    found = minimize_scalar(lambda x: fit.error(_held(samples, path, float(np.exp(x)))),
-                            bounds=(np.log(low), np.log(high)), method='bounded',
-                            options={'xatol': 0.05})
-    if found.fun < errors[best]:
-        return float(np.exp(found.x)), float(found.fun)
+    hold, error = _between(lambda x: fit.error(_held(samples, path, x)), low, high, 0.05)
+    if error < errors[best]:
+        return hold, error
     return HOLDS[best], errors[best]
 
 
@@ -148,9 +146,15 @@ def _best_width(fit: _Fit, qd: FloatArray, least: float) -> tuple[float, float]:
     grid = np.geomspace(least, widest, _GRID)
     errors = [fit.error(np.tanh(qd / width)) for width in grid]
     best = int(np.argmin(errors))
-    low, high = np.log(grid[max(best - 1, 0)]), np.log(grid[min(best + 1, _GRID - 1)])
-    found = minimize_scalar(lambda x: fit.error(np.tanh(qd / np.exp(x))), bounds=(low, high),
-                            method='bounded', options={'xatol': 0.02})
-    if found.fun < errors[best]:
-        return float(np.exp(found.x)), float(found.fun)
-    return float(grid[best]), errors[best]
+    low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, _GRID - 1)])
+    width, error = _between(lambda x: fit.error(np.tanh(qd / x)), low, high, 0.02)
+    return (width, error) if error < errors[best] else (float(grid[best]), errors[best])
+
+
+def _between(error: Callable[[float], float], low: float, high: float,
+             tolerance: float) -> tuple[float, float]:
+    """Return the positive x with the smallest error, to a relative tolerance, and that error."""
+    from scipy.optimize import minimize_scalar  # half a second that most runs do not need
+    found = minimize_scalar(lambda x: error(float(np.exp(x))), bounds=(np.log(low), np.log(high)),
+                            method='bounded', options={'xatol': tolerance})
+    return float(np.exp(found.x)), float(found.fun)

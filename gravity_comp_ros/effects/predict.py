@@ -13,7 +13,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Motion
 from gravity_comp_ros.effects.motion import accelerations, gravity_gradient
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
-from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
@@ -86,8 +86,8 @@ def installed(applied: AppliedEffect) -> Effect:
         broken = broken_plug_ins()
         why = f' ({broken[0]})' if broken else ''
         raise ModelMismatchError(
-            f'the model has an effect {printable(applied.name)} that is not installed here{why}; '
-            f'install the package that brings it, or take it back with `gravity_comp add --undo`')
+            f'the model has an effect {printable(applied.name)} that is not installed here{why}',
+            Hint.INSTALL_EFFECT)
     return effect
 
 

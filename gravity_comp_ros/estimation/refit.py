@@ -25,7 +25,7 @@ from gravity_comp_ros.evaluation.blocks import Blocks, cut
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 import numpy as np
-from scipy import stats
+from scipy import special
 
 Progress = Callable[[str, float], None]
 
@@ -234,7 +234,7 @@ def _with_effects(work: RefitProblem, terms: tuple[Term, ...],
     samples = work.motion.samples.select(work.rows)
     blocks = cut(samples, rest)
     covariance = system.covariance(blocks)
-    half = (stats.t.ppf(0.975, max(blocks.count - 1, 2))
+    half = (special.stdtrit(max(blocks.count - 1, 2), 0.975)
             * np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     k = step_size(work.model)
     effects, first = list(kept), k

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.display import percent, Shown, TextTable
 from gravity_comp_ros.effects.predict import predict_torque, rows_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.residual_regions import find_places, Place
@@ -61,8 +63,8 @@ class JointComparison:
     band: Calibration | None = None
 
 
-@dataclass(frozen=True)
-class Comparison:
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Shown):
     """
     The comparison of every joint; `residual` (M, N) in N·m.
 
@@ -78,6 +80,21 @@ class Comparison:
     def worst(self) -> str:
         """Return the joint with the largest RMSE."""
         return max(self.joints, key=lambda name: self.joints[name].rmse)
+
+    def summary(self) -> str:
+        """Return one line: samples, and the joint with the largest error."""
+        worst = self.joints[self.worst]
+        return (f'error of the model on {worst.n} samples; largest on {self.worst}, RMSE '
+                f'{worst.rmse:.4g} N·m')
+
+    def parts(self) -> Iterable[str | TextTable]:
+        """Return the errors of every joint, and where the worst joint fails."""
+        yield TextTable(
+            ('joint', 'RMSE N·m', 'nRMSE', 'bias N·m', 'std N·m', 'max N·m', 'in 95 % band'),
+            tuple((name, f'{x.rmse:.4f}', percent(x.nrmse), f'{x.bias:+.4f}', f'{x.std:.4f}',
+                   f'{x.max_abs:.3f}', percent(x.band.trained.share if x.band else None))
+                  for name, x in self.joints.items()))
+        yield from (f'{self.worst} {place.words}' for place in self.joints[self.worst].where[:2])
 
     def to_json(self) -> dict[str, Any]:
         """Return what `compare --json` prints."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-from scipy import stats
+from scipy import special
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def _spread_below(d: FloatArray) -> float:
 def _p(d: FloatArray, spread: float) -> float:
     """Return Student's p of a mean that is not above 0."""
     error = max(spread / np.sqrt(len(d)), 1e-300)
-    return float(stats.t.sf(d.mean() / error, len(d) - 1))
+    return float(special.stdtr(len(d) - 1, -d.mean() / error))
 
 
 def share(before: FloatArray, after: FloatArray) -> float:

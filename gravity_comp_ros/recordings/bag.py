@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.errors import BagError, OptionError
+from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.read_notes import (
+    degree_notes, drop_impossible, gap_notes, IMPOSSIBLE, zero_effort_note, zero_velocity_notes)
+from gravity_comp_ros.recordings.several_arms import jumps_to_and_fro
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import (
@@ -34,10 +37,9 @@ LONELY = 'alone in a gap, no velocity'
 BAD_STAMPS = 0.1
 # A joint that travels further than this moves, rad.
 MOVES = 1e-3
-# No position in rad, speed or effort in any driver's unit is larger.
-IMPOSSIBLE = 1e9
-# A gap is longer than this, s, and than so many usual intervals.
-GAP, GAP_STEPS = 10.0, 100.0
+# N·m per unit of effort that a driver may publish; a current has none of its own.
+EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'kgfm': 9.80665,
+                'lbfft': 1.3558179483314004, 'lbfin': 0.1129848290276167}
 
 
 @dataclass(frozen=True)
@@ -50,25 +52,42 @@ class ReadOptions:
     `effort_scale`: N·m per unit of effort by joint, sign included; 1 where not given.
     A joint is given by its name, or by its number from 1 in the order of the first message.
     `differentiate`: take speeds from positions although there are velocities.
+    `degrees`: positions and velocities are in degrees.
+    `effort_unit`: one of `EFFORT_UNITS`; the scale is N·m per unit beside it.
+    `rename`: other names for joints, by the name in the recording; all else goes by these.
 
-    :raises OptionError: if a scale is 0 or not finite, or joints repeat.
+    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, or the unit
+        is unknown.
     """
 
     topic: str | None = None
     joints: tuple[str, ...] | None = None
     effort_scale: Mapping[str, float] = field(default_factory=dict)
     differentiate: bool = False
+    degrees: bool = False
+    effort_unit: str = 'Nm'
+    rename: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for joint, scale in self.effort_scale.items():
             if not np.isfinite(scale) or scale == 0:
                 raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '
                                   f'and not 0')
+        if self.effort_unit not in EFFORT_UNITS:
+            raise OptionError(f'effort unit {self.effort_unit!r} is not one of '
+                              f'{", ".join(EFFORT_UNITS)}')
+        if len(set(self.rename.values())) < len(self.rename):
+            raise OptionError(f'two joints get the same name: {", ".join(self.rename.values())}')
         if self.joints is not None:
             if not self.joints:
                 raise OptionError('no joints chosen')
             if len(set(self.joints)) < len(self.joints):
                 raise OptionError(f'joints repeat: {", ".join(self.joints)}')
+
+    def scale(self, joints: Sequence[str]) -> dict[str, float]:
+        """Return N·m per unit of effort as recorded, sign included, for each joint."""
+        unit = EFFORT_UNITS[self.effort_unit]
+        return {joint: unit * float(self.effort_scale.get(joint, 1.0)) for joint in joints}
 
 
 @dataclass(frozen=True)
@@ -142,16 +161,20 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     path = Path(path)
     with open_storage(path) as storage:
         topic, notes = choose_topic(path, storage, options.topic)
-        columns = _gather(storage, topic)
+        columns = _gather(storage, topic, options.rename)
     n_messages = len(columns) + sum(columns.dropped.values())
     where = f'{path}, topic {topic}'
     if not n_messages:
         raise BagError(f'{where} has no messages')
     if not len(columns):
         raise BagError(f'{where} has no usable message: {_listed(columns.dropped)}')
+    unknown = [name for name in options.rename if name not in columns.recorded]
+    if unknown:
+        raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} (to be renamed); it '
+                                 f'has {", ".join(sorted(columns.recorded))}')
     options = _by_name(where, columns.names, options)
     joints = choose_joints(where, columns, options.joints)
-    reading = _Reading(where, columns, joints, notes)
+    reading = _Reading(where, columns, joints, notes, options.degrees)
     return reading.recording(path, topic, n_messages, options)
 
 
@@ -169,16 +192,19 @@ class _Reading:
     """The steps from columns to samples; every step may drop messages and leave notes."""
 
     def __init__(self, where: str, columns: Columns, joints: tuple[str, ...],
-                 notes: list[str]) -> None:
+                 notes: list[str], degrees: bool) -> None:
         self.where, self.joints, self.notes = where, joints, notes
         self.dropped = Counter(columns.dropped)
         self.log_ns, self.stamp_ns = columns.log_ns, columns.stamp_ns
+        self.degrees = degrees
         present = columns.presence(joints)
         self.q, self.qd, self.tau = columns.values(joints)
         beyond = drop_impossible(self.q, self.qd, self.tau)
         if beyond:
             self.notes.append(f'{counted(beyond, "value")} beyond {IMPOSSIBLE:g}: no measurement '
                               f'of an arm, so taken as missing')
+        if degrees:
+            self.q, self.qd = np.radians(self.q), np.radians(self.qd)
         self._keep(present.any(axis=1), OTHER_JOINTS)
         present = present[present.any(axis=1)]
         self._keep(present.all(axis=1), MISSING)
@@ -188,14 +214,16 @@ class _Reading:
         self._check_values()
         unmeasured = self._unmeasured(options)
         clock = self._clock()
+        self._check_jumps()
         self._differentiate(clock, unmeasured)
         time = (self.times - self.times[0]) / 1e9
-        scale = {joint: float(options.effort_scale.get(joint, 1.0)) for joint in self.joints}
+        scale = options.scale(self.joints)
         samples = JointSamples.single_run(
             self.joints, time, self.q, self.qd, self.tau * list(scale.values()),
             path.name or path.resolve().name)
         steps = np.diff(time)
         self.notes += gap_notes(time)
+        self.notes += degree_notes(np.abs(self.q).max(initial=0.0), self.degrees)
         report = ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
             'differentiated' if unmeasured.any() else 'measured',
@@ -241,6 +269,12 @@ class _Reading:
         for joint in np.array(self.joints)[zero]:
             self.notes.append(zero_effort_note(joint))
 
+    def _check_jumps(self) -> None:
+        if jumps_to_and_fro(self.q):
+            raise BagError(f'{self.where}: positions jump to and fro from message to message, as '
+                           f'when two robots publish the same joint names on one topic; give '
+                           f'each a namespace and record again')
+
     def _unmeasured(self, options: ReadOptions) -> Mask:
         """Return the joints (N,) whose velocity must come from the position."""
         if options.differentiate:
@@ -276,59 +310,9 @@ class _Reading:
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
 
 
-def drop_impossible(*arrays: FloatArray) -> int:
-    """Put NaN for what is finite and yet no measurement, and return how many that was."""
-    count = 0
-    for values in arrays:
-        beyond = np.isfinite(values) & (np.abs(values) > IMPOSSIBLE)
-        values[beyond] = np.nan
-        count += int(beyond.sum())
-    return count
-
-
-def gap_notes(t: FloatArray) -> list[str]:
-    """
-    Say where a recording has a hole that no lost message explains.
-
-    :param t: times (M,) in s, rising.
-    """
-    steps = np.diff(t)
-    if not steps.size:
-        return []
-    longest = int(np.argmax(steps))
-    count = int((steps > max(GAP, GAP_STEPS * float(np.median(steps)))).sum())
-    if not count:
-        return []
-    what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
-    return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
-            f'its load changed in between, these are two recordings']
-
-
-def zero_effort_note(joint: str) -> str:
-    """Return the note on a joint whose effort never differs from 0."""
-    return f'effort of joint {joint} is always 0'
-
-
-def zero_velocity_notes(joints: tuple[str, ...], moves: Mask, speed: Mask) -> list[str]:
-    """
-    Say where a driver publishes 0 for a speed that it does not measure.
-
-    :param moves: which joints move (N,).
-    :param speed: which joints have a velocity other than 0, or one to be differentiated (N,).
-    """
-    zero = moves & ~speed
-    if not zero.any():
-        return []
-    if not speed.any():
-        return ['velocity is 0 throughout although joints move: taken as a series of poses at '
-                'rest; if the driver does not measure velocity, read it with --differentiate']
-    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although it '
-            f'moves: the driver does not measure it; read it with --differentiate']
-
-
-def _gather(storage: Storage, topic: str) -> Columns:
+def _gather(storage: Storage, topic: str, rename: Mapping[str, str]) -> Columns:
     """Decode all messages of a topic."""
-    columns, decoder = Columns(), LayoutDecoder()
+    columns, decoder = Columns(rename), LayoutDecoder()
     for batch in storage.batches(topic):
         columns.add(batch, decoder.decode(batch))
     return columns

@@ -18,10 +18,13 @@ from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import (
-    BAD_STAMPS, drop_impossible, gap_notes, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag,
-    ReadOptions, ReadReport, TIME, VELOCITY, zero_effort_note, zero_velocity_notes)
+    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME,
+    VELOCITY)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
+from gravity_comp_ros.recordings.read_notes import (
+    degree_notes, drop_impossible, gap_notes, zero_effort_note, zero_velocity_notes)
+from gravity_comp_ros.recordings.several_arms import arms_by_name, jumps_to_and_fro
 from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import choose_topic, RULE
@@ -76,9 +79,11 @@ def _first_joints(storage: Storage, topic: str, options: ReadOptions) -> tuple[s
     if options.joints is not None:
         return options.joints
     for batch in storage.batches(topic):
-        columns = Columns()
+        columns = Columns(options.rename)
         columns.add(batch, LayoutDecoder().decode(batch))
         if len(columns):
+            if arms_by_name(columns.names):
+                raise _UnusualError
             return columns.names
     raise _UnusualError
 
@@ -93,6 +98,7 @@ class _Pass:
         self._gate = BlockGate(len(joints), gate)
         self._dropped: Counter[str] = Counter()
         self._names: set[str] = set()
+        self._recorded: set[str] = set()
         self._messages = 0
         self._times = array('q')
         self._latest = -2**63
@@ -104,8 +110,9 @@ class _Pass:
     def run(self, storage: Storage, topic: str) -> None:
         decoder = LayoutDecoder()
         for batch in storage.batches(topic):
-            columns = Columns()
+            columns = Columns(self._options.rename)
             columns.add(batch, decoder.decode(batch))
+            self._recorded.update(columns.recorded)
             self._messages += len(batch)
             self._dropped.update(columns.dropped)
             self._names.update(columns.names)
@@ -118,6 +125,10 @@ class _Pass:
         present = columns.presence(self._joints)
         q, qd, tau = columns.values(self._joints)
         if drop_impossible(q, qd, tau):
+            raise _UnusualError
+        if self._options.degrees:
+            q, qd = np.radians(q), np.radians(qd)
+        if not self._times and jumps_to_and_fro(q):
             raise _UnusualError
         keep = np.ones(len(columns), dtype=bool)
         finite = np.isfinite(q).all(axis=1) & np.isfinite(tau).all(axis=1)
@@ -152,8 +163,7 @@ class _Pass:
     def recording(self, path: Path, topic: str, notes: list[str]) -> GatedRecording:
         self._check()
         t, q, qd, tau = (np.concatenate(parts) for parts in zip(*self._kept))
-        scale = {joint: float(self._options.effort_scale.get(joint, 1.0))
-                 for joint in self._joints}
+        scale = self._options.scale(self._joints)
         samples = JointSamples.single_run(
             self._joints, t, q, qd, tau * list(scale.values()),
             path.name or path.resolve().name)
@@ -163,6 +173,8 @@ class _Pass:
         times = (np.frombuffer(self._times, dtype=np.int64) - self._times[0]) / 1e9
         steps = np.diff(times)
         notes += gap_notes(times)
+        furthest = float(max(self._high.max(), -self._low.min()))
+        notes += degree_notes(furthest, self._options.degrees)
         report = ReadReport(
             path, topic, self._messages, len(times), dict(self._dropped), 'measured',
             float(1 / np.median(steps)) if steps.size else 0.0, float(times[-1]),
@@ -176,7 +188,8 @@ class _Pass:
         usual = (
             bool(self._times) and set(self._joints) <= self._names
             and (self._options.joints is not None or self._names <= set(self._joints))
-            and set(self._options.effort_scale) <= known and bool(self._loaded.any()))
+            and set(self._options.effort_scale) <= known and bool(self._loaded.any())
+            and set(self._options.rename) <= self._recorded)
         left = self._messages - sum(self._dropped[reason] for reason in self._dropped.keys() - {
             OTHER_JOINTS, MISSING, NOT_FINITE, VELOCITY, TIME})
         for reason, most in ((OTHER_JOINTS, 1.0), (MISSING, RULE), (NOT_FINITE, RULE),

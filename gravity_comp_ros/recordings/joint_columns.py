@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from gravity_comp_ros.recordings.message_batch import Batch
 from gravity_comp_ros.recordings.message_layout import Block
@@ -42,10 +42,14 @@ class Columns:
 
     Rows of messages with the same names lie together, so that a long recording costs 24 bytes
     a joint and message.
+
+    :param rename: other names for joints, by the name in the messages.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, rename: Mapping[str, str] | None = None) -> None:
         self.dropped: Counter[str] = Counter()
+        self.recorded: set[str] = set()   # names as they are in the messages
+        self._rename = dict(rename or {})
         self._log_ns, self._stamp_ns = array('q'), array('q')
         self._layouts: dict[tuple[str, ...], _Layout] = {}
 
@@ -70,13 +74,15 @@ class Columns:
             self.dropped[UNDECODABLE] += len(batch) - seen
         rows = len(self) + np.cumsum(good) - 1
         for block in taken:
-            self._layouts.setdefault(block.names, _Layout()).take(rows[block.which], block)
+            self.recorded.update(block.names)
+            names = self._named(block.names)
+            self._layouts.setdefault(names, _Layout()).take(rows[block.which], block)
         self._log_ns.frombytes(np.minimum(batch.log_ns[good], _MAX_NS).astype('i8').tobytes())
         self._stamp_ns.frombytes(stamps[good].tobytes())
 
     def _defect(self, block: Block) -> str | None:
-        size = len(block.names)
-        if block.names not in self._layouts and len(set(block.names)) < size:
+        size, names = len(block.names), self._named(block.names)
+        if names not in self._layouts and len(set(names)) < size:
             return DUPLICATE
         if (not size or block.position.shape[1] != size
                 or block.velocity.shape[1] not in (0, size)
@@ -84,10 +90,18 @@ class Columns:
             return SIZES
         return None
 
+    def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(self._rename.get(name, name) for name in names) if self._rename else names
+
     @property
     def names(self) -> tuple[str, ...]:
         """All joint names, in order of their first appearance."""
         return tuple(dict.fromkeys(name for layout in self._layouts for name in layout))
+
+    @property
+    def layouts(self) -> tuple[tuple[str, ...], ...]:
+        """The sequences of names that messages have, in order of their first appearance."""
+        return tuple(self._layouts)
 
     @property
     def most_common(self) -> tuple[str, ...]:

@@ -18,6 +18,9 @@ TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
 ANGLE_UNITS = {'rad': 1.0, 'deg': np.pi / 180}
 EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'A': 1.0, 'mA': 1e-3}
 CURRENTS = ('A', 'mA')
+NO_TIME = 'none'
+# A joint that travels as far, rad, moves; one that does moves at least so fast on average, rad/s.
+MOVES, SLOWEST = 0.05, 5e-4
 
 # Looked for in this order where no columns are given.
 TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp')
@@ -33,10 +36,12 @@ class TableOptions:
     What the columns of a table mean.
 
     `time`, `position`, `velocity`, `effort` say which columns (see `find_columns`); None
-    looks for usual names. Without a time column `rate` in Hz is needed. `effort_sign`,
-    `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for all joints or
-    one per joint; the latter two apply to currents. `skip_bad_rows` drops rows with an empty
-    or not finite cell, or a time that does not increase, instead of refusing the file.
+    looks for usual names. Without a time column `rate` in Hz is needed; with `time` 'none' it
+    replaces one. `time_unit` None means s, unless the motion would then be too slow to be one.
+    `effort_sign`, `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for
+    all joints or one per joint; the latter two apply to currents. `skip_bad_rows`
+    drops rows that are cut off, with a cell that is empty or no finite number, or with a time
+    that does not increase, instead of refusing the file.
 
     :raises OptionError: if a value makes no sense, or a current has no torque constant.
     """
@@ -46,7 +51,7 @@ class TableOptions:
     velocity: str | None = None
     effort: str | None = None
     rate: float | None = None
-    time_unit: str = 's'
+    time_unit: str | None = None
     angle_unit: str = 'rad'
     effort_unit: str = 'Nm'
     effort_sign: tuple[float, ...] = (1.0,)
@@ -58,14 +63,14 @@ class TableOptions:
     skip_bad_rows: bool = False
 
     def __post_init__(self) -> None:
-        for what, unit, units in (('time', self.time_unit, TIME_UNITS),
+        for what, unit, units in (('time', self.time_unit or 's', TIME_UNITS),
                                   ('angle', self.angle_unit, ANGLE_UNITS),
                                   ('effort', self.effort_unit, EFFORT_UNITS)):
             if unit not in units:
                 raise OptionError(f'{what} unit {unit!r} is not one of {", ".join(units)}')
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
             raise OptionError(f'rate is {self.rate} Hz; it must be positive')
-        if self.rate is not None and self.time is not None:
+        if self.rate is not None and self.time not in (None, NO_TIME):
             raise OptionError('give a time column or a fixed rate, not both')
         if any(sign not in (-1.0, 1.0) for sign in self.effort_sign):
             raise OptionError('effort signs are 1 or -1')
@@ -104,7 +109,7 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     if path.suffix.lower() in ('.npz', '.npy'):
         table = read_npz(path)
     else:
-        table = read_csv(path, options.header, options.delimiter)
+        table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
     chosen = _Chosen.of(table, options)
     names = _joint_names(table, options, len(chosen.position))
     keep = _usable_rows(table, chosen, options)
@@ -119,7 +124,9 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         # A skipped row leaves a hole: the rows after it keep their own time.
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
-        t = table_rows[:, chosen.time] * TIME_UNITS[options.time_unit]
+        t = table_rows[:, chosen.time] * TIME_UNITS[options.time_unit or 's']
+        if options.time_unit is None:
+            _check_seconds(path, t, q)
     start = t[0]
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
     notes = _notes(q, qd, options)
@@ -146,13 +153,22 @@ class _Chosen:
             if found and len(found) != len(position):
                 raise BagError(f'{where}: {len(position)} columns of position but {len(found)} '
                                f'of {what}')
-        time = []
-        if options.rate is None:
+        time: list[int] = []
+        if options.time != NO_TIME:
             time = _find(table, options.time, TIME_COLUMNS, 'time', optional=True)
+        if options.rate is not None and time:
+            raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: leave '
+                              f'--rate out, or ignore the column with --time {NO_TIME}')
+        if options.rate is None:
             if not time:
                 raise BagError(f'{where} has no column of time; name it, or give a fixed rate')
             if len(time) > 1:
                 raise BagError(f'{where}: several columns of time')
+        used = [*time, *position, *velocity, *effort]
+        twice = sorted({table.columns[k] for k in used if used.count(k) > 1})
+        if twice:
+            raise BagError(f'{where}: column {", ".join(twice)} cannot be two things at once; '
+                           f'position, velocity, effort and time are columns of their own')
         return cls(time[0] if time else None, position, velocity, effort)
 
 
@@ -171,6 +187,26 @@ def _find(table: Table, wanted: str | None, usual: tuple[str, ...], what: str,
         return []
     raise BagError(f'{where}: no columns of {what} such as {usual[0]}; say which they are; it has '
                    f'{", ".join(table.columns[:30])}')
+
+
+def _check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
+    """
+    Refuse times that are surely not in s: in them the fastest joint would hardly move.
+
+    :raises BagError: if another unit gives the speed of a moving arm.
+    """
+    length, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
+    if len(t) < 10 or travel < MOVES:
+        return
+    path_length = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max())
+    speed = path_length / length
+    if speed >= SLOWEST:
+        return
+    for unit in ('ms', 'us', 'ns'):
+        if speed / TIME_UNITS[unit] >= SLOWEST:
+            raise BagError(f'{path}: with time in s the recording lasts {length:.3g} s and no '
+                           f'joint moves faster than {speed:.2g} rad/s on average: give '
+                           f'--time-unit {unit}, or s if that is right')
 
 
 def _joint_names(table: Table, options: TableOptions, count: int) -> tuple[str, ...]:

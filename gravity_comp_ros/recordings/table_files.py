@@ -38,27 +38,30 @@ class Table:
         return f'{self.path}, row {row + 1}{line}'
 
 
-def read_csv(path: Path, header: bool | None = None, delimiter: str | None = None) -> Table:
+def read_csv(path: Path, header: bool | None = None, delimiter: str | None = None,
+             skip_bad_rows: bool = False) -> Table:
     """
     Return the table in a text file.
 
     :param header: whether the first line has column names; None to find out. Without names
         columns are called 1, 2, 3.
-    :param delimiter: one character; None to find out among comma, semicolon, tab and blank.
+    :param delimiter: one character; None to find out among semicolon, tab, comma and blank.
+        Where it is not the comma, numbers may have a decimal comma.
+    :param skip_bad_rows: make a row that is cut off, or has text in it, NaN.
     :raises BagError: if the file is not a table of numbers; row and column are named.
     """
     try:
         with path.open(encoding='utf-8-sig', newline='') as stream:
-            rows = _csv_rows(path, stream, delimiter)
+            rows = _Rows(path, stream, delimiter)
             first = next(rows, None)
             if first is None:
                 raise BagError(f'{path} is empty')
             if header is None:
-                header = not any(_is_number(cell) for cell in first[1])
+                header = not any(_is_number(cell, not rows.comma) for cell in first[1])
             names = [c.strip() for c in first[1]] if header else [
                 str(k + 1) for k in range(len(first[1]))]
             _check_columns(path, names)
-            table = _Numbers(path, names)
+            table = _Numbers(path, names, not rows.comma, skip_bad_rows)
             if not header:
                 table.add(*first)
             for number, cells in rows:
@@ -131,22 +134,34 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
 class _Numbers:
     """Rows of text cells becoming rows of numbers; an empty cell or a bad one is NaN."""
 
-    def __init__(self, path: Path, columns: list[str]) -> None:
+    def __init__(self, path: Path, columns: list[str], decimal_comma: bool,
+                 skip_bad_rows: bool) -> None:
         self._path, self._columns = path, columns
+        self._decimal_comma, self._skip = decimal_comma, skip_bad_rows
         self._values, self._lines = array('d'), array('q')
 
     def add(self, line: int, cells: list[str]) -> None:
+        try:
+            self._values.extend(self._numbers(line, cells))
+        except BagError:
+            if not self._skip:
+                raise
+            self._values.extend([np.nan] * len(self._columns))
+        self._lines.append(line)
+
+    def _numbers(self, line: int, cells: list[str]) -> list[float]:
         if len(cells) != len(self._columns):
             raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
-                           f'{len(self._columns)} columns')
+                           f'{len(self._columns)} columns (--skip-bad-rows leaves such rows out)')
         try:
-            self._values.extend([float(cell) if cell.strip() else np.nan for cell in cells])
+            return [_number(cell, self._decimal_comma) if cell.strip() else np.nan
+                    for cell in cells]
         except ValueError:
             wrong = next(k for k, cell in enumerate(cells)
-                         if cell.strip() and not _is_number(cell))
+                         if cell.strip() and not _is_number(cell, self._decimal_comma))
             raise BagError(f'{self._path}, line {line}, column {self._columns[wrong]}: '
-                           f'{cells[wrong]!r} is not a number') from None
-        self._lines.append(line)
+                           f'{cells[wrong]!r} is not a number (--skip-bad-rows leaves such rows '
+                           f'out)') from None
 
     def finish(self) -> Table:
         if not self._values:
@@ -155,22 +170,31 @@ class _Numbers:
         return Table(self._path, tuple(self._columns), values, self._lines)
 
 
-def _csv_rows(path: Path, stream: Iterator[str],
-              delimiter: str | None) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and cells of every line that is not blank."""
-    first = next(stream, '')
-    first = first.removeprefix('#')  # as numpy.savetxt marks its header
-    delimiter = delimiter or next((d for d in ',;\t' if d in first), ' ')
+class _Rows:
+    """Line number and cells of every line that is not blank; `comma` if commas part cells."""
 
-    reader = csv.reader(chain([first], stream), delimiter=delimiter, skipinitialspace=True)
-    try:
-        for cells in reader:
-            if delimiter == ' ':
-                cells = [cell for cell in cells if cell]
-            if cells:
-                yield reader.line_num, cells
-    except csv.Error as error:
-        raise BagError(f'{path}, line {reader.line_num}: {error}') from None
+    def __init__(self, path: Path, stream: Iterator[str], delimiter: str | None) -> None:
+        first = next(stream, '')
+        first = first.removeprefix('#')  # as numpy.savetxt marks its header
+        self._delimiter = delimiter or _delimiter(first)
+        self.comma = self._delimiter == ','
+        self._path = path
+        self._reader = csv.reader(chain([first], stream), delimiter=self._delimiter,
+                                  skipinitialspace=True)
+
+    def __iter__(self) -> Iterator[tuple[int, list[str]]]:
+        return self
+
+    def __next__(self) -> tuple[int, list[str]]:
+        try:
+            for cells in self._reader:
+                if self._delimiter == ' ':
+                    cells = [cell for cell in cells if cell]
+                if cells:
+                    return self._reader.line_num, cells
+        except csv.Error as error:
+            raise BagError(f'{self._path}, line {self._reader.line_num}: {error}') from None
+        raise StopIteration
 
 
 def _check_columns(path: Path, names: list[str]) -> None:
@@ -179,9 +203,23 @@ def _check_columns(path: Path, names: list[str]) -> None:
         raise BagError(f'{path}: columns repeat: {", ".join(repeated)}')
 
 
-def _is_number(cell: str) -> bool:
+def _delimiter(line: str) -> str:
+    """Return what parts the cells: between semicolons, tabs or blanks a comma is a decimal one."""
+    found = next((character for character in ';\t,' if character in line), ' ')
+    words = line.split()
+    if found == ',' and len(words) > 1 and all(
+            _is_number(word, True) and not word.endswith(',') for word in words):
+        return ' '
+    return found
+
+
+def _number(cell: str, decimal_comma: bool) -> float:
+    return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
+
+
+def _is_number(cell: str, decimal_comma: bool) -> bool:
     try:
-        float(cell)
+        _number(cell, decimal_comma)
     except ValueError:
         return False
     return True

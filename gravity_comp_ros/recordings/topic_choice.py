@@ -9,6 +9,7 @@ from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
+from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_turns
 from gravity_comp_ros.recordings.storage_interface import Storage
 import numpy as np
 
@@ -81,9 +82,14 @@ def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
     Return the joints to read: the chosen ones, or all in order of their first appearance.
 
     :param where: the recording, to be named in errors.
-    :raises BagError: if at least half of the messages do not have one of the joints.
+    :raises BagError: if these are several arms, or at least half of the messages do not have
+        one of the joints.
     """
     joints = chosen or columns.names
+    arms = [] if chosen else arms_by_name(joints) or arms_by_turns(columns.layouts)
+    if arms:
+        lines = ' or '.join(f'--joints {",".join(arm)}' for arm in arms)
+        raise BagError(f'{where} has the joints of {len(arms)} arms; choose one: {lines}')
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)

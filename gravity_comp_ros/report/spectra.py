@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 import numpy as np
-from scipy import signal
 
 _LONGEST = 4096
 _MOST_POINTS = 400
@@ -28,6 +27,7 @@ def over_time(samples: JointSamples, residual: FloatArray) -> tuple[FloatArray, 
     runs = [rows for rows in runs if len(rows) >= 16]
     if not runs:
         return np.zeros(0), np.zeros(0)
+    from scipy import signal  # half a second that only a report needs
     step = float(np.median(np.concatenate([np.diff(samples.t[rows]) for rows in runs])))
     length = min(_LONGEST, max(16, int(min(np.ptp(samples.t[r]) for r in runs) / step)))
     frequency: FloatArray = np.zeros(0)

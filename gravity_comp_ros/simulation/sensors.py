@@ -8,7 +8,6 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 FloatArray = NDArray[np.float64]
 
@@ -65,6 +64,7 @@ def torque_noise(shape: tuple[int, ...], step: float, options: SensorOptions,
 
 def ornstein_uhlenbeck(driver: ArrayLike, step: float, correlation: float) -> FloatArray:
     """Return (M, N) of unit variance from white (M, N), `step` s apart."""
+    from scipy.signal import lfilter  # half a second that only a simulation needs
     white = np.asarray(driver, dtype=np.float64)
     keep = float(np.exp(-step / correlation)) if correlation > 0 else 0.0
     fresh = np.sqrt(1 - keep ** 2) * white

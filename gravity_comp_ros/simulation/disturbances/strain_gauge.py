@@ -10,7 +10,6 @@ from gravity_comp_ros.simulation.disturbances.changed import check_joint, with_t
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
-from scipy.signal import lfilter
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,6 @@ class GaugeDrift:
         check_joint(self.joint, arm)
         age = motion.t - motion.t[0]
         steps = rng.standard_normal(len(age)) * np.sqrt(np.diff(age, prepend=0.0))
-        walk = self.wander * lfilter([1.0], [1.0, -1.0], steps)
+        walk = self.wander * np.cumsum(steps)
         return with_torque(signals, self.joint,
                            self.rise * -np.expm1(-age / self.warming) + walk)

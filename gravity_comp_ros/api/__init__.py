@@ -1,0 +1,1 @@
+"""The steps of the loop, each once: what notebook, commands, workbench, node and fleet call."""

@@ -1,0 +1,131 @@
+"""
+The loop as functions: fit, compare, diagnose, add effects, update.
+
+    import gravity_comp_ros as gc
+    data = gc.read(['run1.mcap', 'run2.mcap'])
+    train, test = data.split(0.2)
+    model = gc.fit(train)
+    print(gc.compare(model, test))
+    found = gc.diagnose(train, model)
+    model = gc.add_effects(model, train, found.findings)
+    model = gc.update(model, gc.read('tool.mcap'))
+    model.save('arm.json')
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from gravity_comp_ros.api.model import Model
+from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.api.results import Diagnosis, is_found
+from gravity_comp_ros.api.steps import add_to_model, compare_model, fit_model, update_model
+from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
+from gravity_comp_ros.diagnosis.diagnose import DiagnosisOptions
+from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.refit import RefitOptions
+from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+
+
+def fit(recording: Recording, *, formulation: str | None = None,
+        effects: Iterable[str] = (), urdf: str | Path | None = None,
+        progress: Progress | None = None) -> Model:
+    """
+    Learn the gravity torque of an arm from slow motion.
+
+        model = gc.fit(train, effects=['coulomb_friction', 'torque_offset:wrist'])
+
+    :param formulation: `chain`, `potential`, `per_joint` or `auto`; without, the usual one
+        (with a URDF, the chain).
+    :param effects: learned together with gravity, as `NAME` (every joint) or `NAME:JOINT`.
+    :param urdf: a robot description; the axes of the chain are taken from it, masses are not.
+    :param progress: called with a word and a share from 0 to 1.
+    :raises FitError: if there are too few samples, or no joint moves.
+    :raises DataError: if no sample is slow, or an effect cannot be seen.
+    :raises OptionError: if a formulation, effect or joint is unknown.
+    """
+    geometry = None if urdf is None else _geometry(urdf, recording.joints)
+    usual = FitOptions().formulation if geometry is None else 'chain'
+    options = FitOptions(formulation=formulation or usual, geometry=geometry)
+    return Model(fit_model(recording, options, tuple(effects), progress=progress).model)
+
+
+def compare(model: Model, recording: Recording) -> Comparison:
+    """
+    Compare a model with the measured torques of a recording, joint by joint.
+
+        gc.compare(model, test).joints['elbow'].rmse       # N·m
+
+    Errors are of the slow samples; read with `gate=None` to judge on all.
+
+    :raises DataError: if no sample is slow.
+    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    """
+    return compare_model(model.gravity, recording)
+
+
+def diagnose(recording: Recording, model: Model | None = None, *,
+             effects: Sequence[str] | None = None,
+             progress: Progress | None = None) -> Diagnosis:
+    """
+    Find which physical effect a model is missing, with its size and the evidence.
+
+    All samples are used, fast motion included: inertia is an effect too.
+
+    :param model: the model to judge; without, one is fitted on the spot.
+    :param effects: look for these only.
+    :raises DataError: if there are too few samples.
+    :raises OptionError: if an effect is unknown.
+    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    """
+    for name in effects or ():
+        known_effect(name)
+    options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
+    return Diagnosis(diagnose_samples(recording.used, model.gravity if model else None, options,
+                                      progress))
+
+
+def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
+                all_samples: bool = False, progress: Progress | None = None) -> Model:
+    """
+    Add effects to a model and refit it as a whole; `Model.undo` takes them back.
+
+        model = gc.add_effects(model, train, ['coulomb_friction:elbow'])
+
+    :param effects: `NAME`, `NAME:JOINT`, or findings of a diagnosis. Of findings those are
+        added that are established or likely; if none is, the model is returned as it is.
+    :param all_samples: fit fast motion too (some effects do so without being asked).
+    :raises DataError: if an effect is there already or cannot be seen, or samples are too few.
+    :raises OptionError: if an effect or joint is unknown, or asked for twice.
+    """
+    wanted = [effect if isinstance(effect, str) else target(str(effect.effect), effect.joint)
+              for effect in effects if isinstance(effect, str) or is_found(effect)]
+    if not wanted:
+        return model
+    speeds = RefitOptions(slow=None) if all_samples else RefitOptions()
+    return Model(add_to_model(model.gravity, recording, wanted, speeds, progress).model)
+
+
+def update(model: Model, recording: Recording, *, urdf: str | Path | None = None) -> Model:
+    """
+    Learn what a new payload changed, from ten seconds of slow motion.
+
+    :param recording: the arm with its new payload and nothing else.
+    :param urdf: a robot description; with it mass and centre of mass are in `report.payload`.
+    :raises FitError: if there are too few slow samples.
+    :raises DataError: if no sample is slow.
+    :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
+    """
+    geometry = None if urdf is None else _geometry(urdf, model.joints)
+    return Model(update_model(model.gravity, recording, geometry).model)
+
+
+def _geometry(urdf: str | Path, joints: tuple[str, ...]) -> Geometry:
+    # The XML parser behind it is needed by nobody else.
+    from gravity_comp_ros.description.urdf import read_urdf
+    return read_urdf(Path(urdf), joints)

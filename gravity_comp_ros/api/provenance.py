@@ -1,0 +1,61 @@
+"""Which recordings a model was fitted to, and which parts of them were held out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import datetime, UTC
+from typing import Any, TYPE_CHECKING
+
+from gravity_comp_ros.data.holdout import Block
+from gravity_comp_ros.models.gravity_model import GravityModel
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.recordings.bag import ReadReport
+
+
+@dataclass(frozen=True)
+class Holdout:
+    """What was held out of a recording: a share, as so many samples, in blocks of time."""
+
+    fraction: float
+    n_samples: int
+    blocks: tuple[Block, ...]
+
+    def to_json(self, reports: Sequence[ReadReport]) -> dict[str, Any]:
+        """Return it as a model's provenance holds it; arrays have no recording to name."""
+        return {'fraction': self.fraction, 'n_samples': self.n_samples,
+                'blocks': [{'name': reports[b.run].path.name, 'sha256': reports[b.run].sha256,
+                            'start': b.start, 'end': b.end} for b in self.blocks
+                           if b.run < len(reports)]}
+
+
+def bag_json(report: ReadReport) -> dict[str, Any]:
+    """Return what identifies and describes a recording, ready for JSON."""
+    return {'name': report.path.name, 'sha256': report.sha256, 'topic': report.topic,
+            'n_messages': report.n_messages, 'n_samples': report.n_samples,
+            'dropped': dict(report.dropped), 'velocity': report.velocity,
+            'rate_hz': report.rate_hz, 'duration_s': report.duration_s,
+            'effort_scale': dict(report.effort_scale),
+            'notes': list(report.notes)}
+
+
+def merged_bags(model: GravityModel, reports: Iterable[ReadReport]) -> list[dict[str, Any]]:
+    """Return the recordings of the model's provenance, and those of `reports` that are new."""
+    known = list(model.provenance.get('bags', ()))
+    seen = {bag['sha256'] for bag in known}
+    return [*known, *(bag_json(report) for report in reports if report.sha256 not in seen)]
+
+
+def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
+                    guard: float = 0.0) -> list[Block]:
+    """Return which blocks of these recordings were held out of the fit, with `guard` s around."""
+    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
+    return [Block(run, block['start'] - guard, block['end'] + guard)
+            for run, report in enumerate(reports)
+            for block in blocks if block['sha256'] == report.sha256]
+
+
+def now() -> str:
+    """Return the time, for a model's history."""
+    return datetime.now(UTC).isoformat(timespec='seconds')

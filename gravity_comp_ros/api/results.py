@@ -1,0 +1,76 @@
+"""What a comparison and a diagnosis yield, for people: typed, and shown as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gravity_comp_ros.diagnosis import findings as core
+from gravity_comp_ros.diagnosis import wording
+from gravity_comp_ros.diagnosis.findings import Finding, JointReport, Verdict
+from gravity_comp_ros.display import percent, Shown, TextTable
+
+_MOST_COEFFICIENTS = 3
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Diagnosis(Shown):
+    """
+    Which effects a model is missing, the strongest first.
+
+    `findings` say what, where, how sure (`Verdict`) and how much the held-out error falls;
+    `joints` has the noise floor in N·m and the effective sample size of every joint; `found`
+    are the findings that are established or likely. `raw` is the result of the core.
+    """
+
+    raw: core.Diagnosis
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return all findings."""
+        return self.raw.findings
+
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """Return the findings that are established or likely."""
+        return tuple(finding for finding in self.raw.findings if is_found(finding))
+
+    @property
+    def joints(self) -> Mapping[str, JointReport]:
+        """Return noise floor, effective sample size and error of every joint."""
+        return self.raw.joints
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `gravity_comp diagnose --json` prints of the diagnosis."""
+        return {**self.raw.to_json(), 'verdict': self.summary()}
+
+    def summary(self) -> str:
+        """Return the whole answer in one sentence."""
+        return wording.verdict(self.raw)
+
+    def parts(self) -> Iterable[str | TextTable]:
+        """Return the findings as a table, and why the first one is believed."""
+        if not self.findings:
+            return
+        yield TextTable(
+            ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error', 'with it'),
+            tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
+                   _coefficients(f), percent(f.nrmse_before), percent(f.nrmse_after))
+                  for f in self.findings), left=4)
+        yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
+                    for f in self.findings[:1] if f.why)
+
+
+def is_found(finding: Finding) -> bool:
+    """Return whether a finding is sure enough to be added."""
+    return finding.effect is not None and finding.verdict in (
+        Verdict.ESTABLISHED, Verdict.LIKELY)
+
+
+def _coefficients(finding: Finding) -> str:
+    items = list(finding.coefficients.items())
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
+                      for symbol, x in items[:_MOST_COEFFICIENTS])
+    more = len(items) - _MOST_COEFFICIENTS
+    return shown + (f' and {more} more' if more > 0 else '') or '–'

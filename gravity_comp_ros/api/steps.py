@@ -1,0 +1,162 @@
+"""
+One step of the loop each, with the history and provenance that belong to it.
+
+These take and return `GravityModel`; `gravity_comp_ros.fit` and its like wrap them for people,
+the commands and services call them as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_bags, now
+from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.effects.predict import effect_torque, rows_of
+from gravity_comp_ros.effects.request import requests
+from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.refit import refit, RefitOptions
+from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.update import update, UpdateResult
+from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
+from gravity_comp_ros.models.history import with_step
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+
+# What was held out of a fit stays so with its margins, s.
+_GUARD = HoldoutOptions().guard
+PAYLOAD = 'payload'
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A fit, and the refit of gravity and effects together where there are effects."""
+
+    result: FitResult
+    refit: Refit | None = None
+
+    @property
+    def model(self) -> GravityModel:
+        """Return the model, with its effects and where it comes from."""
+        return self.result.model
+
+
+@dataclass(frozen=True, eq=False)
+class WithEffects:
+    """A model that was given effects, and how it fared on samples that were not fitted."""
+
+    model: GravityModel
+    refit: Refit
+
+
+@dataclass(frozen=True, eq=False)
+class Updated:
+    """A model with a new payload, and how it was found."""
+
+    model: GravityModel
+    result: UpdateResult
+
+
+def fit_model(recording: Recording, options: FitOptions = FitOptions(),
+              effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
+              progress: Progress | None = None) -> Fitted:
+    """
+    Learn gravity from the slow samples, and effects beside it if some are named.
+
+    :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
+    :param speeds: which samples the effects are fitted to.
+    :raises FitError: if there are too few samples, or no joint moves.
+    :raises DataError: if no sample is slow, or an effect cannot be seen.
+    :raises ModelMismatchError: if the options know the axes of other joints.
+    """
+    if options.geometry is not None:
+        recording = recording.select_joints(options.geometry.joints)
+    if effects:
+        result, joint = _with_effects(recording, options, effects, speeds, progress)
+    else:
+        result, joint = fit(recording.slow, options, progress), None
+    held = recording.holdout
+    provenance = {**result.model.provenance, **recording.to_json(),
+                  'holdout': held.to_json(recording.reports) if held else None}
+    return Fitted(replace(result, model=replace(result.model, provenance=provenance)), joint)
+
+
+def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
+                  speeds: RefitOptions, progress: Progress | None) -> tuple[FitResult, Refit]:
+    wanted = requests(effects, recording.joints)
+    both = fit_with_effects(recording.samples, recording.slow, wanted, options, speeds,
+                            recording.use, progress)
+    model = with_step(both.joint.model, both.gravity, both.joint.added, now(),
+                      *both.joint.by_joint())
+    report = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
+    return FitResult(model, report, both.fit.converged), both.joint
+
+
+def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
+                 speeds: RefitOptions = RefitOptions(),
+                 progress: Progress | None = None) -> WithEffects:
+    """
+    Add effects to a model and refit it as a whole; the old model goes into its history.
+
+    What was held out of the fit of the model is not fitted here either.
+
+    :param effects: `NAME` or `NAME:JOINT`; none at all only tells the held-out error.
+    :raises DataError: if an effect is there already or cannot be seen, or samples are too few.
+    :raises OptionError: if an effect or joint is unknown, or asked for twice.
+    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    """
+    recording = recording.select_joints(model.joints)
+    wanted = requests(effects, model.joints)
+    kept_out = within(recording.samples, held_out_blocks(model, recording.reports, _GUARD))
+    result = refit(recording.samples, model, wanted, speeds, recording.usable & ~kept_out,
+                   progress)
+    changed = with_step(result.model, model, result.added, now(), *result.by_joint())
+    provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
+    return WithEffects(replace(changed, provenance=provenance), result)
+
+
+def update_model(model: GravityModel, recording: Recording,
+                 geometry: Geometry | None = None) -> Updated:
+    """
+    Learn what a new payload changed; the effects of the model stay as they are.
+
+    :param recording: the arm with its new payload and nothing else.
+    :param geometry: where the axes of the arm are; with it mass and centre of mass are found.
+    :raises FitError: if there are too few slow samples.
+    :raises DataError: if no sample is slow.
+    :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
+    """
+    recording = recording.select_joints(model.joints)
+    result = update(model, _gravity_alone(model, recording), geometry=geometry)
+    *before, last = result.model.provenance['updates']
+    bags = [bag_json(report) for report in recording.reports]
+    provenance: dict[str, Any] = {
+        **result.model.provenance, 'bags': merged_bags(model, recording.reports),
+        'updates': [*before, {'when': now(), 'bags': bags, **last}]}
+    changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
+                        result.report['rmse_before'], result.report['rmse'], UPDATED)
+    return Updated(changed, result)
+
+
+def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
+    """Return the slow samples without the torque of the model's effects."""
+    slow = recording.slow
+    if not model.applied.effects:
+        return slow
+    torque = effect_torque(model, recording.samples)[rows_of(recording.samples, slow)]
+    return replace(slow, tau=slow.tau - torque)
+
+
+def compare_model(model: GravityModel, recording: Recording) -> Comparison:
+    """
+    Compare a model, with its effects, with the measured torques of the slow samples.
+
+    :raises DataError: if no sample is slow.
+    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    """
+    recording = recording.select_joints(model.joints)
+    return compare(model, recording.slow, recording.samples)

@@ -1,0 +1,175 @@
+"""
+Parts that a planned motion may be made of, each as a person would move to test something.
+
+Every part begins and ends at rest at one pose, its `base`, and moves one or two joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.planning.segments import Hold, Line, Pace, Segment, wave_within
+from gravity_comp_ros.planning.workspace import Workspace
+import numpy as np
+
+# Shares of the largest speed.
+_SPEEDS = (1.0, 0.4, 0.15)
+# No part takes longer, s: several short ones are better than one long one.
+_LONGEST = 8.0
+_SHORTEST = 3.0
+_SMALL_STROKES = (0.01, 0.03)
+_STOPS, _STOP = 4, 0.6
+_LEAST_STROKE = 0.02
+_MOST_BASES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Segments from `base` back to it; `what` says in words how which joints move."""
+
+    what: str
+    joints: tuple[int, ...]
+    base: FloatArray
+    segments: tuple[Segment, ...]
+
+    @property
+    def duration(self) -> float:
+        return sum(segment.duration for segment in self.segments)
+
+
+def candidates(space: Workspace, model: GravityModel, joint: int, pace: Pace,
+               longest: float = _LONGEST) -> list[Part]:
+    """Return parts that move a joint, alone or with a neighbour, at several postures."""
+    found: list[Part] = []
+    for words, base in _bases(space, model, joint):
+        found += _of_one_joint(space, joint, words, base, pace, longest)
+        for partner in (joint - 1, joint + 1):
+            if 0 <= partner < space.n_joints:
+                found += _of_two_joints(space, (joint, partner), words, base, pace, longest)
+    return found
+
+
+def travel(space: Workspace, a: FloatArray, b: FloatArray, pace: Pace) -> list[Segment] | None:
+    """Return the way from pose to pose: straight, else by the start; None if there is none."""
+    if np.abs(b - a).max() < 1e-12:
+        return []
+    if space.admits_line(a, b):
+        return [Line(a, b, pace)]
+    if space.admits_line(a, space.start) and space.admits_line(space.start, b):
+        return [Line(a, space.start, pace), Line(space.start, b, pace)]
+    return None
+
+
+def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str, FloatArray]]:
+    """Return postures that a straight way leads to: of little, middle and much load."""
+    near = list(space.poses[::max(1, len(space.poses) // 60)])
+    for m in range(space.n_joints):
+        for sign in (1.0, -1.0):
+            direction = sign * np.eye(space.n_joints)[m]
+            far = space.extent(space.start, direction, min(space.reach, 1.0))
+            near.append(space.start + far * direction)
+    poses = np.array([pose for pose in near if space.admits_line(space.start, pose)])
+    load = np.abs(model.predict(np.vstack([space.start, poses]))[:, joint])
+    found = [('', space.start)]
+    for words, pick in (('where it carries most', np.argmax(load)),
+                        ('where it carries least', np.argmin(load))):
+        if pick:
+            found.append((words, poses[pick - 1]))
+    # Then the poses farthest from those that are there already.
+    while len(found) < _MOST_BASES:
+        apart = np.min([np.abs(poses - base).max(axis=1) for _, base in found], axis=0)
+        if apart.max() < 0.1:
+            break
+        found.append(('in another posture', poses[np.argmax(apart)]))
+    return found
+
+
+def _of_one_joint(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
+                  longest: float) -> list[Part]:
+    axis = np.eye(space.n_joints)[joint]
+    up, down = (space.extent(base, sign * axis, 3.0) for sign in (1.0, -1.0))
+    if up + down < _LEAST_STROKE:
+        return []
+    where = f' {words}' if words else ''
+    found = []
+    for share in _SPEEDS:
+        speed = share * pace.speed
+        stroke = min(up + down, 0.5 * longest * speed)
+        low, high = _centred(down, up, stroke)
+        found.append(_to_and_fro(f'to and fro at {speed:.2g} rad/s{where}', (joint,), base, axis,
+                                 low, high, pace.slower(speed), longest))
+    slow = 2.0 * (up + down) / longest
+    if slow < pace.speed:
+        found.append(_to_and_fro(f'slowly through its range{where}', (joint,), base, axis, -down,
+                                 up, pace.slower(slow), longest))
+    for stroke in _SMALL_STROKES:
+        low, high = _centred(down, up, min(stroke, up + down))
+        found.append(_to_and_fro(f'to and fro by {stroke:g} rad{where}', (joint,), base, axis,
+                                 low, high, pace.slower(max(0.02, stroke)), longest))
+    found.append(_stairs(f'in steps up and down{where}', joint, base, axis, down, up, pace,
+                         longest))
+    amplitude = min(up, down) * axis
+    if min(up, down) > _LEAST_STROKE:
+        wave = wave_within(base, amplitude, np.full(len(base), 0.25), min(longest, 8.0), pace)
+        found.append(Part(f'in a sine{where}', (joint,), base, (wave,)))
+    return [part for part in found if part.duration <= 1.5 * longest]
+
+
+def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: FloatArray,
+                   pace: Pace, longest: float) -> list[Part]:
+    found = []
+    where = f' {words}' if words else ''
+    for sign, how in ((1.0, 'the same way'), (-1.0, 'against each other')):
+        axis = np.zeros(space.n_joints)
+        axis[list(joints)] = 1.0, sign
+        up, down = (space.extent(base, s * axis, 1.0) for s in (1.0, -1.0))
+        if up + down < _LEAST_STROKE:
+            continue
+        speed = 0.5 * pace.speed
+        low, high = _centred(down, up, min(up + down, 0.5 * longest * speed))
+        found.append(_to_and_fro(f'both {how}{where}', joints, base, axis, low, high,
+                                 pace.slower(speed), longest))
+    return [part for part in found if part.duration <= 1.5 * longest]
+
+
+def _centred(down: float, up: float, stroke: float) -> tuple[float, float]:
+    """Return the ends of a stroke about the base, moved to lie between -down and up."""
+    low = float(np.clip(-0.5 * stroke, -down, up - stroke))
+    return low, low + stroke
+
+
+def _to_and_fro(what: str, joints: tuple[int, ...], base: FloatArray, axis: FloatArray,
+                low: float, high: float, pace: Pace, longest: float) -> Part:
+    bottom, top = base + low * axis, base + high * axis
+    cycle = 2.0 * Line(bottom, top, pace).duration
+    count = int(np.clip(_SHORTEST / max(cycle, 1e-3), 1, 8)) if cycle < longest else 1
+    stops = [base, top]
+    for _ in range(count):
+        stops += [bottom, top]
+    # One way down and up for each cycle; the first and last legs lead from and to the base.
+    stops = [*stops[:-1], base]
+    return Part(what, joints, base, _legs(stops, pace))
+
+
+def _stairs(what: str, joint: int, base: FloatArray, axis: FloatArray, down: float, up: float,
+            pace: Pace, longest: float) -> Part:
+    steps = np.linspace(-down, up, _STOPS)
+    width = steps[1] - steps[0]
+    reachable = 0.5 * (longest / (2 * _STOPS) - _STOP) * pace.speed
+    steps = steps * min(1.0, max(reachable, _LEAST_STROKE) / max(width, 1e-9))
+    segments: list[Segment] = []
+    at = base
+    for step in [*steps, *steps[-2::-1]]:
+        pose = base + step * axis
+        segments += [Line(at, pose, pace), Hold(pose, _STOP)]
+        at = pose
+    segments.append(Line(at, base, pace))
+    return Part(what, (joint,), base, tuple(segments))
+
+
+def _legs(stops: Sequence[FloatArray], pace: Pace) -> tuple[Segment, ...]:
+    return tuple(Line(a, b, pace) for a, b in zip(stops, stops[1:])
+                 if np.abs(b - a).max() > 1e-12)

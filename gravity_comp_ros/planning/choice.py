@@ -1,0 +1,165 @@
+"""The parts that give most information for their time: greedily chosen, then exchanged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.planning.candidates import Part, travel
+from gravity_comp_ros.planning.criterion import Answer, answer
+from gravity_comp_ros.planning.regressors import Question, Situation, width
+from gravity_comp_ros.planning.segments import Pace, Segment
+from gravity_comp_ros.planning.workspace import Workspace
+import numpy as np
+
+_EXCHANGES = 2
+# Less than this is no help, in the units of `Answer.value`.
+_HELPS = 0.02
+
+
+class Chooser:
+    """Chooses among parts by the information that each adds to that of the recordings."""
+
+    def __init__(self, space: Workspace, situation: Situation, questions: Sequence[Question],
+                 parts: Sequence[Part], pace: Pace, duration: float) -> None:
+        self._space, self._situation, self._pace = space, situation, pace
+        self._questions, self._duration = list(questions), duration
+        self._travel_times: dict[bytes, float] = {}
+        self._gradient = any(len(q.joints) > 1 for q in questions)
+        self._priors = [situation.prior(q) for q in questions]
+        recorded = situation.recorded
+        self._widths = [tuple(width(one, recorded) for one in (q.target, *q.alternatives))
+                        for q in questions]
+        self._parts = [part for part in parts if self._time([part]) <= duration]
+        seconds = _seconds_a_row(recorded)
+        self._old = [situation.information(q, recorded, seconds) for q in questions]
+        self._new = [self._information(part.segments) for part in self._parts]
+
+    def choose(self) -> list[Part]:
+        """Return the parts in the order in which they are played."""
+        chosen: list[int] = []
+        while (best := self._best_addition(chosen)) is not None:
+            chosen.append(best)
+        for _ in range(_EXCHANGES):
+            if not self._exchange(chosen):
+                break
+        return self._ordered([self._parts[k] for k in chosen])
+
+    def assemble(self, chosen: Sequence[Part]) -> tuple[list[Segment],
+                                                        list[tuple[float, float]]]:
+        """Return the whole motion from start to start, and when each part begins and ends."""
+        motion: list[Segment] = []
+        stretches = []
+        at, time = self._space.start, 0.0
+        for part in chosen:
+            way = self._way(at, part.base)
+            motion += way
+            time += sum(segment.duration for segment in way)
+            stretches.append((time, time + part.duration))
+            motion += part.segments
+            time += part.duration
+            at = part.base
+        motion += self._way(at, self._space.start)
+        return motion, stretches
+
+    def answers_before(self) -> list[Answer]:
+        """Return what the recordings alone say."""
+        return self._answers(self._old)
+
+    def answers_after(self, motion: Sequence[Segment]) -> list[Answer]:
+        """Return what the recordings and a whole motion say."""
+        return self._answers([old + new for old, new in zip(
+            self._old, self._information(tuple(motion)))])
+
+    def helps(self, part: Part) -> list[int]:
+        """Return the questions that a part by itself helps to settle."""
+        new = self._new[next(k for k, p in enumerate(self._parts) if p is part)]
+        before = self._answers(self._old)
+        after = self._answers([a + b for a, b in zip(self._old, new)])
+        gains = [b.value - a.value for a, b in zip(before, after)]
+        return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
+
+    def _best_addition(self, chosen: list[int]) -> int | None:
+        now = [self._parts[k] for k in chosen]
+        known = self._total(chosen)
+        value = self._value(known)
+        used = self._time(now)
+        best, best_gain = None, 0.0
+        for k, part in enumerate(self._parts):
+            time = self._time([*now, part])
+            if time > self._duration:
+                continue
+            gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
+            if gain > _HELPS and gain / max(time - used, 0.5) > best_gain:
+                best, best_gain = k, gain / max(time - used, 0.5)
+        return best
+
+    def _exchange(self, chosen: list[int]) -> bool:
+        """Replace parts by others of the same time or less where that tells more."""
+        improved = False
+        for place in range(len(chosen)):
+            rest = [*chosen[:place], *chosen[place + 1:]]
+            known, others = self._total(rest), [self._parts[k] for k in rest]
+            best, best_value = chosen[place], self._value(
+                [a + b for a, b in zip(known, self._new[chosen[place]])])
+            for k, part in enumerate(self._parts):
+                if self._time([*others, part]) > self._duration:
+                    continue
+                value = self._value([a + b for a, b in zip(known, self._new[k])])
+                if value > best_value + _HELPS:
+                    best, best_value = k, value
+            if best != chosen[place]:
+                chosen[place], improved = best, True
+        return improved
+
+    def _ordered(self, parts: list[Part]) -> list[Part]:
+        """Return parts so that those of one joint and one posture follow each other."""
+        ordered = sorted(parts, key=lambda p: (p.joints, tuple(np.round(p.base, 6))))
+        # Ordering must not make the ways longer than they were.
+        return ordered if self._time(ordered) <= self._duration else parts
+
+    def _time(self, parts: Sequence[Part]) -> float:
+        time, at = 0.0, self._space.start
+        for base, length in [*((p.base, p.duration) for p in parts), (self._space.start, 0.0)]:
+            time += self._travel_time(at, base) + length
+            at = base
+        return time
+
+    def _travel_time(self, a: FloatArray, b: FloatArray) -> float:
+        key = a.tobytes() + b.tobytes()
+        if key not in self._travel_times:
+            way = travel(self._space, a, b, self._pace)
+            self._travel_times[key] = float('inf') if way is None else sum(
+                segment.duration for segment in way)
+        return self._travel_times[key]
+
+    def _way(self, a: FloatArray, b: FloatArray) -> list[Segment]:
+        # `_time` of the same parts was finite, so that there is a way.
+        return travel(self._space, a, b, self._pace) or []
+
+    def _information(self, segments: Sequence[Segment]) -> list[FloatArray]:
+        motion = self._situation.planned(tuple(segments), self._gradient)
+        seconds = 1.0 / self._situation.rate
+        return [self._situation.information(q, motion, seconds) for q in self._questions]
+
+    def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
+        total = list(self._old)
+        for k in chosen:
+            total = [a + b for a, b in zip(total, self._new[k])]
+        return total
+
+    def _answers(self, information: Sequence[FloatArray]) -> list[Answer]:
+        return [answer(each, prior, widths, q.size) for each, prior, widths, q in zip(
+            information, self._priors, self._widths, self._questions)]
+
+    def _value(self, information: Sequence[FloatArray]) -> float:
+        return sum(each.value for each in self._answers(information))
+
+
+def _seconds_a_row(motion: Motion) -> float:
+    """Return how long a row of recorded samples stands for, in s."""
+    lengths = [float(motion.samples.t[run][-1] - motion.samples.t[run][0])
+               for run in run_slices(motion.samples)]
+    return max(sum(lengths), 1e-9) / motion.samples.n_samples

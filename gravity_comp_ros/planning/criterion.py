@@ -1,0 +1,92 @@
+"""
+What information says of a question: how surely it will be settled, and how exactly.
+
+T-optimality (Atkinson & Fedorov 1975) asks how far the torque of the effect is from the best that
+an alternative can do in its place, nuisance terms fitted along,
+
+    lambda = theta.T (S_ee - S_ea S_aa^-1 S_ae) theta,
+
+S being the information that the nuisance terms leave (a Schur complement). The worst alternative
+counts. D-optimality asks for the information on the coefficients, S_ee itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import norm
+
+# Standard errors that a diagnosis asks for before it calls an effect established: it tests many
+# effects on many joints.
+SURE = 4.0
+# Where the chance of a decision is still flat, information counts by its logarithm.
+_SLOPE = 0.1
+
+
+@dataclass(frozen=True)
+class Answer:
+    """
+    `separation` is the square root of lambda for the worst alternative, number `worst`.
+
+    `worst` is None if nuisance terms alone come closest. `spread` (K,) are standard errors of the
+    target's coefficients beside nuisance terms.
+    """
+
+    separation: float
+    worst: int | None
+    spread: FloatArray
+
+    @property
+    def chance(self) -> float:
+        """The chance that a diagnosis settles the question."""
+        return float(norm.cdf(self.separation - SURE))
+
+    @property
+    def value(self) -> float:
+        """What the choice of a motion maximises."""
+        return self.chance + _SLOPE * float(np.log1p(self.separation ** 2))
+
+
+def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
+           size: FloatArray) -> Answer:
+    """
+    Return what an information matrix (P, P) says of a question.
+
+    :param prior: information (Z,) on the nuisance terms, which come first.
+    :param widths: how many columns the target has, then each alternative.
+    :param size: coefficients (K,) of the target.
+    """
+    z, k = len(prior), widths[0]
+    nuisance = information[:z, :z] + np.diag(prior)
+    scale = 1.0 / np.sqrt(np.diag(nuisance))
+    factor = cho_factor(nuisance * np.outer(scale, scale) + 1e-10 * np.eye(z))
+    cross = information[:z, z:] * scale[:, None]
+    left = information[z:, z:] - cross.T @ cho_solve(factor, cross)
+    own = left[:k, :k]
+    separations = [_separation(own, size)]
+    at = k
+    for width in widths[1:]:
+        there, full = slice(at, at + width), slice(z + at, z + at + width)
+        inverse = _inverse(left[there, there], information[full, full])
+        separations.append(_separation(own - left[:k, there] @ inverse @ left[there, :k], size))
+        at += width
+    worst = int(np.argmin(separations))
+    variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
+    spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
+                      np.sqrt(np.maximum(variance, 0.0)), np.inf)
+    return Answer(separations[worst], worst - 1 if worst else None, spread)
+
+
+def _separation(information: FloatArray, size: FloatArray) -> float:
+    return float(np.sqrt(max(0.0, float(size @ information @ size))))
+
+
+def _inverse(matrix: FloatArray, full: FloatArray) -> FloatArray:
+    """Return the inverse of what is left of information, 0 where nothing is left of it."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    floor = 1e-9 * max(float(np.trace(full)), 1e-300)
+    inverse = np.where(values > floor, 1.0 / np.maximum(values, floor), 0.0)
+    return np.asarray((vectors * inverse) @ vectors.T)

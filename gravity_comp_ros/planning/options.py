@@ -1,0 +1,68 @@
+"""What a plan is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import OptionError
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Target:
+    """
+    An effect to settle on a joint; None for an effect of the whole arm.
+
+    `alternatives` are effects that explain the recordings as well, each NAME or NAME:JOINT. Common
+    effects that it is easily confused with are added to them.
+    """
+
+    effect: str
+    joint: str | None
+    alternatives: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return self.effect + (f':{self.joint}' if self.joint else '')
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """
+    Limits of the planned motion.
+
+    `duration` in s bounds the whole motion. `max_speed` (rad/s), `max_acceleration` (rad/s²) and
+    `max_jerk` (rad/s³) hold for every joint. Positions stay within `low` and `high` (N,) in rad,
+    by default the range of the recordings, and within `reach` rad of a recorded pose, joint by
+    joint. `start` (N,) is where the motion begins and ends, by default a recorded pose near the
+    middle of the recordings. `rate` in Hz is that of the trajectory's points.
+
+    :raises OptionError: if a limit is not positive, or the arrays make no sense.
+    """
+
+    duration: float = 20.0
+    max_speed: float = 0.3
+    max_acceleration: float = 1.0
+    max_jerk: float = 10.0
+    reach: float = 0.3
+    rate: float = 50.0
+    low: FloatArray | None = None
+    high: FloatArray | None = None
+    start: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ('duration', 'max_speed', 'max_acceleration', 'max_jerk', 'rate'):
+            value = getattr(self, name)
+            if not isfinite(value) or value <= 0.0:
+                raise OptionError(f'plan: {name} is {value}; it must be positive')
+        if not self.reach > 0.0:
+            raise OptionError(f'plan: reach is {self.reach}; it must be positive')
+        if (self.low is None) != (self.high is None):
+            raise OptionError('plan: give both low and high, or neither')
+        if self.low is not None and self.high is not None and (
+                self.low.shape != self.high.shape or (self.low > self.high).any()):
+            raise OptionError('plan: low must not exceed high')
+        if self.start is not None and not np.isfinite(self.start).all():
+            raise OptionError('plan: the start pose is not finite')

@@ -1,0 +1,204 @@
+"""Plan the recording that settles what earlier ones leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.noise import correlation_time
+from gravity_comp_ros.planning.candidates import candidates, Part
+from gravity_comp_ros.planning.choice import Chooser
+from gravity_comp_ros.planning.criterion import Answer
+from gravity_comp_ros.planning.options import PlanOptions, Target
+from gravity_comp_ros.planning.questions import open_targets, question
+from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
+from gravity_comp_ros.planning.segments import Pace, sampled
+from gravity_comp_ros.planning.workspace import Workspace, workspace
+import numpy as np
+
+Progress = Callable[[str, float], None]
+
+# Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
+_ROWS, _RATE = 2500, 25.0
+
+
+@dataclass(frozen=True)
+class PlannedPart:
+    """A part of the motion: from `start` to `end` in s the joints move as `what` says."""
+
+    start: float
+    end: float
+    joints: tuple[str, ...]
+    what: str
+    settles: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        names = ' and '.join(self.joints)
+        what = f' ({", ".join(self.settles)})' if self.settles else ''
+        return f'{self.start:.1f} to {self.end:.1f} s: {names} {self.what}{what}'
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """
+    What to expect of a target: chances that it is settled, before and after the motion.
+
+    `half_width` is half the 95 % interval of each coefficient afterwards, by symbol, in its unit.
+    `hardest` is the alternative that comes closest. `assumed` has the coefficients that the effect
+    is taken to have; `measured` says that they come from the recordings.
+    """
+
+    target: Target
+    chance_before: float
+    chance: float
+    half_width: dict[str, tuple[float, str]]
+    hardest: str
+    assumed: dict[str, float]
+    measured: bool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A motion, its parts, and what to expect of it; `notes` are lines for the user."""
+
+    trajectory: Trajectory
+    parts: tuple[PlannedPart, ...]
+    expectations: tuple[Expectation, ...]
+    notes: tuple[str, ...]
+
+
+def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
+         options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
+         progress: Progress | None = None) -> Plan:
+    """
+    Return the motion that settles most within the limits.
+
+    :param samples: all samples of earlier recordings, fast ones too.
+    :param model: gravity with an energy (chain or potential).
+    :param targets: what to settle; None for what the diagnosis leaves open.
+    :param diagnosis: of the same samples; made if it is needed and not given.
+    :raises OptionError: if nothing is left open, a target is unknown, or no admissible motion
+        shows any of them.
+    """
+    tell = progress or (lambda words, share: None)
+    samples = samples.joints(model.joints)
+    if targets is None and diagnosis is None:
+        tell('diagnose', 0.0)
+        diagnosis = diagnose(samples, model)
+    space = workspace(samples, options)
+    situation = _situation(samples, model)
+    if targets is None and diagnosis is not None:
+        targets = open_targets(diagnosis, situation.recorded)
+    if not targets:
+        raise OptionError('plan: nothing is left open; name what to settle')
+    pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
+    tell('plan', 0.2)
+    parts = _parts(space, model, targets, pace, options)
+    if not parts:
+        raise OptionError('plan: within the limits no joint of the targets can move; the '
+                          'recorded range may be too narrow')
+    questions, named, notes = _questions(targets, parts, situation, diagnosis)
+    chooser = Chooser(space, situation, questions, parts, pace, options.duration)
+    tell('plan', 0.5)
+    chosen = chooser.choose()
+    if not chosen:
+        raise OptionError(f'plan: no part fits into {options.duration:g} s and helps: raise '
+                          f'--duration or the limits')
+    motion, stretches = chooser.assemble(chosen)
+    before, after = chooser.answers_before(), chooser.answers_after(motion)
+    t, (q, qd, qdd) = sampled(motion, options.rate)
+    tell('plan', 1.0)
+    return Plan(Trajectory(model.joints, t, q, qd, qdd),
+                _planned_parts(stretches, chosen, chooser, named, model.joints),
+                tuple(_expectation(*each, situation) for each in zip(
+                    named, questions, before, after)), tuple(notes))
+
+
+def _situation(samples: JointSamples, model: GravityModel) -> Situation:
+    few = samples.select(np.arange(0, samples.n_samples, -(-samples.n_samples // _ROWS)))
+    recorded = build_motion(few, model)
+    residual = few.tau - recorded.gravity
+    per_second = np.empty(few.n_joints)
+    step = float(np.median(np.diff(few.t)[np.diff(few.runs) == 0])) if len(few) > 1 else 1.0
+    for n in range(few.n_joints):
+        known = np.column_stack([recorded.direction(n), few.qd[:, n], np.ones(len(few)),
+                                 recorded.qdd[:, n], few.q[:, n], few.q[:, n] ** 2,
+                                 recorded.gravity[:, n]])
+        rest = residual[:, n] - known @ np.linalg.lstsq(known, residual[:, n], rcond=None)[0]
+        time = correlation_time(rest, few.runs) * step
+        # A thinned recording says nothing of correlation between the samples left out.
+        per_second[n] = 1.0 / (max(float(rest.var()), 1e-12) * max(time, 1e-9))
+        per_second[n] *= _thinned(samples, few) if time <= 1.5 * step else 1.0
+    return Situation(recorded, model, NoiseRate(per_second), _RATE)
+
+
+def _thinned(samples: JointSamples, few: JointSamples) -> float:
+    return samples.n_samples / max(few.n_samples, 1)
+
+
+def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
+           pace: Pace, options: PlanOptions) -> list[Part]:
+    names = list(model.joints)
+    for target in targets:
+        if target.joint is not None and target.joint not in names:
+            raise OptionError(f'{target.name}: no joint {target.joint}; the joints are '
+                              f'{", ".join(names)}')
+    joints = [names.index(target.joint) for target in targets if target.joint in names]
+    if any(target.joint is None for target in targets):
+        joints += list(range(len(names)))
+    longest = min(8.0, 0.45 * options.duration)
+    found: list[Part] = []
+    for joint in dict.fromkeys(joints):
+        found += candidates(space, model, joint, pace, longest)
+    return found
+
+
+def _questions(targets: Sequence[Target], parts: Sequence[Part], situation: Situation,
+               diagnosis: Diagnosis | None
+               ) -> tuple[list[Question], list[Target], list[str]]:
+    noise = np.sqrt(1.0 / situation.noise.per_second / 0.02)
+    questions, named, notes = [], [], []
+    for target in targets:
+        joint = (list(situation.model.joints).index(target.joint)
+                 if target.joint in situation.model.joints else 0)
+        showing = [part for part in parts if joint in part.joints] or list(parts)
+        probe = situation.planned([s for part in showing[:6] for s in part.segments], True)
+        try:
+            questions.append(question(target, situation.recorded, probe, noise, diagnosis))
+        except OptionError as problem:
+            notes.append(str(problem))
+        else:
+            named.append(target)
+    if not questions:
+        raise OptionError('plan: ' + '; '.join(notes))
+    return questions, named, notes
+
+
+def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
+                   chooser: Chooser, named: Sequence[Target],
+                   joints: tuple[str, ...]) -> tuple[PlannedPart, ...]:
+    found = []
+    for (start, end), part in zip(stretches, chosen):
+        settles = tuple(named[k].name for k in chooser.helps(part))
+        found.append(PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what,
+                                 settles))
+    return tuple(found)
+
+
+def _expectation(target: Target, asked: Question, before: Answer, after: Answer,
+                 situation: Situation) -> Expectation:
+    symbols = asked.target.effect.coefficients_of(
+        situation.recorded, asked.target.joint or 0, asked.target.setting)
+    widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.spread)}
+    hardest = '' if after.worst is None else asked.alternatives[after.worst].effect.name
+    assumed = {c.symbol: float(v) for c, v in zip(symbols, asked.size)}
+    return Expectation(target, before.chance, after.chance, widths, hardest, assumed,
+                       asked.known_size)

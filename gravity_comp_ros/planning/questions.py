@@ -1,0 +1,154 @@
+"""From a diagnosis, or from names, to the questions that a motion is to settle."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.registry import all_effects
+from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.errors import GravityCompError, OptionError
+from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.planning.regressors import Alternative, Question
+import numpy as np
+
+OPEN = ('ambiguous', 'untestable', 'weak')
+# Effects that most joints have: worth asking for where the recording cannot show them.
+_COMMON = ('coulomb_friction', 'viscous_friction', 'load_dependent_friction')
+# What else is expected in a joint. A rarer effect is an alternative only if a diagnosis names it.
+_EXPECTED = (*_COMMON, 'torque_offset', 'joint_spring')
+_MOST_TARGETS = 6
+_MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
+# An effect of unknown size is taken to be this share of the joint's torque range, and no less
+# than this many standard deviations of noise.
+_WORTH, _ABOVE_NOISE = 0.03, 0.5
+
+
+def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
+    """
+    Return what a diagnosis leaves open, that which costs most first.
+
+    These are ambiguous, untestable and weak findings, and common effects that the recording
+    cannot show on a joint that moves. Inertia and Coriolis torque, which every arm has, are left
+    to those who ask for them by name.
+    """
+    found: dict[tuple[str, str | None], tuple[float, Target]] = {}
+    names = motion.samples.names
+    spans = dict(zip(names, np.ptp(motion.samples.tau, axis=0)))
+    for finding in diagnosis.findings:
+        known = all_effects().get(finding.effect or '')
+        if finding.verdict in OPEN and known is not None and known.family != 'dynamics':
+            cost = (finding.nrmse_before - finding.nrmse_after) * float(
+                max(spans.values()) if finding.joint is None else spans[finding.joint])
+            target = Target(known.name, finding.joint, finding.rivals)
+            found[target.effect, target.joint] = (1e3 + cost, target)
+    for joint, report in diagnosis.joints.items():
+        for effect in _COMMON:
+            moves = np.ptp(motion.samples.q[:, names.index(joint)]) > 0.02
+            if effect in report.untestable and moves:
+                target = Target(effect, joint)
+                found.setdefault((effect, joint), (float(spans[joint]), target))
+    ordered = sorted(found.values(), key=lambda pair: -pair[0])
+    return [target for _, target in ordered[:_MOST_TARGETS]]
+
+
+def question(target: Target, motion: Motion, probe: Motion, noise: FloatArray,
+             diagnosis: Diagnosis | None) -> Question:
+    """
+    Return the question of a target.
+
+    :param probe: a motion that shows the effect, for its settings where the recording has none.
+    :param noise: standard deviation (N,) of the residual, N·m.
+    :raises OptionError: if the effect or joint is unknown, or no motion can show it.
+    """
+    effect = known_effect(target.effect)
+    joint = _joint(effect, target.joint, motion.samples.names)
+    finding = _finding(target, diagnosis)
+    settings = [dict(finding.setting)] if finding and finding.setting else _settings(
+        effect, motion, probe, joint)
+    if not settings:
+        raise OptionError(f'{target.name}: no motion within the limits shows it')
+    mine = Alternative(effect, joint, settings[0])
+    others = _alternatives(target, effect, joint, motion, probe)
+    arm = effect.scope == 'arm' or any(other.effect.scope == 'arm' for other in others)
+    joints = tuple(range(motion.samples.n_joints)) if arm else (joint or 0,)
+    size = _known_size(finding)
+    known = size is not None
+    if size is None:
+        size = _typical_size(mine, motion, probe, noise)
+    return Question(mine, others, size, joints, known)
+
+
+def _alternatives(target: Target, effect: Effect, joint: int | None, motion: Motion,
+                  probe: Motion) -> tuple[Alternative, ...]:
+    found: list[Alternative] = []
+    known = all_effects()
+    wanted = [*target.alternatives, *effect.confounders]
+    for text in dict.fromkeys(wanted):
+        name, _, where = text.partition(':')
+        other = known.get(name)
+        expected = name in _EXPECTED or text in target.alternatives
+        if other is None or name == effect.name or not expected:
+            continue
+        try:
+            place = _joint(other, where or target.joint, motion.samples.names)
+            settings = _settings(other, motion, probe, place)
+        except GravityCompError:
+            continue
+        found += [Alternative(other, place, setting) for setting in settings[:_MOST_SETTINGS]]
+    return tuple(found[:_MOST_ALTERNATIVES * _MOST_SETTINGS])
+
+
+def _joint(effect: Effect, name: str | None, names: Sequence[str]) -> int | None:
+    if not effect.per_joint:
+        return None
+    if name is None:
+        raise OptionError(f'{effect.name} is an effect of one joint: name it '
+                          f'({effect.name}:JOINT)')
+    if name not in names:
+        raise OptionError(f'no joint {name}; the joints are {", ".join(names)}')
+    return list(names).index(name)
+
+
+def _settings(effect: Effect, motion: Motion, probe: Motion,
+              joint: int | None) -> list[Setting]:
+    """Return some settings of an effect, spread over those that it would try."""
+    for where in (motion, probe):
+        try:
+            every: list[dict[str, float]] = effect.settings(where, joint or 0)
+            for setting in every[:1]:
+                effect.columns(probe, joint or 0, setting)
+        except (KeyError, ValueError, IndexError):
+            continue
+        if every:
+            picked = np.unique(np.linspace(0, len(every) - 1, _MOST_SETTINGS).round().astype(int))
+            return [every[k] for k in picked]
+    return []
+
+
+def _finding(target: Target, diagnosis: Diagnosis | None) -> Finding | None:
+    for finding in diagnosis.findings if diagnosis else ():
+        if (finding.effect, finding.joint) == (target.effect, target.joint):
+            return finding
+    return None
+
+
+def _known_size(finding: Finding | None) -> FloatArray | None:
+    if finding is None or not finding.coefficients:
+        return None
+    values = np.array([estimate.value for estimate in finding.coefficients.values()])
+    return values if np.isfinite(values).all() and values.any() else None
+
+
+def _typical_size(one: Alternative, motion: Motion, probe: Motion,
+                  noise: FloatArray) -> FloatArray:
+    """Return coefficients whose torque would be worth knowing."""
+    columns = one.effect.columns(probe, one.joint or 0, one.setting)
+    flat = columns.reshape(-1, columns.shape[-1])
+    rms = np.sqrt((flat ** 2).mean(axis=0))
+    joint = one.joint or 0
+    torque = max(_WORTH * float(np.ptp(motion.samples.tau[:, joint])),
+                 _ABOVE_NOISE * float(noise[joint]))
+    return np.asarray(torque / np.maximum(rms, 1e-9) / np.sqrt(len(rms)))

@@ -1,0 +1,186 @@
+"""
+Pieces of motion that start and end at rest, within limits of speed, acceleration and jerk.
+
+A line goes straight from pose to pose. Its speed rises over T_r as V (1 - cos(pi t / T_r)) / 2,
+so that the acceleration is at most pi V / (2 T_r) and the jerk at most pi² V / (2 T_r²), then is
+constant, and falls alike. A wave is a sine of each of some joints about a pose, under a window
+sin²(pi t / T).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+from gravity_comp_ros.data.samples import FloatArray
+import numpy as np
+
+_Path = tuple[FloatArray, FloatArray, FloatArray]
+_WAVE_GRID = 2000
+# What a fine grid may miss of a wave's largest jerk.
+_MARGIN = 1.01
+
+
+@dataclass(frozen=True)
+class Pace:
+    """The largest speed, acceleration and jerk of every joint, in rad and s."""
+
+    speed: float
+    acceleration: float
+    jerk: float
+
+    def slower(self, speed: float) -> Pace:
+        return Pace(min(self.speed, speed), self.acceleration, self.jerk)
+
+
+class Segment(Protocol):
+    """A piece of motion; `end` is the pose at its end."""
+
+    @property
+    def duration(self) -> float:
+        """Return its length in s."""
+
+    @property
+    def end(self) -> FloatArray:
+        """Return the pose (N,) at its end."""
+
+    def at(self, t: FloatArray) -> _Path:
+        """Return q, qd, qdd, each (M, N), at times from 0 to the duration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hold:
+    """The arm stands at a pose."""
+
+    pose: FloatArray
+    duration: float
+
+    @property
+    def end(self) -> FloatArray:
+        return self.pose
+
+    def at(self, t: FloatArray) -> _Path:
+        q = np.broadcast_to(self.pose, (len(t), len(self.pose))).copy()
+        return q, np.zeros_like(q), np.zeros_like(q)
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A straight line in joint space from `start` to `end`."""
+
+    start: FloatArray
+    end: FloatArray
+    pace: Pace
+
+    @cached_property
+    def _profile(self) -> tuple[float, float, float]:
+        """Return V in 1/s, T_r and the time of constant speed in s, of the share of the way."""
+        far = float(np.abs(self.end - self.start).max())
+        if far < 1e-12:
+            return 0.0, 0.0, 0.0
+        speed, bend, jerk = (limit / far for limit in (
+            self.pace.speed, self.pace.acceleration, self.pace.jerk))
+        # Both ramps together cover V T_r, which must not exceed the whole way.
+        top = min(speed, np.sqrt(2.0 * bend / np.pi), (np.sqrt(2.0 * jerk) / np.pi) ** (2.0 / 3.0))
+        ramp = max(np.pi * top / (2.0 * bend), np.pi * np.sqrt(top / (2.0 * jerk)))
+        return float(top), float(ramp), float(max(0.0, 1.0 - top * ramp) / top)
+
+    @property
+    def duration(self) -> float:
+        return 2.0 * self._profile[1] + self._profile[2]
+
+    def at(self, t: FloatArray) -> _Path:
+        top, ramp, cruise = self._profile
+        way = self.end - self.start
+        if not top:
+            return Hold(self.end, 0.0).at(t)
+        t = np.clip(t, 0.0, self.duration)
+        # The second half mirrors the first.
+        late = t > 0.5 * self.duration
+        x = np.where(late, self.duration - t, t)
+        in_ramp = x < ramp
+        phase = np.pi * np.minimum(x, ramp) / ramp
+        s = np.where(in_ramp, 0.5 * top * (x - ramp / np.pi * np.sin(phase)),
+                     0.5 * top * ramp + top * (x - ramp))
+        v = np.where(in_ramp, 0.5 * top * (1.0 - np.cos(phase)), top)
+        a = np.where(in_ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
+        s, a = np.where(late, 1.0 - s, s), np.where(late, -a, a)
+        return self.start + s[:, None] * way, v[:, None] * way, a[:, None] * way
+
+
+@dataclass(frozen=True, eq=False)
+class Wave:
+    """Sines under a window: `amplitude` (N,) in rad and `frequency` (N,) in Hz by joint."""
+
+    pose: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    duration: float
+
+    @property
+    def end(self) -> FloatArray:
+        return self.pose
+
+    def at(self, t: FloatArray) -> _Path:
+        window = _window(t, self.duration)
+        q, qd, qdd, _ = _wave(t, window, self.amplitude, self.frequency)
+        return self.pose + q, qd, qdd
+
+
+def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,
+                pace: Pace) -> Wave:
+    """
+    Return the wave with amplitudes made smaller where a joint would exceed its limits.
+
+    Frequencies become multiples of one over the duration: a sine that does not end at 0 would end
+    with an acceleration.
+    """
+    frequency = np.maximum(np.round(frequency * duration), 1.0) / duration
+    t = np.linspace(0.0, duration, _WAVE_GRID)
+    _, *rates = _wave(t, _window(t, duration), amplitude, frequency)
+    share = np.ones(len(pose))
+    for rate, most in zip(rates, (pace.speed, pace.acceleration, pace.jerk)):
+        peak = _MARGIN * np.abs(rate).max(axis=0)
+        share = np.minimum(share, most / np.maximum(peak, 1e-300))
+    return Wave(pose, amplitude * share, frequency, duration)
+
+
+def sampled(segments: Sequence[Segment], rate: float) -> tuple[FloatArray, _Path]:
+    """
+    Return times (M,) in s and q, qd, qdd (M, N) of segments one after another.
+
+    Samples are 1 / rate apart; the last one is at the end, at rest.
+    """
+    ends = np.cumsum([segment.duration for segment in segments])
+    count = int(np.ceil(ends[-1] * rate - 1e-9)) + 1
+    t = np.arange(count) / rate
+    number = np.minimum(np.searchsorted(ends, t, side='right'), len(segments) - 1)
+    n = len(segments[0].end)
+    q, qd, qdd = (np.empty((count, n)) for _ in range(3))
+    for k, segment in enumerate(segments):
+        here = number == k
+        if here.any():
+            start = ends[k] - segment.duration
+            q[here], qd[here], qdd[here] = segment.at(
+                np.minimum(t[here] - start, segment.duration))
+    return t, (q, qd, qdd)
+
+
+def _window(t: FloatArray, duration: float) -> tuple[FloatArray, ...]:
+    """Return sin²(pi t / T) and its first three derivatives, each (M, 1)."""
+    w = 2.0 * np.pi / duration
+    sin, cos = np.sin(w * t)[:, None], np.cos(w * t)[:, None]
+    return 0.5 * (1.0 - cos), 0.5 * w * sin, 0.5 * w ** 2 * cos, -0.5 * w ** 3 * sin
+
+
+def _wave(t: FloatArray, window: tuple[FloatArray, ...], amplitude: FloatArray,
+          frequency: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    omega = 2.0 * np.pi * frequency
+    sin, cos = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
+    s = (amplitude * sin, amplitude * omega * cos, -amplitude * omega ** 2 * sin,
+         -amplitude * omega ** 3 * cos)
+    w = window
+    return (w[0] * s[0], w[1] * s[0] + w[0] * s[1], w[2] * s[0] + 2.0 * w[1] * s[1] + w[0] * s[2],
+            w[3] * s[0] + 3.0 * w[2] * s[1] + 3.0 * w[1] * s[2] + w[0] * s[3])

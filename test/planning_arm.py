@@ -1,0 +1,37 @@
+"""A small arm with a model, and recordings that leave something open."""
+
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.expansion import expand
+import numpy as np
+
+NAMES = ('shoulder', 'elbow', 'wrist')
+_ABOUT_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+CHAIN = Chain(np.array([_ABOUT_Y, np.eye(3), np.eye(3)]),
+              np.array([[12.0, 0.0], [6.0, 0.5], [2.0, 0.0]]))
+NOISE = 0.05
+
+
+def model() -> GravityModel:
+    """Return the gravity of three parallel axes."""
+    made = GravityModel.from_energy(NAMES, 'chain', expand(CHAIN), np.full(3, NOISE),
+                                    Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
+    return GravityModel(made.joints, 'chain', made.torques, made.energy, made.noise,
+                        made.coverage, {}, CHAIN)
+
+
+def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction: float = 0.0,
+            span: float = 1.0) -> JointSamples:
+    """Return a recording in which every joint turns one way all the time, now fast, now slowly."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 1.0 / rate)
+    x, waves = t[:, None] / duration, np.array([1.0, 2.0, 3.0])
+    q = span * (x - 0.5 + 0.8 * np.sin(2 * np.pi * waves * x) / (2 * np.pi * waves))
+    qd = span / duration * (1.0 + 0.8 * np.cos(2 * np.pi * waves * x))
+    tau = CHAIN.torque(q) + friction * np.sign(qd) + NOISE * rng.normal(size=q.shape)
+    return JointSamples.single_run(NAMES, t, q, qd, tau, 'old')
+
+
+def both(*runs: JointSamples) -> JointSamples:
+    return concatenate(runs)

@@ -1,0 +1,84 @@
+"""`plan`, and `synth --motion` that plays what it has written."""
+
+import json
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.trajectory_files import read_trajectory
+import numpy as np
+from planning_arm import model, NAMES, one_way
+import pytest
+import urdf_snippets as robots
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    made = tmp_path_factory.mktemp('plan')
+    write_bag(made / 'old.mcap', [joint_states(one_way(0))])
+    save_model(made / 'arm.json', model())
+    (made / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', turn='0 0 0')))
+    return made
+
+
+def planned(folder, output, *argv):
+    return ['plan', str(folder / 'old.mcap'), '--model', str(folder / 'arm.json'), '--settle',
+            'coulomb_friction:elbow', '--duration', '12', '-o', str(output), *map(str, argv)]
+
+
+def test_a_plan_is_written_told_and_played(folder, tmp_path, capsys):
+    motion = tmp_path / 'motion.yaml'
+    assert main(planned(folder, motion)) == 0
+    told = capsys.readouterr().out
+    for words in (' s: elbow ', 'coulomb_friction:elbow', 'bring the arm to',
+                  'obstacles are not known', f'written to {motion}'):
+        assert words in ' '.join(told.split())
+    again = tmp_path / 'again.csv'
+    assert main(planned(folder, again, '--effort', '--json')) == 0
+    document = json.loads(capsys.readouterr().out)
+    (expected,) = document['expected']
+    assert expected['effect'] == 'coulomb_friction' and expected['joint'] == 'elbow'
+    assert expected['chance'] > expected['chance_before']
+    assert document['duration_s'] <= 12.0
+    found = read_trajectory(again)
+    np.testing.assert_allclose(found.q[0], document['start'], atol=1e-6)
+    assert found.effort is not None
+    # The simulated arm follows the file, joints by name.
+    out = tmp_path / 'new.mcap'
+    assert main(['synth', '--arm', str(folder / 'arm.urdf'), '--motion', str(motion), '--noise',
+                 '0.01', '-o', str(out)]) == 0
+    played = read_bag(out).samples
+    at = np.interp(played.t, found.t, found.q[:, 1])
+    np.testing.assert_allclose(played.q[:, played.names.index('elbow')], at, atol=2e-3)
+
+
+def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
+    out = tmp_path / 'wide.csv'
+    assert main(planned(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
+    assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
+
+
+@pytest.mark.parametrize('argv, status, words', [
+    (('--within', 'limits'), 1, '--within limits needs the limits'),
+    (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
+    (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no part fits'),
+])
+def test_what_cannot_be_planned_says_so(folder, tmp_path, capsys, argv, status, words):
+    out = tmp_path / 'motion.yaml'
+    assert main(planned(folder, out, *argv)) == status
+    assert words in capsys.readouterr().err and not out.exists()
+
+
+@pytest.mark.parametrize('motion, status, words', [
+    ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
+def test_synth_refuses_a_motion_that_is_none(tmp_path, capsys, motion, status, words):
+    assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
+    assert words in capsys.readouterr().err
+
+
+def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):
+    motion = tmp_path / 'motion.csv'
+    assert main(planned(folder, motion)) == 0
+    assert main(['synth', '--motion', str(motion), '-o', str(tmp_path / 'x.mcap')]) == 1
+    assert 'moves shoulder, elbow, wrist, but the joints of iiwa7' in capsys.readouterr().err

@@ -1,0 +1,116 @@
+"""What is planned, and what is expected of it, on an arm whose truth is known."""
+
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning.criterion import answer
+from gravity_comp_ros.planning.questions import open_targets
+from hypothesis import given, strategies
+import numpy as np
+from planning_arm import CHAIN, model, NAMES, NOISE, one_way
+import pytest
+
+
+def test_friction_of_a_joint_that_moved_one_way():
+    found = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = found.expectations
+    assert expected.chance_before < 0.01 and expected.chance > 0.95
+    assert all('elbow' in part.joints for part in found.parts)
+    assert any('coulomb_friction:elbow' in part.settles for part in found.parts)
+    q, qd = found.trajectory.q, found.trajectory.qd
+    assert qd[:, 1].min() < -0.1 and qd[:, 1].max() > 0.1
+    # Nothing else moves but on the way to another posture.
+    assert np.ptp(q[:, 1]) > 0.1
+
+
+def test_the_interval_is_what_repeated_recordings_scatter_by():
+    old = one_way(0)
+    found = plan(old, model(), [Target('coulomb_friction', 'elbow')],
+                 PlanOptions(15.0))
+    motion = found.trajectory
+    # Coulomb and viscous friction, offset, inertia, and gravity near its truth, in both.
+    qd = np.vstack([old.qd, motion.qd])[:, 1]
+    bend = np.vstack([np.gradient(old.qd, 0.02, axis=0), motion.qdd])
+    gravity = CHAIN.jacobian(np.vstack([old.q, motion.q]))[2:, 1].T
+    columns = np.column_stack([np.tanh(qd / 0.002), qd, np.ones(len(qd)), bend, gravity])
+    rng = np.random.default_rng(0)
+    tau = NOISE * rng.normal(size=(400, len(columns)))
+    scatter = (tau @ np.linalg.pinv(columns, rcond=1e-9).T)[:, 0].std()
+    width, unit = found.expectations[0].half_width['F_c']
+    assert unit == 'N·m' and 0.8 * scatter < width / 1.96 < 1.25 * scatter
+
+
+def test_the_alternative_decides_what_motion_is_worth():
+    # Between load friction and Coulomb only a change of load decides.
+    target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
+    found = plan(one_way(0), model(), [target], PlanOptions(20.0))
+    (expected,) = found.expectations
+    assert expected.hardest in ('coulomb_friction', '', 'torque_offset')
+    load = np.abs(CHAIN.torque(found.trajectory.q)[:, 1])
+    moving = np.abs(found.trajectory.qd[:, 1]) > 0.02
+    assert np.ptp(load[moving]) > 0.3
+
+
+@given(strategies.integers(0, 10_000))
+def test_an_answer_is_that_of_least_squares(seed):
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(40, 6))  # 3 nuisance terms, the target, an alternative of two columns
+    size = np.array([rng.uniform(0.5, 2.0)])
+    found = answer(x.T @ x, np.full(3, 1e-9), (1, 2), size)
+    y = x[:, 3] * size[0]
+    left = [np.sqrt(np.linalg.lstsq(x[:, keep], y, rcond=None)[1][0])
+            for keep in ([0, 1, 2], [0, 1, 2, 4, 5])]
+    assert found.separation == pytest.approx(min(left), rel=1e-5)
+    assert found.worst == (None if left[0] <= left[1] else 0)
+    beside = x[:, [0, 1, 2, 3]]
+    assert found.spread[0] == pytest.approx(
+        np.sqrt(np.linalg.inv(beside.T @ beside)[3, 3]), rel=1e-5)
+    # More data never makes it less sure.
+    more = x.T @ x + np.diag(rng.uniform(0.0, 1.0, 6))
+    assert answer(more, np.full(3, 1e-9), (1, 2), size).separation >= found.separation * (1 - 1e-9)
+
+
+def test_nothing_left_of_a_column_is_no_information():
+    x = np.random.default_rng(0).normal(size=(40, 2))
+    x = np.column_stack([x, x[:, 1], x[:, 0]])
+    found = answer(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
+    assert found.separation < 1e-2 and np.isinf(found.spread[0]) and found.chance < 1e-3
+
+
+def finding(effect, joint, verdict, before=0.1, after=0.05, rivals=()):
+    return Finding(joint, effect, verdict, rivals, {}, before, after, 0.0, 1.0, '', '')
+
+
+def test_what_a_diagnosis_leaves_open():
+    motion = build_motion(one_way(0), model())
+    report = JointReport('', 0.05, 100.0, 0.1, 0.1, {'viscous_friction': 'one speed',
+                                                     'end_stop': 'not reached'})
+    quiet = JointReport('', 0.05, 100.0, 0.1, 0.1, {})
+    diagnosis = Diagnosis((
+        finding('joint_spring', 'wrist', 'weak', 0.02, 0.019),
+        finding('torque_offset', 'elbow', 'established'),
+        finding('coulomb_friction', 'elbow', 'ambiguous', rivals=('torque_offset',)),
+        finding('inertia', 'elbow', 'weak'), finding(None, 'elbow', 'unexplained')),
+        {NAMES[0]: quiet, NAMES[1]: report, NAMES[2]: quiet})
+    found = open_targets(diagnosis, motion)
+    assert [target.name for target in found] == [
+        'coulomb_friction:elbow', 'joint_spring:wrist', 'viscous_friction:elbow']
+    assert found[0].alternatives == ('torque_offset',)
+    nothing = Diagnosis((), dict.fromkeys(NAMES, quiet))
+    with pytest.raises(OptionError, match='nothing is left open'):
+        plan(one_way(0), model(), None, PlanOptions(), nothing)
+
+
+@pytest.mark.parametrize('target, words', [
+    (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
+    (Target('coulomb_friction', 'hip'), 'no joint hip')])
+def test_targets_that_make_no_sense(target, words):
+    with pytest.raises(OptionError, match=words):
+        plan(one_way(0), model(), [target], PlanOptions(15.0))
+
+
+def test_a_joint_that_may_not_move():
+    still = one_way(0, span=1e-4)
+    with pytest.raises(OptionError, match='no joint of the targets can move'):
+        plan(still, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))

@@ -1,0 +1,148 @@
+"""Units, names and the usual troubles of tables: understood, or asked about, never guessed."""
+
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.commands.arguments import _EFFORT_UNITS
+from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
+from gravity_comp_ros.recordings.bag import EFFORT_UNITS, read_bag, ReadOptions
+from gravity_comp_ros.recordings.gated_bag import read_gated
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
+from gravity_comp_ros.recordings.table import read_table, TableOptions
+import numpy as np
+import pytest
+
+T = np.arange(300) * 0.02
+Q = np.column_stack([np.sin(0.1 * T), np.cos(0.2 * T)])
+TAU = np.column_stack([10 * Q[:, 0], 3 * Q[:, 1] + 0.5])
+HEAD = 't,q_1,q_2,tau_1,tau_2'
+
+
+def table(path, head=HEAD, comma=',', point='.', t=T, end=''):
+    rows = np.column_stack([t, Q, TAU])
+    lines = [head] if head else []
+    lines += [comma.join(f'{x:.6f}'.replace('.', point) for x in row) for row in rows]
+    path.write_text('\n'.join(lines) + '\n' + end)
+    return path
+
+
+def bag(path, q=Q, tau=TAU, names=('joint_1', 'joint_2')):
+    qd = np.gradient(q, T, axis=0)
+    write_bag(path, [JointTopic('/joint_states', names, T, q, qd, tau)])
+    return path
+
+
+@pytest.mark.parametrize('comma', [';', '\t', ' '])
+@pytest.mark.parametrize('head', [HEAD, ''])
+def test_a_decimal_comma(tmp_path, comma, head):
+    path = table(tmp_path / 'x.csv', head.replace(',', comma), comma, ',')
+    options = TableOptions() if head else TableOptions(time='1', position='2-3', effort='4-5')
+    found = read_table(path, options).topic
+    np.testing.assert_allclose(found.position, Q, atol=1e-6)
+    np.testing.assert_allclose(found.t, T, atol=1e-6)
+
+
+def test_thousands_are_not_decimals(tmp_path):
+    path = tmp_path / 'x.csv'
+    path.write_text('t;q_1;tau_1\n0;1.234,5;2\n1;1,5;2\n')
+    with pytest.raises(BagError, match="'1.234,5' is not a number"):
+        read_table(path)
+
+
+@pytest.mark.parametrize('end', ['6.00,0.5', '6.00,0.5,0.5,1.0,', '6.00,0.5,0.5,1.0,1e',
+                                 '6.00,0.5,0.5,1.0,1.0,7'])
+def test_a_row_that_is_cut_off(tmp_path, end):
+    path = table(tmp_path / 'x.csv', end=end)
+    with pytest.raises(BagError, match='line 302|row 301'):
+        read_table(path)
+    found = read_table(path, TableOptions(skip_bad_rows=True))
+    assert len(found.topic.t) == 300 and found.dropped == 1
+
+
+def test_milliseconds_are_not_taken_for_seconds(tmp_path):
+    path = table(tmp_path / 'x.csv', t=1000 * T)
+    with pytest.raises(BagError, match='--time-unit ms, or s if that is right'):
+        read_table(path)
+    assert read_table(path, TableOptions(time_unit='ms')).topic.t[-1] == pytest.approx(5.98)
+    assert read_table(path, TableOptions(time_unit='s')).topic.t[-1] == pytest.approx(5980)
+    with pytest.raises(BagError, match='--time-unit ns'):
+        read_table(table(tmp_path / 'y.csv', t=1e9 * T))
+
+
+def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):
+    path = table(tmp_path / 'x.csv')
+    with pytest.raises(OptionError, match='has a column of time, t: leave --rate out'):
+        read_table(path, TableOptions(rate=100.0))
+    assert read_table(path, TableOptions(rate=100.0, time='none')).topic.t[-1] == 2.99
+
+
+@pytest.mark.parametrize('columns', [{'position': '2-3', 'effort': '2-3'},
+                                     {'position': '2-3', 'velocity': '3-4', 'effort': '4-5'},
+                                     {'time': 'q_1'}])
+def test_a_column_is_one_thing(tmp_path, columns):
+    with pytest.raises(BagError, match='cannot be two things at once'):
+        read_table(table(tmp_path / 'x.csv'), TableOptions(**columns))
+
+
+def test_one_line_and_no_file(tmp_path, capsys):
+    path = table(tmp_path / 'x.csv', t=1000 * T)
+    assert main(['convert', str(path), '-o', str(tmp_path / 'x.mcap')]) == 1
+    assert capsys.readouterr().err.count('\n') == 1 and not (tmp_path / 'x.mcap').exists()
+
+
+def same(path, options, other):
+    """Check that both readers give the samples of `other`."""
+    whole, gated = read_bag(path, options), read_gated(path, options)
+    assert gated.report == whole.report
+    for found in (whole.samples, gated.samples):
+        at = np.searchsorted(other.t, found.t)
+        assert found.names == other.names
+        for what in ('q', 'qd', 'tau'):
+            np.testing.assert_allclose(getattr(found, what), getattr(other, what)[at], atol=1e-9)
+    return whole.report
+
+
+def test_degrees(tmp_path):
+    known = read_bag(bag(tmp_path / 'rad.mcap')).samples
+    path = bag(tmp_path / 'deg.mcap', q=np.degrees(Q))
+    assert any('are they degrees? --degrees' in note for note in read_bag(path).report.notes)
+    report = same(path, ReadOptions(degrees=True), known)
+    assert not any('degrees' in note for note in report.notes)
+
+
+@pytest.mark.parametrize(('unit', 'size'), [('mNm', 1e-3), ('kgfcm', 0.0980665),
+                                            ('lbfft', 1.3558179483314004)])
+def test_units_of_effort(tmp_path, unit, size):
+    known = read_bag(bag(tmp_path / 'nm.mcap', tau=-TAU)).samples
+    path = bag(tmp_path / 'x.mcap', tau=TAU / size)
+    report = same(path, ReadOptions(effort_unit=unit, effort_scale={
+        'joint_1': -1.0, 'joint_2': -1.0}), known)
+    assert report.effort_scale == pytest.approx({'joint_1': -size, 'joint_2': -size})
+
+
+def test_the_command_knows_the_units():
+    assert tuple(EFFORT_UNITS) == _EFFORT_UNITS
+    with pytest.raises(OptionError, match='effort unit'):
+        ReadOptions(effort_unit='A')
+
+
+def test_joints_are_called_as_in_a_urdf(tmp_path):
+    known = read_bag(bag(tmp_path / 'x.mcap', names=('shoulder', 'elbow'))).samples
+    path = bag(tmp_path / 'y.mcap')
+    rename = {'joint_1': 'shoulder', 'joint_2': 'elbow'}
+    same(path, ReadOptions(rename=rename), known)
+    turned = ReadOptions(joints=('elbow',), rename=rename, effort_scale={'elbow': -1.0})
+    np.testing.assert_array_equal(read_gated(path, turned).samples.tau[:, 0] < 0, True)
+    with pytest.raises(ModelMismatchError, match='no joint wrist .to be renamed.'):
+        read_gated(path, ReadOptions(rename={'wrist': 'x'}))
+    with pytest.raises(BagError, match='duplicate joint name'):
+        read_bag(path, ReadOptions(rename={'joint_1': 'joint_2'}))
+    with pytest.raises(OptionError, match='the same name'):
+        ReadOptions(rename={'joint_1': 'x', 'joint_2': 'x'})
+
+
+def test_the_options_reach_every_reader(tmp_path, capsys):
+    path = str(bag(tmp_path / 'x.mcap', q=np.degrees(Q), tau=1000 * TAU))
+    options = ['--degrees', '--effort-unit', 'mNm', '--rename', 'joint_1=a,joint_2=b']
+    assert main(['info', path, *options]) == 0
+    shown = capsys.readouterr().out
+    assert ' a ' in shown and 'degrees?' not in shown and '3.50' in shown
+    assert main(['info', path, '--rename', 'joint_1']) == 2
