@@ -24,6 +24,8 @@ sys.path.insert(0, str(ROOT / 'test'))
 ARM = iiwa7()
 PERIOD, STEP = 0.006, 0.2
 NOISE = 0.1
+# Hz; joint states of an arm that is led by hand.
+LED = 50.0
 # N·m by which a torque may be further from the truth than the model before.
 WRONG = 1.0
 # The motion is played faster than it is, and so must torque follow.
@@ -89,18 +91,19 @@ class Player:
         self.probe.spin(0.3)
         self.probe.torques.clear()
 
-    def lead(self, n: int) -> None:
-        """Lead the arm by hand: its effort is what the node published last."""
-        part = eq17(n * STEP, 1.0 / STEP, self.t)
-        for k in range(n):
-            t = self.t + STEP * k
+    def lead(self, seconds: float) -> None:
+        """Lead the arm by hand, as fast as it is: its effort is what the node published last."""
+        part = eq17(seconds, LED, self.t)
+        due = time.monotonic()
+        for k, t in enumerate(part.t):
             self.poses[int(t), round((t - int(t)) * 1e9)] = part.q[k]
             torques = self.probe.torques
             effort = np.array(torques[-1].effort) if torques else np.zeros(7)
             self.probe.send(ARM.joints, t, part.q[k], part.qd[k],
                             effort + 0.02 * self.rng.standard_normal(7))
-            self.probe.spin(PERIOD)
-        self.t += STEP * n
+            due += 1.0 / LED
+            self.probe.spin(max(1e-4, due - time.monotonic()))
+        self.t += seconds
 
     def settle(self, seconds: float = 60.0) -> None:
         """Wait until no fit runs and none is due, and what was sent has been answered."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from broken_effort import KINDS
-from client import PERIOD, Player
+from client import Player
 from gravity_comp_ros.simulation.arms import Payload
 import numpy as np
 
@@ -75,8 +75,10 @@ def pause(seconds: float, action: str) -> Fault:
         player.move(100)
         steps = np.abs(np.diff([before, *(message.effort for message in
                                           player.probe.torques[count:])], axis=0))
-        # Twice the usual period of a message, at 500 N·m/s.
-        most = 500.0 * 2.0 * 1.5 * PERIOD
+        # Torque is on its way to another pose: only its steps are judged.
+        player.probe.torques.clear()
+        # At 500 N·m/s, with messages that are up to 15 ms apart on a busy machine.
+        most = 500.0 * 2.0 * 0.015
         return '' if steps.max() <= most else f'a step of {steps.max():.1f} N·m'
     return Fault(f'{seconds:g} s without input, {action}', play,
                  {'stale_after': 0.2, 'stale_action': action, 'hold_time': 0.1, 'fade_time': 0.2,
@@ -122,7 +124,7 @@ def floating(seed: int) -> Fault:
         player.move(5)
         player.probe.call('payload_changed')
         for _ in range(3):
-            player.lead(40)
+            player.lead(10.0)
             player.settle()
         after = player.model_in_use()
         text = player.probe.report('learning').message

@@ -19,19 +19,21 @@ from pathlib import Path
 import sys
 import tempfile
 import time
+from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test'))
-from client import PARAMETERS, Player, ROOT  # noqa: E402
-from faults import every_fault, Fault  # noqa: E402
-from gravity_comp_ros.estimation.fit import fit, FitOptions  # noqa: E402
-from gravity_comp_ros.models.model_file import load_model, save_model  # noqa: E402
-from gravity_comp_ros.recordings.bag import read_bag  # noqa: E402
-from ros_harness import running  # noqa: E402
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path[:0] = [str(HERE), str(ROOT / 'test')]
 
 
-def fire(faults: list[Fault], path: Path, extra: dict[str, object]) -> list[str]:
+def fire(faults: list[Any], path: Path, extra: dict[str, object]) -> list[str]:
     """Fire faults at one process; return what went wrong."""
+    from client import PARAMETERS, Player
+    from ros_harness import running
     failed = []
     parameters = {**PARAMETERS, 'model_file': path, **extra, **faults[0].parameters}
     with running(parameters) as (node, probe):
@@ -57,6 +59,7 @@ def back_to_start(probe) -> None:
 
 
 def main() -> int:
+    from faults import every_fault
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--only', default='')

@@ -30,8 +30,8 @@ LEAST_TORQUE = 1e-4
 PERIODS = 2.0
 # Messages over which the usual period is the median, and the least that it is taken for, s.
 PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
-# The watchdog's own calls may be this far apart, s.
-WATCH_PERIOD = 0.05
+# One call of the watchdog counts for at most this, s.
+WATCH_PERIOD = 0.02
 TURN = 2.0 * math.pi
 
 

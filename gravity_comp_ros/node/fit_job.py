@@ -131,12 +131,12 @@ def work(job: Job) -> Outcome:
                     job.held, more)
     if not verdict.compensated:
         change = next((other for name, other in found if name == CHANGE), None)
-        broken = _broken(job, chain, change, model)
-        if broken is not None:
-            verdict = verdict.refused(broken)
-        elif job.sent is not None and (echo := echo_objection(job.sent, job.train, job.held,
-                                                              here.train, here.held)):
+        echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
+                                                            here.train, here.held)
+        if echo is not None:
             verdict = verdict.refused(echo, is_echo=True)
+        elif (broken := _broken(job, chain, change, model)) is not None:
+            verdict = verdict.refused(broken)
     return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
 
 
