@@ -1,7 +1,7 @@
 """Headless Chromium for tests of pages: what it shows, what it asks for, what it complains of."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 import os
 from pathlib import Path
 import shutil
@@ -39,6 +39,32 @@ SELECTED = """() => {
   const [source] = sources
   return [source.selected.indices.length,
           glyphs.filter((glyph) => glyph.data_source === source).length]
+}"""
+
+# Elements of a page, shadow roots and all, that a name must never become.
+LIVELY = """() => {
+  const found = []
+  const walk = (root) => {
+    for (const element of root.querySelectorAll('*')) {
+      const name = element.localName, link = element.getAttribute('href') || ''
+      const handles = element.getAttributeNames().some(n => n.startsWith('on'))
+      if (handles || name.startsWith('mjx') || link.startsWith('javascript:')
+          || (name == 'img' && element.getAttribute('src') == 'x')) found.push(element.outerHTML)
+      if (element.shadowRoot) walk(element.shadowRoot)
+    }
+  }
+  walk(document)
+  return found
+}"""
+# What a name that did become markup would do: a handler, a script, a link that runs one.
+INJECT = """() => {
+  const place = document.createElement('div')
+  place.innerHTML = '<img src="data:," onerror="alert(1)"><a href="javascript:alert(2)">x</a>'
+  document.body.append(place)
+  const script = document.createElement('script')
+  script.textContent = 'alert(3)'
+  document.body.append(script)
+  place.querySelector('a').click()
 }"""
 
 
@@ -95,12 +121,28 @@ class Watched:
 @contextmanager
 def watched(home: str, **options) -> Iterator[Watched]:
     """Yield a new page; `home` is what its own requests begin with."""
+    with browsing() as browser:
+        with browser(home, **options) as tab:
+            yield tab
+
+
+@contextmanager
+def browsing() -> Iterator[Callable[..., AbstractContextManager[Watched]]]:
+    """Yield what `watched` does, for many pages of one browser."""
     path = chromium()
     from playwright.sync_api import sync_playwright
     with sync_playwright() as play:
         browser = play.chromium.launch(executable_path=path, args=OPTIONS)
+
+        @contextmanager
+        def page(home: str, **options) -> Iterator[Watched]:
+            context = browser.new_context(viewport={'width': 1280, 'height': 860}, **options)
+            try:
+                yield Watched(context.new_page(), home)
+            finally:
+                context.close()
+
         try:
-            yield Watched(browser.new_page(viewport={'width': 1280, 'height': 860}, **options),
-                          home)
+            yield page
         finally:
             browser.close()

@@ -1,14 +1,19 @@
 """Hidden effects by name, and `synth --hidden`."""
 
+import json
+
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.hidden import hidden, KINDS
+from gravity_comp_ros.simulation.hidden_sizes import size_table, SIZES
 from gravity_comp_ros.simulation.motions import sample
 from gravity_comp_ros.simulation.synthesise import Signals
+from mcap.reader import make_reader
 import numpy as np
 import pytest
 
@@ -17,13 +22,13 @@ ARM = iiwa7()
 
 def test_a_joint_goes_by_name_or_number_and_a_size_is_taken_as_it_is():
     expected = Friction(3, LuGre(0.8))
-    assert hidden('coulomb_friction:4=0.8', ARM) == expected
-    assert hidden('coulomb_friction:iiwa_joint_4=0.8', ARM) == expected
+    assert hidden('coulomb_friction:4=0.8', ARM).disturbance == expected
+    assert hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance == expected
 
 
 def test_sizes_follow_the_joint_unless_given():
-    assert hidden('coulomb_friction', ARM) == Friction(1, LuGre(1.0))
-    assert hidden('coulomb_friction:6', ARM).surfaces.coulomb == pytest.approx(0.3)
+    assert hidden('coulomb_friction:2', ARM).disturbance == Friction(1, LuGre(1.0))
+    assert hidden('coulomb_friction:6', ARM).size == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize('name', sorted(KINDS))
@@ -34,7 +39,10 @@ def test_everything_by_name_changes_what_is_measured(name):
 
     motion = sample('sweep', path, 60.0, 20.0)
     still = Signals(motion.q, motion.qd, gravity_torque(ARM, motion.q))
-    out = hidden(name, ARM).apply(still, motion, ARM, np.random.default_rng(0))
+    text = name if SIZES[name].whole_arm else f'{name}:2'
+    found = hidden(text, ARM)
+    out = found.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
+    assert abs(found.size) <= SIZES[name].most and hidden(f'{text}={found.size}', ARM) == found
     change = np.abs(out.tau - still.tau).max() + np.abs(out.q - still.q).max()
     assert 0.005 < change < 100.0
     assert np.isfinite(out.tau).all() and np.isfinite(out.q).all()
@@ -43,8 +51,11 @@ def test_everything_by_name_changes_what_is_measured(name):
 @pytest.mark.parametrize('text, word', [
     ('gremlins', 'coulomb_friction'), ('coulomb_friction:9', 'no joint 9'),
     ('coulomb_friction:0', 'no joint 0'), ('coulomb_friction:4=much', 'not a number'),
-    ('coulomb_friction=nan', 'not a number'), ('base_tilt:1', 'whole arm'),
-    ('coulomb_friction:2=-1', '0 or more'),
+    ('coulomb_friction:4=nan', 'not a number'), ('base_tilt:1', 'whole arm'),
+    ('coulomb_friction:2=-1', 'above 0 N·m'), ('torque_offset:2=0', 'other than 0'),
+    ('coulomb_friction:4=1e9', 'at most 300 N·m'), ('base_tilt=2', 'at most 0.5 rad'),
+    ('coulomb_friction', 'on which joint'), ('coulomb_friction=0.8', 'on which joint'),
+    ('coulomb_friction:=0.8', 'on which joint'), ('coulomb_friction:4=', 'not a number'),
 ])
 def test_what_cannot_be_hidden_is_refused(text, word):
     with pytest.raises(OptionError, match=word):
@@ -67,9 +78,50 @@ def test_synth_hides_it_in_the_bag(tmp_path):
     assert not change[:, [1, 2, 4, 5, 6]].any()
 
 
+def test_sizes_are_in_the_units_that_diagnose_reports():
+    assert set(SIZES) == set(KINDS)
+    for name, effect in all_effects().items():
+        if name in SIZES and name != 'tool_force':   # reported by joint, hidden as one force
+            assert SIZES[name].unit == effect.coefficients[0].unit, name
+    assert max(map(len, size_table().splitlines())) < 80
+
+
+def test_sizes_mean_what_they_say():
+    t = np.linspace(0, 10, 2001)
+    still = Signals(np.zeros((2001, 7)), np.zeros((2001, 7)), np.zeros((2001, 7)))
+    motion = sample('still', lambda t: (np.zeros((len(t), 7)),) * 3, 10.005, 200.0)
+    drift = hidden('torque_drift:2=0.01', ARM).disturbance
+    rise = drift.apply(still, motion, ARM, np.random.default_rng(0)).tau[:, 1]
+    assert np.polyfit(t[:200], rise[:200], 1)[0] == pytest.approx(0.01, rel=0.02)
+    spring = hidden('joint_spring:2=8', ARM).disturbance
+    assert float(spring.torque(np.array(1.0))) == pytest.approx(8.0)
+    friction = hidden('asymmetric_friction:2=0.5', ARM).disturbance
+    up, down = friction.surfaces.coulomb, friction.backward.coulomb
+    assert 0.5 * (up - down) == pytest.approx(0.5)
+    assert hidden('joint_flexibility:2=1e-4', ARM).disturbance.stiffness == pytest.approx(1e4)
+
+
+def test_what_was_hidden_is_said_and_is_in_the_bag(tmp_path, capsys):
+    path = tmp_path / 'x.mcap'
+    call = ['synth', '--motion', 'multisine', '--duration', '5', '--hidden', 'coulomb_friction:4',
+            '--hidden', 'base_tilt=0.05', '-o', str(path)]
+    assert main(call) == 0
+    said = capsys.readouterr().out
+    assert 'hidden: coulomb_friction on iiwa_joint_4: 1 N·m' in said
+    assert 'hidden: base_tilt: 0.05 rad' in said
+    with path.open('rb') as stream:
+        (record,) = make_reader(stream).iter_metadata()
+    kept = json.loads(record.metadata['hidden'])
+    assert record.name == 'gravity_comp_synth' and 'base_tilt=0.05' in record.metadata['command']
+    assert kept[0] == {'effect': 'coulomb_friction', 'joint': 'iiwa_joint_4', 'size': 1.0,
+                       'unit': 'N·m'}
+    assert main([*call, '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['hidden_sizes'] == kept
+
+
 def test_synth_refuses_what_it_does_not_know(tmp_path, capsys):
     out = str(tmp_path / 'x.mcap')
     assert main(['synth', '--hidden', 'gremlins', '-o', out]) == 1
-    assert main(['synth', '--static', '--hidden', 'detent', '-o', out]) == 1
+    assert main(['synth', '--static', '--hidden', 'detent:2', '-o', out]) == 1
     said = capsys.readouterr().err
     assert 'gremlins' in said and '--static' in said and 'Traceback' not in said

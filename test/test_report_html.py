@@ -1,21 +1,36 @@
 """`--html` of `compare` and `diagnose`: one file with everything in it, or words that say why."""
 
+from dataclasses import replace
 from pathlib import Path
 import re
 import subprocess
 import sys
 
-from browser import watched
+from browser import browsing, INJECT, LIVELY
 from gravity_comp_ros.cli import main
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
+from gravity_comp_ros.effects.predict import predict_torque
+from gravity_comp_ros.estimation.fit import fit
+from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.recordings.bag import read_bags
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.report.contents import Contents, Origin
+from gravity_comp_ros.report.headline import headline, named_joint
+from gravity_comp_ros.report.page import report_html
+from gravity_comp_ros.report.views import joints
 import pytest
 from rough_links import two_links
 
 pytestmark = pytest.mark.slow
 
-EVIL = ('<img src=x onerror=alert(1)>', '</script><script>alert(2)</script>')
-ORDER = ['joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model', 'quality',
-         'provenance']
+# Markup, and formulas that a typesetter of mathematics turns into links that run a script.
+LINK = r'\href{javascript:alert(3)}{\text{x}}'
+EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
+        rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
+EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
+ORDER = ['answer', 'joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
+         'quality', 'provenance']
 
 
 @pytest.fixture(scope='module')
@@ -24,10 +39,17 @@ def folder(tmp_path_factory):
     for number in (1, 2, 3):
         write_bag(folder / f'run{number}.mcap', [joint_states(two_links(number))])
     write_bag(folder / 'other.mcap', [joint_states(two_links(1, names=('a', 'b')))])
-    write_bag(folder / 'evil.mcap', [joint_states(two_links(1, names=EVIL))])
+    write_bag(folder / EVIL_BAG, [joint_states(two_links(1, names=EVIL),
+                                               f'/$${LINK}$$<img src=x>')])
     assert main(['fit', str(folder / 'run1.mcap'), str(folder / 'run2.mcap'), '-o',
                  str(folder / 'arm.json')]) == 0
     return folder
+
+
+@pytest.fixture(scope='module')
+def watched():
+    with browsing() as page:
+        yield page
 
 
 @pytest.fixture(scope='module')
@@ -103,7 +125,7 @@ def test_without_bokeh_one_line_says_what_to_install(folder):
         assert done.stderr.count('\n') == 1 and 'gravity_comp_ros[report]' in done.stderr
 
 
-def test_the_report_in_a_browser(diagnosed):
+def test_the_report_in_a_browser(diagnosed, watched):
     with watched(diagnosed.as_uri()) as tab:
         page = tab.page
         tab.open(diagnosed.as_uri())
@@ -112,7 +134,9 @@ def test_the_report_in_a_browser(diagnosed):
         assert len(plots) >= 2 * 8 + 3
         assert all(width > 60 and height > 25 for _, width, height in plots), plots
         assert tab.selected()[0] == 0
-        box = page.locator('#time .bk-Figure').first.bounding_box()
+        first = page.locator('#time .bk-Figure').first
+        first.scroll_into_view_if_needed()
+        box = first.bounding_box()
         page.mouse.move(box['x'] + 200, box['y'] + 40)
         page.mouse.down()
         page.mouse.move(box['x'] + 420, box['y'] + 120, steps=4)
@@ -127,15 +151,61 @@ def test_the_report_in_a_browser(diagnosed):
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
 
 
-def test_names_that_are_markup_stay_text(folder):
+def test_names_that_are_markup_or_formulas_stay_text(folder, watched):
     page = folder / 'evil.html'
-    assert main(['diagnose', str(folder / 'evil.mcap'), '--html', str(page)]) == 0
+    assert main(['diagnose', str(folder / EVIL_BAG), '--html', str(page)]) == 0
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.wait_for_timeout(500)
         assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
-        assert tab.page.locator('img[src=x]').count() == 0
+        assert tab.page.evaluate(LIVELY) == []
+        assert tab.page.evaluate('typeof MathJax') == 'undefined'
         assert tab.page.locator('#joints th[scope=row]').first.inner_text() == EVIL[0]
+        # Should a name become a script after all, the policy of the page does not let it run.
+        tab.page.evaluate(INJECT)
+        tab.page.wait_for_timeout(200)
+        assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
+        assert all('Content Security Policy' in told for told in tab.complaints)
+
+
+def test_without_javascript_the_page_says_why_it_is_empty(diagnosed, watched):
+    with watched(diagnosed.as_uri(), java_script_enabled=False) as tab:
+        tab.page.goto(diagnosed.as_uri())
+        assert tab.page.locator('noscript p').is_visible()
+        assert 'Coulomb friction' in tab.page.locator('#verdict').inner_text()
+
+
+def found_on(contents, verdict='established', before=0.1, after=0.02, **more):
+    """Return contents with one finding, on the joint that is not the worst."""
+    joint = next(name for name in contents.joints if name != contents.worst)
+    finding = Finding(joint, more.get('effect', 'coulomb_friction'), verdict, (), {}, before,
+                      after, 0.0, 1.0, '', '')
+    reports = {name: JointReport('', 0.1, 100.0, 0.2, 0.1, {}) for name in contents.joints}
+    return replace(contents, diagnosis=Diagnosis((finding,), reports))
+
+
+def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(folder):
+    samples = read_bags([folder / 'run1.mcap', folder / 'run2.mcap']).samples
+    model = fit(slow_samples(samples).samples).model
+    slow = slow_samples(samples).samples
+    contents = Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',
+                        (), Origin('', ''))
+    # Friction that training had as well: no joint is worse, and one stands far out.
+    told = headline(contents)
+    assert told.startswith('The error is largest on shoulder') and ' times that of the other' in \
+        told
+    found = found_on(contents)
+    assert named_joint(contents) == 'shoulder' and named_joint(found) == 'elbow'
+    row = re.search(r'<tr class="strong"><th scope="row">(.*?)<', joints.section(found).lead)
+    assert row[1] == 'elbow'
+    # What changes no digit of the error is not called missing.
+    assert headline(found).startswith('Missing: Coulomb friction on joint elbow')
+    same = found_on(contents, before=0.0025, after=0.002499)
+    assert headline(same).startswith('Nothing is missing that changes the error')
+    assert '0.25 % of the range' in headline(same)
+    # The name of an effect is text as well.
+    page = report_html(found_on(contents, effect=EVIL[0]))
+    assert '<img src=x' not in page and '&lt;img src=x onerror=alert(1)&gt;' in page
 
 
 _selected_count = """(() => {

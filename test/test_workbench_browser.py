@@ -3,6 +3,7 @@
 from contextlib import contextmanager
 import http.client
 import os
+from pathlib import Path
 import re
 import signal
 import subprocess
@@ -11,7 +12,7 @@ import time
 import urllib.parse
 
 from bokeh.util.token import generate_jwt_token, generate_session_id
-from browser import PLOTS, ROOT, watched
+from browser import browsing, INJECT, LIVELY, PLOTS, ROOT
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
@@ -24,11 +25,15 @@ pytestmark = pytest.mark.slow
 PATIENCE = 120.0
 RMSE = 'td:nth-of-type(2)'  # in the table of errors
 # Each view's heading, and how many plots it has at least, with the error so far.
-VIEWS = {'Over time': ('Over time', 5), 'Residual': ('What the residual depends on', 9),
-         'Pairs': ('Over pairs of joints', 3), 'Spectrum': ('How the residual repeats', 5),
-         'Effects': ('What is missing', 1), 'Model': ('The model', 3),
-         'Data': ('Quality of the data', 1), 'Origin': ('Where this comes from', 1),
-         'Two models': ('+ coulomb_friction:shoulder (now) against gravity', 2)}
+VIEWS = {'Over time': ('Over time', 4), 'Residual': ('What the residual depends on', 8),
+         'Pairs': ('Over pairs of joints', 2), 'Spectrum': ('How the residual repeats', 4),
+         'Effects': ('What is missing', 1), 'Model': ('The model', 2),
+         'Data': ('Quality of the data', 0), 'Origin': ('Where this comes from', 0),
+         'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 1)}
+LINK = r'\href{javascript:alert(3)}{\text{x}}'
+EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
+        rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
+EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
 
 
 @pytest.fixture(scope='module')
@@ -41,25 +46,39 @@ def folder(tmp_path_factory):
     write_bag(folder / 'silent.mcap', [JointTopic(
         '/joint_states', samples.names, samples.t, samples.q, samples.qd,
         np.full_like(samples.tau, np.nan))])
+    write_bag(folder / EVIL_BAG, [joint_states(two_links(1, names=EVIL),
+                                               f'/$${LINK}$$<img src=x>')])
     assert main(['fit', str(folder / 'run1.mcap'), '-o', str(folder / 'arm.json')]) == 0
     return folder
 
 
+@pytest.fixture(scope='module')
+def watched():
+    with browsing() as page:
+        yield page
+
+
+@pytest.fixture(scope='module')
+def server(folder):
+    """Return address and process of a workbench for two recordings."""
+    with served(folder, 'run1.mcap', 'run2.mcap') as found:
+        yield found
+
+
 @contextmanager
 def served(folder, *argv):
-    """Yield the address of a workbench, and how long it took to be there."""
-    started = time.monotonic()
+    """Yield the address of a workbench, and its process."""
     log = (folder / 'workbench.log').open('w+')
     process = subprocess.Popen(
         [sys.executable, '-m', 'gravity_comp_ros.cli', 'workbench', *argv, '--port', '0',
          '--no-browser'], cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)})
+        env={**os.environ, 'PYTHONPATH': str(ROOT), 'XDG_STATE_HOME': str(folder / 'state')})
     try:
         line = process.stdout.readline()
         address = re.search(r'http://127\.0\.0\.1:\d+/', line)
         log.seek(0)
         assert address, line + log.read()
-        yield address[0], time.monotonic() - started
+        yield address[0], process
         process.send_signal(signal.SIGINT)
         assert process.wait(PATIENCE) == 0
         log.seek(0)
@@ -71,14 +90,19 @@ def served(folder, *argv):
         log.close()
 
 
-def test_the_loop_in_a_browser(folder, tmp_path):
-    with served(folder, 'run1.mcap', 'run2.mcap') as (address, _), watched(address) as tab:
+def test_the_loop_in_a_browser(server, watched, tmp_path):
+    with watched(server[0]) as tab:
         page = tab.page
-        tab.open(address)
+        tab.open(server[0])
         add = page.get_by_role('button', name='Add coulomb_friction:shoulder')
         add.wait_for()
         assert 'Coulomb friction' in page.locator('#verdict').inner_text()
+        # The answer first: bars, the plot that shows it, the command.
+        assert [width > 60 for _, width, _ in tab.plots()[-2:]] == [True, True]
+        assert 'gravity_comp add coulomb_friction:shoulder' in page.locator(
+            '.command pre').inner_text()
         tab.picture('workbench')
+        page.get_by_role('button', name='Errors', exact=True).click()
         rmse_before = _rmse(page, 'shoulder')
         # Reached and pressed by keyboard alone.
         add.focus()
@@ -92,6 +116,8 @@ def test_the_loop_in_a_browser(folder, tmp_path):
         assert _rmse(page, 'shoulder') < 0.5 * rmse_before
         assert 'coulomb_friction:shoulder' in page.locator('#held').inner_text()
         page.locator('#idle').wait_for()
+        # A reader of the screen stands at the answer, not nowhere.
+        page.wait_for_function("document.activeElement.id == 'head'")
         _look_at_all_views(tab)
         _select(tab)
         saved = _saved(page, 'Save the model', tmp_path / 'saved.json')
@@ -102,7 +128,7 @@ def test_the_loop_in_a_browser(folder, tmp_path):
         report = _saved(page, 'Save a report', tmp_path / 'report.html').read_text()
         assert 'id="verdict"' in report and 'coulomb_friction' in report
         lines = _saved(page, 'Save command lines', tmp_path / 'lines.sh').read_text()
-        assert 'gravity_comp fit run1.mcap run2.mcap --formulation potential' in lines
+        assert re.search('/run2.mcap --formulation .* --joints shoulder,elbow -o arm.json', lines)
         assert 'gravity_comp add coulomb_friction:shoulder --model arm.json' in lines
         page.get_by_role('button', name='Undo the last addition').click()
         add.wait_for()
@@ -112,7 +138,85 @@ def test_the_loop_in_a_browser(folder, tmp_path):
         page.get_by_role('button', name='Dark').click()
         page.get_by_role('button', name='Light').wait_for()
         tab.picture('workbench-dark')
+        # A reload finds the session as it was: both stages, the one before the addition chosen.
+        page.reload()
+        add.wait_for()
+        assert page.get_by_label('Stage (').locator('option').all_inner_texts() == [
+            '1. gravity', '· 2. + coulomb_friction:shoulder']
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
+
+
+def test_a_session_outlives_its_page_and_is_open_in_one_window(server, watched):
+    address = server[0]
+    with watched(address) as tab, watched(address) as other:
+        tab.open(address)
+        tab.page.locator('#doing').wait_for()
+        tab.page.wait_for_function("location.search.startsWith('?session=')")
+        name = tab.page.url
+        # Reloaded in the middle of the work, closed, opened elsewhere: it goes on.
+        tab.page.reload()
+        tab.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
+        other.open(name)
+        other.page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
+        tab.page.locator('#taken').wait_for()
+        other.page.locator('#earlier summary').click()
+        links = other.page.locator('#earlier a')
+        assert links.count() >= 1 and links.first.inner_text() == 'run1.mcap, run2.mcap'
+        links.first.click()
+        other.page.wait_for_url(re.compile(r'session='))
+        other.page.get_by_role('button', name='Save the model').wait_for()
+        assert other.page.url != name
+        assert tab.complaints == [] and other.complaints == []
+
+
+def test_cancelled_or_killed_the_work_can_go_on(server, watched):
+    address, process = server
+    with watched(address) as tab:
+        page = tab.page
+        tab.open(address)
+        again = page.get_by_role('button', name='Try again')
+        # Twice, wherever it is: in reading, learning or diagnosing.
+        for _ in range(2):
+            page.get_by_role('button', name='Cancel').click()
+            page.locator('#trouble').filter(has_text='was cancelled').wait_for()
+            assert not page.locator('#doing').count()
+            again.click()
+        page.locator('#doing').filter(has_text='Looking for what is missing').wait_for()
+        os.kill(max(_workers(process.pid)), signal.SIGKILL)
+        page.locator('#trouble').filter(has_text='process').wait_for()
+        again.click()
+        page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
+        assert tab.complaints == []
+
+
+def _workers(pid):
+    """Return the processes that work for a server; the last one is the latest."""
+    found = []
+    for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
+        if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text():
+            found.append(int(child))
+    return found
+
+
+def test_names_stay_text_in_every_view(folder, watched):
+    with served(folder, EVIL_BAG) as (address, _), watched(address) as tab:
+        page = tab.page
+        tab.open(address)
+        page.get_by_role('button', name='Save the model').wait_for()
+        page.get_by_label('Name of this stage').fill(EVIL[0])
+        page.get_by_label('Name of this stage').press('Enter')
+        page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.wait_for()
+        for name in ['Answer', *VIEWS]:
+            page.get_by_role('button', name=name, exact=True).click()
+            page.locator('#views h2, #views p').first.wait_for()
+            page.wait_for_timeout(150)
+            assert page.evaluate(LIVELY) == [], name
+        assert page.evaluate('typeof MathJax') == 'undefined'
+        assert tab.dialogs == [] and tab.complaints == [] and tab.requests == []
+        page.evaluate(INJECT)
+        page.wait_for_timeout(200)
+        assert tab.dialogs == [] and len(tab.complaints) == 3, tab.complaints
+        assert all('Content Security Policy' in told for told in tab.complaints)
 
 
 def _row(page, joint):
@@ -175,7 +279,7 @@ def _saved(page, button, path):
     (['silent.mcap'], 'effort is missing, NaN'),
     (['other.mcap', '--model', 'arm.json'], 'another robot'),
 ])
-def test_what_cannot_be_shown_is_said_in_words(folder, argv, words):
+def test_what_cannot_be_shown_is_said_in_words(folder, watched, argv, words):
     with served(folder, *argv) as (address, _), watched(address) as tab:
         tab.open(address)
         place = tab.page.locator('#words')
@@ -184,18 +288,52 @@ def test_what_cannot_be_shown_is_said_in_words(folder, argv, words):
         assert tab.complaints == []
 
 
-def test_other_sites_cannot_talk_to_it(folder):
-    with served(folder, 'run1.mcap') as (address, _):
-        place = urllib.parse.urlsplit(address)
-        token = generate_jwt_token(generate_session_id())
-        for origin, status in (('http://evil.example', 403), (address.rstrip('/'), 101)):
-            asking = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
-            asking.request('GET', '/ws', headers={
-                'Origin': origin, 'Upgrade': 'websocket', 'Connection': 'Upgrade',
-                'Sec-WebSocket-Version': '13', 'Sec-WebSocket-Protocol': f'bokeh, {token}',
-                'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ=='})
-            assert asking.getresponse().status == status
-            asking.close()
+def _asked(address, path, headers, method='GET'):
+    """Return status and headers of a bare request."""
+    place = urllib.parse.urlsplit(address)
+    asking = http.client.HTTPConnection(place.hostname, place.port, timeout=PATIENCE)
+    asking.putrequest(method, path, skip_host=True)
+    for name, value in headers.items():
+        asking.putheader(name, value)
+    asking.endheaders()
+    answer = asking.getresponse()
+    found = answer.status, dict(answer.getheaders())
+    asking.close()
+    return found
+
+
+def test_other_sites_cannot_talk_to_it(server):
+    address = server[0]
+    own = urllib.parse.urlsplit(address).netloc
+    port = own.rpartition(':')[2]
+    upgrade = {'Upgrade': 'websocket', 'Connection': 'Upgrade', 'Sec-WebSocket-Version': '13',
+               'Sec-WebSocket-Protocol': f'bokeh, {generate_jwt_token(generate_session_id())}',
+               'Sec-WebSocket-Key': 'dGhlIHNhbXBsZSBub25jZQ=='}
+    evil = f'evil.example:{port}'
+    # A name that was made to point at this machine (DNS rebinding) gets nothing at all.
+    for path in ('/', '/ws', '/static/js/bokeh.min.js', '/metadata'):
+        for host in (evil, 'evil.example', 'localhost.evil.example:5006', '127.0.0.1', ''):
+            assert _asked(address, path, {'Host': host})[0] == 421, (path, host)
+    assert _asked(address, '/ws', {'Host': evil, 'Origin': f'http://{evil}', **upgrade})[0] == 421
+    for host in (own, f'localhost:{port}'):
+        status, headers = _asked(address, '/', {'Host': host})
+        assert status == 200 and headers['X-Frame-Options'] == 'DENY'
+        assert headers['Cross-Origin-Resource-Policy'] == 'same-origin'
+    # A page of another site may neither open the websocket nor include a script with a session.
+    for origin, status in (('http://evil.example', 403), (address.rstrip('/'), 101)):
+        assert _asked(address, '/ws', {'Host': own, 'Origin': origin, **upgrade})[0] == status
+    for path in ('/autoload.js?bokeh-autoload-element=x', '/static/js/bokeh-mathjax.min.js'):
+        assert _asked(address, path, {'Host': own})[0] == 404
+    assert _asked(address, '/', {'Host': own}, 'POST')[0] == 404
+
+
+def test_asking_for_the_page_starts_no_process(server):
+    address, process = server
+    host = {'Host': urllib.parse.urlsplit(address).netloc}
+    before = _workers(process.pid)
+    for _ in range(20):
+        assert _asked(address, '/', host)[0] == 200
+    assert _workers(process.pid) == before
 
 
 @pytest.mark.parametrize('argv, words', [

@@ -10,7 +10,9 @@ from browser import ROOT, watched
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.node.node_client import Status
 from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.workbench.live_view import age_html, status_html
 import numpy as np
 from ros_harness import running
 
@@ -56,6 +58,10 @@ def test_a_node_is_followed(tmp_path):
                 assert tab.page.get_by_text('Events').count() and len(tab.plots()) == 14
                 assert all(width > 60 for _, width, _ in tab.plots())
                 tab.picture('workbench-live')
+                # Nothing more is sent: the page says how old what it shows is.
+                age = tab.page.locator('#live-age')
+                age.filter(has_text=re.compile(r'SILENT: last torque [2-9] s ago')).wait_for()
+                assert 'error' in age.get_attribute('class')
                 assert tab.complaints == []
             process.send_signal(signal.SIGINT)
             assert process.wait(PATIENCE) == 0
@@ -63,6 +69,17 @@ def test_a_node_is_followed(tmp_path):
             process.kill()
             process.wait(PATIENCE)
             process.stdout.close()
+
+
+def test_a_silent_node_is_said_to_be_silent_and_its_levels_stale():
+    statuses = [Status('input', 0, 'ok <b>'), Status('model', 2, 'residual too large')]
+    fresh, old = status_html(statuses, 0.5), status_html(statuses, 18.0)
+    assert '<span class="level ok">ok</span>' in fresh and 'ok &lt;b&gt;' in fresh
+    assert '<span class="level error">error</span>' in fresh
+    assert old.count('class="level stale"') == 2 and 'stale, was error' in old
+    assert 'level ok' in age_html(0.1, 0.9) and 'less than 1 s ago' in age_html(0.1, 0.9)
+    assert 'SILENT: last torque 18 s ago' in age_html(18.0, 0.5)
+    assert 'SILENT' in age_html(0.1, 18.0) and 'no torque yet' in age_html(None, 0.5)
 
 
 def _has(tab, words):

@@ -1,18 +1,26 @@
 """What is on the bench, and the process that does the long work, without a browser."""
 
+import contextlib
+from dataclasses import replace
+import json
 import os
 from pathlib import Path
+import shlex
 import subprocess
 import sys
 import time
 
-from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.cli import main
+from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
-from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Choice, chosen, Learn, Read, thinned
-from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.worker import Failed, Finished, Progressed, Worker
+from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.job_state import Failed, Finished, Progressed
+from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
+from gravity_comp_ros.workbench.session import Given, Session
+from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.worker import Worker
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, two_links
@@ -34,29 +42,43 @@ def silent(stage, share):
     """Tell nobody."""
 
 
-def do_next(session, bench):
-    """Do what the session needs next, and tell it the answer."""
-    job = session.next_job()
+def do_next(session, bench, job=None):
+    """Do a job, usually what the session needs next, and tell it the answer."""
+    job = job or session.next_job()
     answer = bench.work(job, silent)
-    (session.learned if isinstance(job, Learn) else session.diagnosed)(answer)
+    if isinstance(job, Read):
+        session.take(answer, job.options)
+    elif isinstance(job, Learn):
+        session.learned(answer, job.choice)
+    elif isinstance(job, Ask):
+        session.diagnosed(answer, job)
+    else:
+        session.added(answer, job)
+    return job
+
+
+@pytest.fixture
+def learned(paths):
+    """Return a session with a model of gravity, and the bench that it was learned on."""
+    bench, session = Bench(), Session(paths)
+    do_next(session, bench)
+    do_next(session, bench)
+    return session, bench
 
 
 def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
     bench, session = Bench(), Session(paths)
-    assert session.next_job() is None
-    session.take(bench.work(Read(paths, ReadOptions()), silent))
-    assert session.choice == Choice((0, 1), JOINTS)
-    assert isinstance(session.next_job(), Learn)
+    assert isinstance(do_next(session, bench), Read)
+    assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
     constant = session.preview()
-    np.testing.assert_allclose(constant.predicted[0], session.samples.tau.mean(axis=0))
-    do_next(session, bench)
-    assert isinstance(session.next_job(), Ask)
-    do_next(session, bench)
+    np.testing.assert_allclose(constant.predicted[0], session.recording.samples.tau.mean(axis=0))
+    assert isinstance(do_next(session, bench), Learn)
+    assert isinstance(do_next(session, bench), Ask)
     assert session.next_job() is None
     targets = [target for _, target in session.findings()]
     assert 'coulomb_friction:shoulder' in targets
     before = session.contents()
-    session.added(bench.work(session.adding(BOTH), silent))
+    do_next(session, bench, session.adding(BOTH))
     held = [stage.held_out['shoulder'] for stage in session.stages]
     assert held[1] < 0.5 * held[0]
     found = session.stage.model.applied.effects[0].coefficients['F_c'].value
@@ -66,8 +88,6 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
         'shoulder'].rmse == 0.5 * after.previous['shoulder']
     # What is in the model already cannot be added again, and a new diagnosis is due.
     assert session.findings() == [] and isinstance(session.next_job(), Ask)
-    fit, add, report = session.commands()
-    assert fit.startswith('gravity_comp fit ') and f' add {",".join(BOTH)} ' in add
     assert session.undo() == ', '.join(BOTH)
     assert not session.stage.model.applied.effects
     np.testing.assert_allclose(session.contents().predicted, before.predicted)
@@ -76,39 +96,190 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
         session.undo()
 
 
-def test_choices_keep_or_drop_the_model(paths):
-    bench, session = Bench(), Session(paths)
-    session.take(bench.work(Read(paths, ReadOptions()), silent))
-    do_next(session, bench)
-    session.choose((0,), JOINTS, 'potential')
-    assert session.stage is not None and session.samples.n_runs == 1
-    session.choose((0,), ('elbow',), 'potential')
-    assert session.stage is None and isinstance(session.next_job(), Learn)
+def test_going_back_and_adding_otherwise_is_a_branch_and_nothing_is_lost(learned):
+    session, bench = learned
+    do_next(session, bench, session.adding(BOTH))
+    session.go_to(0)
+    do_next(session, bench, session.adding(('torque_offset:elbow',)))
+    assert [stage.parent for stage in session.stages] == [None, 0, 0]
+    assert ' add torque_offset:elbow ' in session.commands()[1] and BOTH[0] not in str(
+        session.commands())
+    session.describe(2, 'only the offset', 'after a talk')
+    session.learn(replace(session.choice, joints=('elbow',)))
+    assert isinstance(do_next(session, bench), Read)
+    assert isinstance(do_next(session, bench), Learn)
+    assert session.stage.model.joints == ('elbow',) and len(session.stages) == 4
+    session.go_to(2)
+    # The joints of that stage are read again before anything is shown of it.
+    assert isinstance(do_next(session, bench), Read)
+    assert session.contents().model is session.stages[2].model
+    assert session.stage.name == 'only the offset'
+
+
+def test_a_model_is_judged_on_other_runs_without_being_learned_anew(learned):
+    session, bench = learned
+    model = session.stage.model
+    session.judge(replace(session.choice, runs=(0,)))
+    assert session.stage.model is model and session.recording.n_runs == 1
+    assert isinstance(session.next_job(), Ask)
+    with pytest.raises(DataError, match='learn one of these joints'):
+        session.judge(replace(session.choice, joints=('elbow',)))
     with pytest.raises(DataError, match='no run'):
-        chosen(session.read.samples, Choice((), JOINTS))
+        Choice((), JOINTS).recording(session.read.samples, session.read.reports)
 
 
-def test_a_model_of_another_robot_is_refused_in_words(paths, tmp_path):
+def test_a_model_of_another_robot_is_refused_in_words(learned, tmp_path):
     other = tmp_path / 'other.mcap'
     write_bag(other, [joint_states(two_links(1, names=('a', 'b')))])
-    bench = Bench()
-    session = Session(paths)
-    session.take(bench.work(Read(paths, ReadOptions()), silent))
-    do_next(session, bench)
-    stranger = Session((other,), models=(('arm.json', session.stage.model),))
+    stranger = Session((other,), given=(Given(Path('arm.json'), learned[0].stage.model),))
     with pytest.raises(ModelMismatchError, match='arm.json is of another robot'):
-        stranger.take(bench.work(Read((other,), ReadOptions()), silent))
+        do_next(stranger, Bench())
 
 
-def test_long_recordings_are_thinned_evenly_and_not_too_far():
-    def run(count, rate):
-        zero = np.zeros((count, 1))
-        return JointSamples.single_run(('a',), np.arange(count) / rate, zero, zero, zero)
+def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_path):
+    fast = tmp_path / 'fast.mcap'
+    samples = two_links(1)
+    write_bag(fast, [joint_states(replace(samples, t=samples.t / 8.0, qd=samples.qd * 8.0))])
+    bench, session = Bench(), Session((fast,))
+    do_next(session, bench)
+    assert 'fast motion' in session.few_slow()
+    with pytest.raises(GravityCompError):
+        # As before there was a choice: too few slow samples.
+        do_next(session, bench)
+    session.learn(replace(session.choice, all_samples=True))
+    do_next(session, bench)
+    found = session.contents()
+    assert session.few_slow() == '' and found.judged == '1200 samples used, fast ones too'
+    assert found.comparison.joints['elbow'].n == 1200
 
-    assert thinned(run(30_000, 100.0)).n_samples == 30_000
-    np.testing.assert_allclose(np.diff(thinned(run(60_000, 100.0)).t), 0.02)
-    np.testing.assert_allclose(np.diff(thinned(run(360_000, 100.0)).t), 0.04)
-    assert thinned(run(60_000, 20.0)).n_samples == 60_000
+
+_EFFECTS = ('coulomb_friction:shoulder', 'torque_offset:elbow', 'viscous_friction')
+
+
+def a_random_choice(rng, session):
+    runs = tuple(sorted(rng.permutation(2)[:rng.integers(1, 3)].tolist()))
+    joints = tuple(rng.permutation(JOINTS).tolist())
+    gate = {} if rng.random() < 0.5 else (
+        {'max_speed': 0.1} if rng.random() < 0.5 else {'all_samples': True})
+    scale = {} if rng.random() < 0.5 else {'elbow': -1.0 / 3.0}
+    return replace(session.choice, runs=runs, joints=joints, effort_scale=scale,
+                   differentiate=bool(rng.random() < 0.5), **gate)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, capsys, seed):
+    rng = np.random.default_rng(seed)
+    folder = tmp_path / "a b's bags"
+    folder.mkdir()
+    bags = tuple(folder / path.name for path in paths)
+    for path, bag in zip(paths, bags):
+        bag.write_bytes(path.read_bytes())
+    bench, session = Bench(), Session(bags, topic='/joint_states' if seed % 2 else None)
+    do_next(session, bench)
+    session.learn(a_random_choice(rng, session))
+    while not isinstance(session.next_job(), Ask):
+        do_next(session, bench)
+    for target in rng.permutation(_EFFECTS)[:rng.integers(1, 4)].tolist():
+        do_next(session, bench, session.adding((target,)))
+        if rng.random() < 0.3:
+            session.undo()
+        session.judge(replace(session.choice, runs=a_random_choice(rng, session).runs))
+    *makes, compare, _ = session.commands()
+    with contextlib.chdir(tmp_path):
+        for line in makes:
+            program, *words = shlex.split(line)
+            assert program == 'gravity_comp' and main(words) == 0, line
+        same = json.loads(Path('arm.json').read_text())['model']
+        assert main([*shlex.split(compare)[1:], '--json', 'errors.json']) == 0
+    mine = json.loads(store.model_text(session.stage.model))['model']
+    # Gravity, effects, noise, range; and what it came from, as `fit` and `add` tell it.
+    for model in (same, mine):
+        model['applied'].pop('history')
+    assert same == mine and mine['provenance']['gate']['total'] > 0
+    # And every number of the view of errors is the one that `compare` prints.
+    errors = json.loads((tmp_path / 'errors.json').read_text())['joints']
+    for name, joint in session.contents().comparison.joints.items():
+        assert (errors[name]['n'], errors[name]['rmse']) == (joint.n, joint.rmse)
+
+
+def test_a_session_is_found_again_as_it_was(learned, tmp_path):
+    session, bench = learned
+    do_next(session, bench, session.adding(BOTH))
+    session.describe(1, 'with friction', 'looks right')
+    place, name = tmp_path / 'state', '0123456789abcdef'
+    store.save(place, name, session)
+    assert (place / f'{name}.json').stat().st_mode & 0o077 == 0
+    assert (place.stat().st_mode & 0o077) == 0
+    found, hashes = store.load(place, name)
+    assert found.paths == session.paths and found.choice == session.choice
+    assert [s.name for s in found.stages] == ['gravity', 'with friction']
+    assert found.commands() == session.commands()
+    assert isinstance(do_next(found, Bench()), Read)
+    assert store.changed_recordings(found, hashes) == []
+    np.testing.assert_array_equal(found.contents().predicted, session.contents().predicted)
+    assert isinstance(found.next_job(), Ask)
+    saved, = store.listed(place)
+    assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
+    other = dict.fromkeys(hashes, 'f' * 64)
+    assert store.changed_recordings(found, other) == ['run1.mcap', 'run2.mcap']
+
+
+_DAMAGES = (
+    lambda d: d.pop('stages'), lambda d: d.update(at=7), lambda d: d.update(version=2),
+    lambda d: d['stages'][0].update(parent=0), lambda d: d['stages'][0].update(model='{}'),
+    lambda d: d['choice'].update(runs=[9]), lambda d: d['choice'].update(surprise=1))
+
+
+def test_a_damaged_session_is_refused_in_one_line(learned, tmp_path):
+    name = '0123456789abcdef'
+    path = tmp_path / f'{name}.json'
+    store.save(tmp_path, name, learned[0])
+    whole = path.read_text()
+    for damage in _DAMAGES:
+        document = json.loads(whole)
+        damage(document)
+        path.write_text(json.dumps(document))
+        with pytest.raises(GravityCompError):
+            store.load(tmp_path, name)
+    path.write_text(whole[:1000])
+    assert store.listed(tmp_path) == []
+    for text in ('', '../../etc/passwd', 'f' * 16):
+        with pytest.raises(DataError, match='session'):
+            store.load(tmp_path, text)
+
+
+def test_only_so_many_processes_work_at_a_time(paths, tmp_path):
+    sessions = Sessions(lambda: Session(paths), tmp_path, most=1)
+    try:
+        pages = object(), object()
+        first = sessions.attach('', pages[0])
+        second = sessions.attach('', pages[1])
+        assert first.worker.alive and not second.worker.alive
+        assert 'busy with another session' in second.trouble
+        polled(sessions, lambda: first.session.read is not None)
+        first.cancel()
+        # The idle process of the first makes room; its session stays.
+        second.try_again()
+        assert second.worker.alive and not first.worker.alive
+        polled(sessions, lambda: second.session.stage is not None)
+        second.cancel()
+        first.try_again()
+        polled(sessions, lambda: first.session.stage is not None)
+        # A page that comes back finds its session; one page has it at a time.
+        again = object()
+        assert sessions.attach(first.id, again) is first and first.page is again
+        sessions.detach(pages[0])
+        assert first.page is again
+    finally:
+        sessions.close()
+
+
+def polled(sessions, done):
+    end = time.monotonic() + PATIENCE
+    while not done():
+        assert time.monotonic() < end
+        sessions.poll()
+        time.sleep(0.02)
 
 
 def until(worker, kind, patience=PATIENCE):
@@ -130,14 +301,14 @@ def test_work_goes_on_aside_and_can_be_cancelled(paths):
         assert time.monotonic() - started < 1.0 and worker.busy
         read = until(worker, Finished).answer
         choice = Choice((0, 1), read.samples.names)
-        worker.ask(Learn(choice, 'potential'))
+        worker.ask(Learn(choice))
         assert until(worker, (Progressed, Finished)) is not None
         started = time.monotonic()
         lost = worker.cancel()
         assert time.monotonic() - started < 6.0
         assert [event.cancelled for event in lost] in ([True], [])
         # The next job finds the recordings read again.
-        worker.ask(Learn(choice, 'potential'))
+        worker.ask(Learn(choice))
         learned = until(worker, Finished)
         assert isinstance(learned.job, Learn) and learned.answer.model.joints == JOINTS
         worker.ask(Add(choice, learned.answer.model, ('torque_gain:nobody',)))
@@ -152,10 +323,10 @@ def test_a_process_that_dies_is_replaced(paths):
     try:
         worker.ask(Read(paths, ReadOptions()))
         until(worker, Finished)
-        worker.ask(Learn(Choice((0, 1), JOINTS), 'potential'))
+        worker.ask(Learn(Choice((0, 1), JOINTS)))
         worker._process.kill()
         assert 'ended' in until(worker, Failed).reason
-        worker.ask(Learn(Choice((0,), JOINTS), 'potential'))
+        worker.ask(Learn(Choice((0,), JOINTS)))
         assert until(worker, Finished).answer.model.joints == JOINTS
     finally:
         worker.close()
@@ -163,7 +334,7 @@ def test_a_process_that_dies_is_replaced(paths):
 
 def test_the_work_ends_with_the_page_that_asked_for_it(paths):
     program = ('from gravity_comp_ros.workbench.worker import Worker\n'
-               'import os\nif __name__ == "__main__":\n    worker = Worker()\n'
+               'import os\nif __name__ == "__main__":\n    worker = Worker(warm=True)\n'
                '    print(worker._process.pid, flush=True)\n    os._exit(0)')
     script = paths[0].parent / 'leaves.py'
     script.write_text(program)

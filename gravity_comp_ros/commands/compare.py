@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+import shlex
 
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
@@ -12,6 +13,7 @@ from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -25,7 +27,7 @@ from rich.text import Text
 _MOST_PLACES = 2
 
 VERB = 'compare'
-HELP = 'compare a model with measured torques, joint by joint'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp compare run2.mcap --model arm.json
@@ -80,7 +82,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.html:
         html.write(args, html.contents(
             args, model, loaded.samples, comparison, _judged(samples, loaded), loaded.reports,
-            None, *_previous(args, model, part), shown=chosen))
+            None, *_previous(args, model, part), shown=chosen,
+            next_command=_diagnosing(args)))
     if args.json != '-':
         for line in reading.lines(loaded):
             terminal.show(terminal.safe(line))
@@ -105,6 +108,13 @@ def _judged(samples: JointSamples, loaded: Recording) -> str:
     kept = loaded.gated.samples.n_samples
     held = '' if samples.n_samples == kept else f'; {samples.n_samples} of them were held out'
     return f'{counted(samples.n_samples, "sample")} ({loaded.gated.sentence()}{held})'
+
+
+def _diagnosing(args: argparse.Namespace) -> str:
+    """Return the command line that names what the model lacks."""
+    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+    model = shlex.quote(str(args.model))
+    return f'gravity_comp diagnose {bags} --model {model} --html report.html'
 
 
 def _previous(args: argparse.Namespace, model: GravityModel,

@@ -11,6 +11,7 @@ import time
 from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -26,7 +27,7 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
 VERB = 'diagnose'
-HELP = 'name the physical effect that a gravity model is missing, with its size'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json
@@ -116,7 +117,8 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
                  f'{model.coverage.n_samples} samples.',)
     judged = f'all {samples.n_samples} samples, fast ones too'
     html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
-                                   reports, diagnosis, notes=notes))
+                                   reports, diagnosis, notes=notes,
+                                   next_command='\n'.join(_commands(args, diagnosis))))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -191,19 +193,28 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
     return [*lines, '']
 
 
+def _commands(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
+    """Return the command lines that add what was found, a fit before them without a model."""
+    targets = wording.targets(diagnosis.findings)
+    if not targets:
+        return []
+    add = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
+                       f'--model MODEL.json BAG...', args)
+    if args.model is not None:
+        return [add]
+    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
+    return [f'gravity_comp fit {bags} -o MODEL.json', add]
+
+
 def _show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
     """Show the commands that follow, with this call's file names, and what findings lack."""
-    targets = wording.targets(diagnosis.findings)
+    commands = _commands(args, diagnosis)
     open_ = [f for f in diagnosis.findings if f.verdict not in wording.FOUND and f.next_step]
-    if not targets and not open_:
+    if not commands and not open_:
         return
     terminal.show('[bold]next step[/bold]')
-    if targets and args.model is None:
-        bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-        terminal.show_command(f'gravity_comp fit {bags} -o MODEL.json')
-    if targets:
-        terminal.show_command(_spelled_out(
-            f'gravity_comp add {shlex.quote(",".join(targets))} --model MODEL.json BAG...', args))
+    for command in commands:
+        terminal.show_command(command)
     for finding in open_:
         place = f'{finding.effect or "unknown"} on {wording.where(finding)}'
         terminal.show(f'  {terminal.safe(f"{place}: {finding.next_step}")}')

@@ -58,14 +58,14 @@ def contents(args: argparse.Namespace, model: GravityModel, samples: JointSample
              comparison: Comparison, judged: str, reports: tuple[ReadReport, ...],
              diagnosis: Diagnosis | None = None, previous: Mapping[str, float] | None = None,
              previous_name: str = '', shown: tuple[str, ...] = (),
-             notes: tuple[str, ...] = ()) -> Contents:
+             notes: tuple[str, ...] = (), next_command: str = '') -> Contents:
     """Return what a report tells; `samples` are all that was read."""
     from gravity_comp_ros.report.contents import Contents, Origin
     samples = samples.joints(model.joints)
     origin = Origin(args.command, datetime.now(UTC).isoformat(timespec='seconds'),
                     args.model.name if args.model else None, notes)
     return Contents(samples, predict_torque(model, samples), model, comparison, judged, reports,
-                    origin, diagnosis, previous or {}, previous_name, shown)
+                    origin, diagnosis, previous or {}, previous_name, shown, next_command)
 
 
 def write(args: argparse.Namespace, found: Contents) -> None:

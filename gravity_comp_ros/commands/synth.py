@@ -8,26 +8,32 @@ from pathlib import Path
 
 from gravity_comp_ros.commands.arguments import add_json, count, finite, joint_list, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag, WriteOptions
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.simulation.hidden import hidden, KINDS
+from gravity_comp_ros.simulation.hidden import Hidden, hidden
+from gravity_comp_ros.simulation.hidden_sizes import size_table
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 VERB = 'synth'
-HELP = 'record a simulated arm: model, motion, payload, hidden effects and noise to a file'
-EPILOG = """\
+HELP = VERBS[VERB]
+EPILOG = f"""\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
   eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
   random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
   FILE.yaml  what `gravity_comp plan` has written (50 Hz)
   multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
+
+hidden effects and what their SIZE means, in the units of `diagnose`:
+{size_table()}
+  JOINT is a name or a number from 1. The default SIZE stands out of the noise of a usual arm.
 
 examples:
   gravity_comp synth --motion eq17 --noise 0.1 -o slow.mcap
@@ -90,9 +96,10 @@ def _add_torque(group: argparse._ArgumentGroup) -> None:
                        '(default: 0 0 0.1)')
     group.add_argument('--payload-at', metavar='S', type=finite,
                        help='attach it this long after the beginning (default: at once)')
-    group.add_argument('--hidden', metavar='EFFECT[:JOINT[=SIZE]]', action='append', default=[],
+    group.add_argument('--hidden', metavar='EFFECT:JOINT[=SIZE]', action='append', default=[],
                        help='something the arm should not have, simulated by other formulas '
-                       f'than the diagnosis uses; may be repeated: {", ".join(sorted(KINDS))}')
+                       'than the diagnosis uses; may be repeated; effects and the units of their '
+                       'sizes are below')
     group.add_argument('--noise', metavar='NM', type=finite, default=0.0,
                        help='standard deviation of the torque noise, N·m (default: 0)')
     group.add_argument('--relative-noise', metavar='FRACTION', type=finite, default=0.0,
@@ -114,16 +121,23 @@ def angle(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     arm = _arm(args)
     motion = _motion(args, arm)
-    samples = synthesise(arm, motion, _synthesis(args, arm))
-    write_bag(args.output, [joint_states(samples, args.topic)])
+    found = [hidden(text, arm) for text in args.hidden]
+    samples = synthesise(arm, motion, _synthesis(args, found))
+    origin = {'arm': arm.name, 'command': args.command,
+              'hidden': [effect.to_json() for effect in found]}
+    write_bag(args.output, [joint_states(samples, args.topic)],
+              WriteOptions(metadata={'gravity_comp_synth': origin}))
     notes = _limits_passed(arm, samples)
     if args.json:
-        emit_json(_facts(args, samples, notes), args.json)
+        emit_json({**_facts(args, samples, notes),
+                   'hidden_sizes': origin['hidden']}, args.json)
         return 0
     length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
     what = f' with {args.payload:g} kg' if args.payload else ''
     show(f'wrote {safe(args.output)}: {safe(arm.name)}{what} on {motion.name}, {length}, '
          f'{samples.t[-1] - samples.t[0]:.4g} s')
+    for effect in found:
+        show(f'hidden: {safe(effect)}')
     for note in notes:
         warn(note)
     return 0
@@ -200,7 +214,7 @@ def _played(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     return motions.sample(Path(args.motion).name, path, duration, rate)
 
 
-def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
+def _synthesis(args: argparse.Namespace, found: list[Hidden]) -> SynthesisOptions:
     if args.hidden and args.static:
         raise OptionError('--hidden shows on a moving arm; leave --static away')
     payload = None
@@ -211,7 +225,7 @@ def _synthesis(args: argparse.Namespace, arm: arms.Arm) -> SynthesisOptions:
         raise OptionError('--payload-com needs --payload')
     noise = NoiseOptions(args.relative_noise, args.noise, args.noise_correlation)
     at = None if args.payload_at is None else args.start + args.payload_at
-    disturbances = tuple(hidden(text, arm) for text in args.hidden)
+    disturbances = tuple(effect.disturbance for effect in found)
     return SynthesisOptions(noise, args.seed, args.static, payload, at, disturbances)
 
 

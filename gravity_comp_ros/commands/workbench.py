@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.recordings.storage import open_storage
 
 VERB = 'workbench'
-HELP = 'see where a model fails, add effects and watch the error fall, in a browser'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp workbench run1.mcap run2.mcap
@@ -19,8 +20,9 @@ examples:
   gravity_comp workbench --live                        follow the node /gravity_comp
   gravity_comp workbench run1.mcap --live arm/gravity_comp --no-browser --port 5010
 
-The page is served to this machine alone unless --host says otherwise; it reads no file but those
-named here. Stop it with Ctrl-C.
+The page is served to this machine alone unless --host says otherwise. Sessions are kept as they
+go (~/.local/state/gravity_comp/workbench) and can be gone on with; --forget keeps none. Stop it
+with Ctrl-C.
 """
 
 
@@ -30,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--model', metavar='MODEL.json', type=Path, action='append', default=[],
                         help='a model to begin with, as `fit` writes it; further ones to '
                         'compare it with (default: one is fitted)')
-    parser.add_argument('--formulation', choices=CHOICES, default='potential',
+    parser.add_argument('--formulation', choices=CHOICES, default=FitOptions().formulation,
                         help='of the model that is fitted first (default: %(default)s)')
     parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
                         help='follow the topics of a running node (default: gravity_comp)')
@@ -40,6 +42,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--port', type=_port, default=5006,
                         help='0 for any that is free (default: %(default)s)')
     parser.add_argument('--no-browser', action='store_true', help='open no browser window')
+    parser.add_argument('--forget', action='store_true',
+                        help='keep no session on disk, and list none')
+    gate = parser.add_argument_group('samples that gravity is learned and judged on')
+    gate.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive, default=None,
+                      help='fastest joint speed that a sample may have')
+    gate.add_argument('--all-samples', action='store_true',
+                      help='use every sample, fast or slow')
     arguments.add_reading(parser)
 
 
@@ -59,7 +68,10 @@ def run(args: argparse.Namespace) -> int:
         with open_storage(bag):
             pass
     # Bokeh is looked for here, and nowhere else is it needed.
+    from gravity_comp_ros.workbench import store
     from gravity_comp_ros.workbench.serve import serve, ServeOptions
     serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),
-                       args.formulation, args.live, args.host, args.port, not args.no_browser))
+                       args.formulation, args.live, args.host, args.port, not args.no_browser,
+                       args.max_speed, args.all_samples,
+                       None if args.forget else store.folder()))
     return 0

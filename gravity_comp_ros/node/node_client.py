@@ -52,6 +52,7 @@ class Following:
         self._slot: tuple[int, float, float, FloatArray, FloatArray] | None = None
         self._low, self._high = np.zeros(0), np.zeros(0)
         self._statuses: dict[str, Status] = {}
+        self._heard: dict[str, float] = {}
         self._events: deque[tuple[str, str]] = deque(maxlen=_MOST_EVENTS)
         self._context = Context()
         rclpy.init(context=self._context)
@@ -93,6 +94,13 @@ class Following:
         with self._lock:
             return list(self._events)
 
+    def ages(self) -> tuple[float | None, float | None]:
+        """Return the age in s of the last torque and of the last status, None before the first."""
+        now = time.monotonic()
+        torque, status = (self._heard.get(kind) for kind in ('torque', 'status'))
+        return (None if torque is None else now - torque,
+                None if status is None else now - status)
+
     def close(self) -> None:
         """Stop following."""
         self._context.try_shutdown()
@@ -133,6 +141,7 @@ class Following:
         if residual.shape != predicted.shape or len(residual) != len(message.name):
             return
         with self._lock:
+            self._heard['torque'] = time.monotonic()
             if tuple(message.name) != self._names:
                 self._start(tuple(message.name))
             q = np.array(message.position)
@@ -164,6 +173,7 @@ class Following:
             for status in message.status:
                 if not status.name.startswith(f'{name}: '):
                     continue
+                self._heard['status'] = time.monotonic()
                 part = status.name[len(name) + 2:]
                 new = Status(part, int.from_bytes(status.level, 'little'), status.message)
                 old = self._statuses.get(part)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 import heapq
+import json
 from pathlib import Path
 from typing import BinaryIO
 
@@ -48,10 +49,10 @@ class JointTopic:
         if not self.name.startswith('/'):
             raise OptionError(f'topic {self.name!r} must begin with a slash')
         shape = (len(self.t), len(self.joints))
-        for field in ('position', 'velocity', 'effort'):
-            values = getattr(self, field)
+        for what in ('position', 'velocity', 'effort'):
+            values = getattr(self, what)
             if values is not None and np.shape(values) != shape:
-                raise OptionError(f'topic {self.name}: {field} has shape {np.shape(values)}; '
+                raise OptionError(f'topic {self.name}: {what} has shape {np.shape(values)}; '
                                   f'expected {shape}')
 
 
@@ -60,12 +61,15 @@ class WriteOptions:
     """
     How to write: `compression` of the chunks, their size in bytes, and the time of t = 0.
 
+    `metadata` are records that readers of messages pass over: by name, what JSON can say.
+
     :raises OptionError: if a value makes no sense.
     """
 
     compression: str = 'zstd'
     chunk_bytes: int = 256 * 1024
     start_ns: int = DEFAULT_START_NS
+    metadata: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.compression not in _COMPRESSION:
@@ -117,6 +121,9 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[NDAr
     channels = [writer.register_channel(topic.name, 'cdr', schema,
                                         {'topic_type_hash': JOINT_STATE_HASH})
                 for topic in topics]
+    for name, record in options.metadata.items():
+        writer.add_metadata(name, {key: value if isinstance(value, str) else json.dumps(
+            value, ensure_ascii=False) for key, value in record.items()})
     counts = [0] * len(topics)
     for stamp, number, row in heapq.merge(*(_events(k, s) for k, s in enumerate(stamps))):
         topic = topics[number]

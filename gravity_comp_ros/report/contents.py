@@ -38,6 +38,7 @@ class Contents:
     belongs to them. `comparison` may be of a part of them (slow motion), which `judged` (a
     sentence) tells. `previous` holds the RMSE by joint in N·m of another model on the same
     part, named `previous_name`. `diagnosis` is None where none was made.
+    `next_command` is the command line that goes on from here, if there is one.
     """
 
     samples: JointSamples
@@ -51,6 +52,7 @@ class Contents:
     previous: Mapping[str, float] = field(default_factory=dict)
     previous_name: str = ''
     shown: tuple[str, ...] = ()
+    next_command: str = ''
 
     @property
     def joints(self) -> tuple[str, ...]:

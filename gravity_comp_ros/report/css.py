@@ -2,9 +2,11 @@
 
 TOKENS = """
 :root, :host { --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
-  --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --ok: #0b6e4f }
+  --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --bad: #b00020;
+  --ok: #0b6e4f }
 :root.dark, :host(.dark), .dark { --ground: #14181d; --text: #e8eaed; --faint: #a4abb5;
-  --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --ok: #6fd3ae }
+  --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --bad: #ff8a8a;
+  --ok: #6fd3ae }
 """
 
 CONTENT = """
@@ -34,6 +36,17 @@ details { margin: .3rem 0 .6rem }
 summary { cursor: pointer; color: var(--strong) }
 pre { background: var(--soft); padding: .6rem .8rem; overflow-x: auto; border-radius: 4px;
   white-space: pre-wrap; overflow-wrap: anywhere }
+.command { display: flex; gap: .6rem; align-items: start; max-width: 75em }
+.command pre { flex: 1; margin: 0 }
+.copy { font: inherit; color: var(--text); background: var(--soft); padding: .45rem .9rem;
+  border: 1px solid var(--line); border-radius: 4px; cursor: pointer }
+.copy:hover { border-color: var(--strong) }
+.warning { color: var(--warn) }
+.level { font-weight: 600 }
+.level.ok { color: var(--ok) }
+.level.warning { color: var(--warn) }
+.level.error { color: var(--bad) }
+.level.stale { color: var(--faint); font-style: italic }
 ul { margin: .3rem 0; padding-left: 1.3rem }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
 """

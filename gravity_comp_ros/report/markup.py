@@ -13,6 +13,13 @@ def text(value: object) -> str:
     return escape(printable(value), quote=True)
 
 
+def units(words: str) -> str:
+    """Return a line with its powers written as people write them: kg·m², not kg·m^2."""
+    for plain, raised in (('^2', '²'), ('^3', '³')):
+        words = words.replace(plain, raised)
+    return words
+
+
 def paragraph(value: object, kind: str = '') -> str:
     """Return a paragraph of plain text."""
     return f'<p class="{kind}">{text(value)}</p>' if kind else f'<p>{text(value)}</p>'
@@ -47,6 +54,13 @@ def folded(summary: str, html: str) -> str:
     return f'<details><summary>{text(summary)}</summary>{html}</details>'
 
 
+def command(line: str) -> str:
+    """Return a command line with a button that copies it."""
+    shown = '\n'.join(text(part) for part in line.splitlines())
+    return (f'<div class="command"><pre tabindex="0">{shown}</pre>'
+            f'<button type="button" class="copy" data-copy="{shown}">Copy</button></div>')
+
+
 def key(colours: Sequence[tuple[str, str]]) -> str:
     """Return a legend for several plots: colours and what they stand for."""
     entries = ''.join(f'<span><i style="background:{escape(colour, quote=True)}"></i>{text(name)}'
@@ -62,3 +76,27 @@ def _cell(place: int, value: object, is_text: bool) -> str:
     if place == 0:
         return f'<th scope="row">{text(value)}</th>'
     return f'<td{_class(is_text)}>{text(value)}</td>'
+
+
+# Buttons of `command` copy; a click inside a shadow root is seen here by its path.
+COPY = """
+document.addEventListener('click', (event) => {
+  const button = event.composedPath()[0]
+  if (!button.classList || !button.classList.contains('copy')) return
+  const done = () => {
+    button.textContent = 'Copied'
+    setTimeout(() => button.textContent = 'Copy', 2000)
+  }
+  const by_hand = () => {
+    const area = document.createElement('textarea')
+    area.value = button.dataset.copy
+    document.body.append(area)
+    area.select()
+    document.execCommand('copy')
+    area.remove()
+    done()
+  }
+  if (navigator.clipboard) navigator.clipboard.writeText(button.dataset.copy).then(done, by_hand)
+  else by_hand()
+})
+"""

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import re
+import secrets
+
 from bokeh.document import Document
 from bokeh.embed import components
-from bokeh.resources import INLINE
+from bokeh.resources import Resources
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.sections import all_sections
 from gravity_comp_ros.report.style import LIGHT
-from gravity_comp_ros.report.verdict import verdict
 
-# Nothing may be fetched: what the page needs is in it.
-_POLICY = ("default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; "
-           "style-src 'unsafe-inline'; img-src data: blob:; font-src data:")
+# Nothing may be fetched: what the page needs is in it. Only scripts with the nonce of the page
+# run, so that a name from a recording never becomes a script, a handler or a `javascript:` link.
+# Bokeh makes functions of its own callbacks, which needs 'unsafe-eval'.
+_POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
+ script-src 'nonce-{nonce}' 'unsafe-eval'; style-src 'unsafe-inline'; img-src data: blob:;
+ font-src data:"""
+# Without MathJax, text in $$ is text: MathJax would make links of \href in a joint's name.
+_COMPONENTS = ('bokeh', 'bokeh-widgets')
 # Bokeh's own mark of a page that is drawn, for people who wait and for tests.
 _READY = """
 window.addEventListener('load', () => {
@@ -42,14 +50,26 @@ def report_html(contents: Contents) -> str:
     head = (f'<p class="quiet">{markup.text(title)} · model '
             f'{markup.text(contents.origin.model_file or "fitted for this report")} · '
             f'{markup.text(contents.origin.when)}</p>'
-            f'<h1 class="verdict" id="verdict">{markup.text(verdict(contents))}</h1>')
+            f'<h1 class="verdict" id="verdict">'
+            f'{markup.text(markup.units(headline(contents)))}</h1>')
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
-                 f'{INLINE.render()}\n{script}\n<script>{_READY}</script>' if plots else '')
+                 [*_bokeh(), _inside(script), _READY, markup.COPY] if plots else [markup.COPY])
 
 
 def message_html(title: str, message: str) -> str:
     """Return a page that says in words why there is nothing to show."""
-    return _page(title, f'<h1 class="verdict" id="verdict">{markup.text(message)}</h1>', '')
+    return _page(title, f'<h1 class="verdict" id="verdict">{markup.text(message)}</h1>', [])
+
+
+def _bokeh() -> list[str]:
+    """Return the scripts of Bokeh."""
+    return list(Resources(mode='inline', components=list(_COMPONENTS)).js_raw)
+
+
+def _inside(element: str) -> str:
+    """Return the script within a script element."""
+    found = re.fullmatch(r'\s*<script[^>]*>(.*)</script>\s*', element, re.DOTALL)
+    return found[1] if found else ''
 
 
 def _section(section: Section, plots: str) -> str:
@@ -58,10 +78,16 @@ def _section(section: Section, plots: str) -> str:
             f'{drawn}{section.after}</section>\n')
 
 
-def _page(title: str, body: str, scripts: str) -> str:
+def _page(title: str, body: str, scripts: list[str]) -> str:
+    nonce = secrets.token_urlsafe(16)
+    run = '\n'.join(f'<script nonce="{nonce}">{script}</script>' for script in scripts)
+    without = markup.paragraph('The plots need JavaScript, which this browser has switched off. '
+                               'Tables and numbers are here.')
     return (f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+            f'<meta http-equiv="Content-Security-Policy" content="'
+            f'{_POLICY.format(nonce=nonce)}">\n'
             f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f'<link rel="icon" href="data:,">\n'
-            f'<title>{markup.text(title)}</title>\n<style>{css.PAGE}</style>\n{scripts}\n'
-            f'</head><body><main>{body}</main></body></html>\n')
+            f'<title>{markup.text(title)}</title>\n<style>{css.PAGE}</style>\n{run}\n'
+            f'</head><body><main>{"<noscript>" + without + "</noscript>" if scripts else ""}'
+            f'{body}</main></body></html>\n')

@@ -7,13 +7,14 @@ from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
-    effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
+    answer, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 
 
 def all_sections(contents: Contents, style: Style) -> list[Section]:
     """Return every part; their plots share one table, so that selections are common."""
     table = Table(contents)
-    return [joints.section(contents), time.section(contents, table, style),
+    return [answer.section(contents, table, style), joints.section(contents),
+            time.section(contents, table, style),
             residuals.section(contents, table, style), pairs.section(contents, table, style),
             spectrum.section(contents, style), effects.section(contents, table, style),
             equations.section(contents, style), quality.section(contents),

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import re
 from typing import Any
 
-from bokeh.models import BoxSelectTool, DataRange1d, Range1d
+from bokeh.models import BoxSelectTool, DataRange1d, Range1d, WheelZoomTool
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 
 # Okabe and Ito's colours, which people with any common colour blindness tell apart.
 BLUE, SKY, GREEN, ORANGE = '#0072b2', '#56b4e9', '#009e73', '#e69f00'
-VERMILION, PURPLE = '#d55e00', '#cc79a7'
+VERMILION, PURPLE, YELLOW = '#d55e00', '#cc79a7', '#b8a800'
 
-TOOLS = 'xpan,xbox_zoom,box_select,lasso_select,tap,reset,save'
+TOOLS = 'pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,reset,save'
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ DARK = Style('dark', '#14181d', '#e8eaed', '#a4abb5', '#2c333b', '#e8eaed', ORAN
 
 def canvas_text(text: str) -> str:
     """Return text for titles and axes, in which Bokeh must see no formula."""
-    return text.replace('$$', '$ $').replace(r'\(', r'\ (').replace(r'\[', r'\ [')
+    return re.sub(r'\$(?=\$)', '$ ', text).replace(r'\(', r'\ (').replace(r'\[', r'\ [')
 
 
 def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str = TOOLS,
@@ -65,6 +66,11 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
                   title=canvas_text(title), x_axis_label=canvas_text(x) or None,
                   y_axis_label=canvas_text(y) or None, **more)
     made.toolbar.logo = None
+    wheel = made.select_one(WheelZoomTool)
+    if wheel is not None:
+        # Over an axis the wheel zooms that axis alone; without Ctrl it scrolls the page.
+        wheel.modifiers = {'ctrl': True}
+        made.toolbar.active_scroll = wheel
     made.toolbar.autohide = False
     box = made.select_one(BoxSelectTool)
     if box is not None:
@@ -98,6 +104,14 @@ def padded(low: float, high: float, share: float = 0.05) -> Range1d:
 def own_range() -> DataRange1d:
     """Return a range that follows what is drawn, hidden or not."""
     return DataRange1d(range_padding=0.06)
+
+
+def short(text: str, most: int = 18) -> str:
+    """Return a long name with its middle left out: ends tell joints apart."""
+    if len(text) <= most:
+        return text
+    head = (most - 1) // 2
+    return f'{text[:head]}…{text[len(text) - (most - 1 - head):]}'
 
 
 def dress_legend(made: figure, style: Style) -> None:

@@ -1,10 +1,10 @@
-"""What can be hidden in a recording by name: `EFFECT[:JOINT[=SIZE]]`."""
+"""What can be hidden in a recording by name: `EFFECT:JOINT[=SIZE]`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, radians
+from math import isfinite
 
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
@@ -27,7 +27,9 @@ from gravity_comp_ros.simulation.disturbances.soft_gear import SoftGear
 from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeGain, GaugeZero
 from gravity_comp_ros.simulation.disturbances.tool_jet import ToolJet
 from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
+from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
 from gravity_comp_ros.simulation.synthesise import Disturbance
+import numpy as np
 
 # A torque that stands out of a joint's usual noise without drowning its gravity.
 _ABOVE_NOISE = 10.0
@@ -36,82 +38,102 @@ _ABOVE_NOISE = 10.0
 @dataclass(frozen=True)
 class Kind:
     """
-    One thing to hide: how its size is counted, and what it is by default.
+    One thing to hide: its size by default, and what makes it.
 
-    `size` is the default: in `unit`, or that many times ten noise levels of the joint if
+    `size` is in the unit of `SIZES`, or that many times ten noise levels of the joint if
     `relative`. `make` gets arm, joint and size.
     """
 
-    unit: str
     size: float
     relative: bool
     make: Callable[[Arm, int, float], Disturbance]
-    whole_arm: bool = False
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What was hidden: the effect, its joint (None: the whole arm), its size and unit."""
+
+    effect: str
+    joint: str | None
+    size: float
+    unit: str
+    disturbance: Disturbance
+
+    def __str__(self) -> str:
+        place = f' on {self.joint}' if self.joint else ''
+        return f'{self.effect}{place}: {self.size:.4g} {self.unit}'.rstrip()
+
+    def to_json(self) -> dict[str, object]:
+        """Return what was hidden, ready for JSON."""
+        return {'effect': self.effect, 'joint': self.joint, 'size': self.size, 'unit': self.unit}
+
+
+_WARMING = 200.0  # s in which the zero of a gauge settles
+
+
+def _spring(joint: int, stiffness: float) -> SpringBalancer:
+    """Return a balancer whose torque 1 rad from its rest is `stiffness` N·m."""
+    unit = SpringBalancer(joint, 1.0, free=0.5, post=0.6)
+    return SpringBalancer(joint, stiffness / float(unit.torque(np.array(1.0))), free=0.5, post=0.6)
 
 
 KINDS: dict[str, Kind] = {
-    'coulomb_friction': Kind('N·m', 1.0, True, lambda arm, j, x: Friction(j, LuGre(x))),
-    'viscous_friction': Kind('N·m·s/rad', 4.0, True,
-                             lambda arm, j, x: Friction(j, LuGre(0.0, x))),
-    'stribeck_friction': Kind('N·m', 1.0, True,
-                              lambda arm, j, x: Friction(j, LuGre(x, static=2 * x))),
-    'asymmetric_friction': Kind('N·m', 1.0, True, lambda arm, j, x: Friction(
-        j, LuGre(1.5 * x), LuGre(0.5 * x))),
-    'load_dependent_friction': Kind('', 0.05, False, lambda arm, j, x: LoadFriction(j, x)),
-    'friction_drift': Kind('N·m', 2.0, True,
-                           lambda arm, j, x: WarmFriction(j, LuGre(x, 2 * x))),
-    'presliding_hysteresis': Kind('N·m', 1.0, True, lambda arm, j, x: Friction(
+    'coulomb_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x))),
+    'viscous_friction': Kind(4.0, True, lambda arm, j, x: Friction(j, LuGre(0.0, x))),
+    'stribeck_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x, static=2 * x))),
+    'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
+        j, LuGre(3 * x), LuGre(x))),
+    'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(j, x)),
+    'friction_drift': Kind(2.0, True, lambda arm, j, x: WarmFriction(j, LuGre(x, 2 * x))),
+    'presliding_hysteresis': Kind(1.0, True, lambda arm, j, x: Friction(
         j, LuGre(x, presliding=0.03))),
-    'coupled_friction': Kind('N·m', 1.0, True, lambda arm, j, x: DifferentialFriction(
+    'coupled_friction': Kind(1.0, True, lambda arm, j, x: DifferentialFriction(
         (j, j + 1 if j + 1 < arm.n_joints else j - 1), LuGre(x))),
-    'torque_offset': Kind('N·m', 1.0, True, lambda arm, j, x: GaugeZero(j, x)),
-    'torque_gain': Kind('', 0.1, False, lambda arm, j, x: GaugeGain(j, 1 + x)),
-    'torque_drift': Kind('N·m', 1.0, True, lambda arm, j, x: GaugeDrift(j, x)),
-    'joint_spring': Kind('N/m', 1000.0, False,
-                         lambda arm, j, x: SpringBalancer(j, x, free=0.5, post=0.6)),
-    'cable_stiffness': Kind('N·m/rad', 2.0, True, lambda arm, j, x: DressPack(j, 0.3, x)),
-    'torque_ripple': Kind('N·m', 1.0, True, lambda arm, j, x: Cogging(j, 12, x)),
-    'encoder_offset': Kind('rad', 0.03, False, lambda arm, j, x: EncoderOffset(j, x)),
-    'end_stop': Kind('N·m/rad', 30.0, True,
-                     lambda arm, j, x: Bumper(j, 0.5 * float(arm.upper[j]), x)),
-    'joint_flexibility': Kind('N·m/rad', 6000.0, False, lambda arm, j, x: SoftGear(j, x)),
-    'backlash': Kind('rad', 0.02, False, lambda arm, j, x: Backlash(j, x)),
-    'detent': Kind('N·m', 4.0, True, lambda arm, j, x: Detent(j, 0.5, x)),
-    'base_tilt': Kind('deg', 2.0, False, lambda arm, j, x: TiltedBase(radians(x), 0.0), True),
-    'time_delay': Kind('s', 0.04, False, lambda arm, j, x: LateEffort(x), True),
-    'tool_force': Kind('N', 12.0, False,
-                       lambda arm, j, x: ToolJet((0.5 * x, 0.25 * x, -x)), True),
+    'torque_offset': Kind(1.0, True, lambda arm, j, x: GaugeZero(j, x)),
+    'torque_gain': Kind(0.1, False, lambda arm, j, x: GaugeGain(j, 1 + x)),
+    'torque_drift': Kind(1.0 / _WARMING, True, lambda arm, j, x: GaugeDrift(
+        j, x * _WARMING, _WARMING)),
+    'joint_spring': Kind(10.0, False, lambda arm, j, x: _spring(j, x)),
+    'cable_stiffness': Kind(2.0, True, lambda arm, j, x: DressPack(j, 0.3, x)),
+    'torque_ripple': Kind(1.0, True, lambda arm, j, x: Cogging(j, 12, x)),
+    'encoder_offset': Kind(0.03, False, lambda arm, j, x: EncoderOffset(j, x)),
+    'end_stop': Kind(30.0, True, lambda arm, j, x: Bumper(j, 0.5 * float(arm.upper[j]), x)),
+    'joint_flexibility': Kind(1 / 6000.0, False, lambda arm, j, x: SoftGear(j, 1 / x)),
+    'backlash': Kind(0.02, False, lambda arm, j, x: Backlash(j, x)),
+    'detent': Kind(4.0, True, lambda arm, j, x: Detent(j, 0.5, x)),
+    'base_tilt': Kind(0.035, False, lambda arm, j, x: TiltedBase(x, 0.0)),
+    'time_delay': Kind(0.04, False, lambda arm, j, x: LateEffort(x)),
+    'tool_force': Kind(12.0, False, lambda arm, j, x: ToolJet((0.5 * x, 0.25 * x, -x))),
 }
 
 
-def hidden(text: str, arm: Arm) -> Disturbance:
+def hidden(text: str, arm: Arm) -> Hidden:
     """
-    Return what `EFFECT[:JOINT[=SIZE]]` names, JOINT a name or a number from 1.
+    Return what `EFFECT:JOINT[=SIZE]` names, JOINT a name or a number from 1.
 
-    Without a joint it is the second one, that carries most; an effect of the whole arm takes
-    its size as `EFFECT=SIZE`.
+    An effect of the whole arm has no joint: `EFFECT[=SIZE]`.
 
-    :raises OptionError: if effect or joint is unknown, or the size is no number.
+    :raises OptionError: if effect or joint is unknown or missing, or the size is none.
     """
-    place, _, number = text.partition('=')
+    place, equals, number = text.partition('=')
     name, _, where = place.partition(':')
     if name not in KINDS:
         raise OptionError(f'cannot hide {name!r}; there are {", ".join(sorted(KINDS))}')
-    kind = KINDS[name]
-    if kind.whole_arm and where:
+    kind, limits = KINDS[name], SIZES[name]
+    if limits.whole_arm and where:
         raise OptionError(f'{name} acts on the whole arm; leave :{where} away')
-    joint = _joint(where, arm)
-    size = kind.size
-    if number:
-        size = _number(text, number)
-    elif kind.relative:
-        size *= _ABOVE_NOISE * noise_levels(arm)[joint]
-    return kind.make(arm, joint, size)
+    joint = 0 if limits.whole_arm else _joint(name, where, arm)
+    size = kind.size * (_ABOVE_NOISE * noise_levels(arm)[joint] if kind.relative else 1.0)
+    if equals:
+        size = _number(text, number, limits)
+    return Hidden(name, None if limits.whole_arm else arm.joints[joint], size, limits.unit,
+                  kind.make(arm, joint, size))
 
 
-def _joint(where: str, arm: Arm) -> int:
+def _joint(name: str, where: str, arm: Arm) -> int:
     if not where:
-        return min(1, arm.n_joints - 1)
+        raise OptionError(f'{name}: on which joint? Write {name}:JOINT or {name}:JOINT=SIZE; '
+                          f'there are {", ".join(arm.joints)}, or 1 to {arm.n_joints}')
     joint = joint_named(where, arm.joints)
     if joint is not None:
         return arm.joints.index(joint)
@@ -119,11 +141,18 @@ def _joint(where: str, arm: Arm) -> int:
                       f'{arm.n_joints}')
 
 
-def _number(text: str, number: str) -> float:
+def _number(text: str, number: str, limits: Size) -> float:
     try:
         size = float(number)
     except ValueError:
         size = float('nan')
     if not isfinite(size):
         raise OptionError(f'{text}: the size {number!r} is not a number')
+    unit = f' {limits.unit}'.rstrip()
+    if size == 0.0 or size < 0.0 and not limits.signed:
+        raise OptionError(f'{text}: the size is {number}; it must be '
+                          f'{"other than" if limits.signed else "above"} 0{unit}')
+    if abs(size) > limits.most:
+        raise OptionError(f'{text}: no arm has {number}{unit} ({limits.meaning}); at most '
+                          f'{limits.most:g}{unit}')
     return size

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import (
-    BLUE, canvas_text, dress_legend, GREEN, ORANGE, plot, PURPLE, SKY, Style, VERMILION)
+    BLUE, canvas_text, dress_legend, GREEN, ORANGE, plot, PURPLE, SKY, Style, VERMILION, YELLOW)
 from gravity_comp_ros.workbench.session import Stage
 
-_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY)
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
 _DASHES = ('solid', 'dashed')
-_MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex')
+_MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex',
+            'star')
 _LONGEST = 16
 
 

@@ -12,11 +12,13 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import plot, Style
 from gravity_comp_ros.workbench import widgets
-import numpy as np
 
 _SHOWN = 3000
 _EVERY = 3
 _LEVELS = ('ok', 'warning', 'error', 'stale')
+# What is older than this, in s, is not how the node is but how it was. Statuses come once a
+# second.
+_OLD_TORQUE, _OLD_STATUS = 2.0, 4.0
 _MOST_EVENTS = 30
 
 
@@ -57,6 +59,9 @@ class Follower(Protocol):
 
     def statuses(self) -> Sequence[Status]:
         """Return what the node last said of itself."""
+
+    def ages(self) -> tuple[float | None, float | None]:
+        """Return the age in s of the last torque and of the last status, None before the first."""
 
     def events(self) -> Sequence[tuple[str, str]]:
         """Return when and what changed, the latest last."""
@@ -121,18 +126,49 @@ class LiveView:
         if not statuses and not self._joints:
             return head + markup.paragraph(
                 'Nothing heard of it yet. Is it running, and in the same ROS_DOMAIN_ID?')
-        rows = [[s.name, _LEVELS[min(s.level, 3)], s.message] for s in statuses]
-        table = markup.table(['part', 'level', 'what it says'], rows,
-                             left=('level', 'what it says')) if rows else ''
+        torque, status = self.follower.ages()
+        head += age_html(torque, status)
+        table = status_html(statuses, status) if statuses else ''
         if not self._joints:
             return head + table + markup.paragraph('No torque is predicted yet.', 'quiet')
-        low, high = (np.degrees(x) for x in self.follower.coverage())
-        seen = markup.table(['joint', 'angles seen °'],
-                            [[name, f'{a:.0f} … {b:.0f}']
+        low, high = self.follower.coverage()
+        seen = markup.table(['joint', 'angles seen, rad'],
+                            [[name, f'{a:.2f} … {b:.2f}']
                              for name, a, b in zip(self._joints, low, high)])
         key = markup.key([(self.style.measured, 'measured'), (self.style.predicted, 'predicted'),
                           (self.style.residual, 'residual')])
         return head + table + markup.folded('Coverage', seen) + key
+
+
+def age_html(torque: float | None, status: float | None) -> str:
+    """Return how old what is shown is; loud where the node has gone silent."""
+    parts, silent = [], False
+    for name, age, old in (('torque', torque, _OLD_TORQUE), ('status', status, _OLD_STATUS)):
+        if age is None:
+            parts.append(f'no {name} yet')
+            continue
+        silent = silent or age > old
+        parts.append(f'last {name} {"less than 1" if age < 1.0 else f"{age:.0f}"} s ago')
+    words = ', '.join(parts)
+    if silent:
+        return f'<p id="live-age" class="level error">SILENT: {words}. What is shown is how ' \
+               f'the node was then.</p>'
+    return f'<p id="live-age" class="level ok">{words}</p>'
+
+
+def status_html(statuses: Sequence[Status], age: float | None) -> str:
+    """Return the statuses as a table; each level is a word in its colour."""
+    stale = age is None or age > _OLD_STATUS
+    rows = ''
+    for one in statuses:
+        was = _LEVELS[min(max(one.level, 0), 3)]
+        level = 'stale' if stale else was
+        word = f'stale, was {was}' if stale and was != 'stale' else level
+        rows += (f'<tr><th scope="row">{markup.text(one.name)}</th>'
+                 f'<td><span class="level {level}">{word}</span></td>'
+                 f'<td>{markup.text(one.message)}</td></tr>')
+    return (f'<div class="wide"><table><thead><tr><th scope="col">part</th><th scope="col">level'
+            f'</th><th scope="col">message</th></tr></thead><tbody>{rows}</tbody></table></div>')
 
 
 def _columns(t: FloatArray, measured: FloatArray, predicted: FloatArray

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.report import css
+from bokeh import __version__
+from gravity_comp_ros.report import css, markup
+from jinja2 import Template
 
 # In every widget and text: custom properties of the page reach into them.
 INSIDE = """
 :host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
-.bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text) }
+.bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
+  white-space: normal; overflow-wrap: anywhere }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }
 .bk-btn { background: var(--soft); color: var(--text); border: 1px solid var(--line);
@@ -25,17 +28,26 @@ h1, h2, h3 { margin-top: .5rem }
 h1 { font-size: 1.3rem; margin-bottom: 0 }
 """
 
-TEMPLATE = """
+# Only the page's own scripts run, and only this server is asked for anything. Bokeh makes
+# functions of its own callbacks, which needs 'unsafe-eval'.
+_POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
+ script-src 'self' 'nonce-NONCE' 'unsafe-eval'; style-src 'self' 'unsafe-inline';
+ img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; worker-src blob:"""
+
+# Bokeh's own scripts are named here, because all of them would have MathJax among them, which
+# makes links of formulas in names.
+_TEMPLATE = """
 {% from macros import embed %}
 <!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="POLICY">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="icon" href="data:,">
 <title>{{ title | e }}</title>
-{{ bokeh_css | indent(0) }}
-{{ bokeh_js | indent(0) }}
+<script src="static/js/bokeh.min.js?v=VERSION"></script>
+<script src="static/js/bokeh-widgets.min.js?v=VERSION"></script>
 <style>
 """ + css.TOKENS + """
 * { box-sizing: border-box }
@@ -44,6 +56,7 @@ body { margin: 0; background: var(--ground); color: var(--text);
 .page { display: grid; grid-template-columns: 250px minmax(0, 1fr); gap: 0 1.4rem;
   max-width: 1600px; margin: 0 auto; padding: .6rem 1rem 4rem }
 header { grid-column: 1 / -1; border-bottom: 1px solid var(--line); padding-bottom: .4rem }
+main { min-width: 0 }
 aside { padding-top: .8rem }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
@@ -52,9 +65,11 @@ aside { padding-top: .8rem }
 </style>
 </head>
 <body>
+<noscript><p>The workbench needs JavaScript, which this browser has switched off.
+<code>gravity_comp diagnose --html</code> writes its tables into a file.</p></noscript>
 <a class="skip" href="#views">Skip to the views</a>
 <div class="page">
-<header aria-live="polite" id="head">{{ embed(roots.head) }}</header>
+<header aria-live="polite" id="head" tabindex="-1">{{ embed(roots.head) }}</header>
 <aside aria-label="Choices" id="side">{{ embed(roots.side) }}</aside>
 <main>
 <div class="above">
@@ -64,7 +79,16 @@ aside { padding-top: .8rem }
 <section aria-label="Views" id="views">{{ embed(roots.views) }}</section>
 </main>
 </div>
-{{ plot_script | indent(0) }}
+<script nonce="NONCE">COPY</script>
+{{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
 """
+
+
+def template(nonce: str) -> Template:
+    """Return the page; only scripts with this nonce run in it."""
+    text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
+    text = text.replace('COPY', markup.COPY)
+    # A string would be taken for blocks of Bokeh's own page.
+    return Template(text.replace('NONCE', nonce))

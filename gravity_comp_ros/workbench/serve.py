@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 import errno
 from pathlib import Path
+import secrets
 import signal
 import socket
 import sys
@@ -14,20 +15,26 @@ from bokeh.application import Application
 from bokeh.application.application import SessionContext
 from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
-from bokeh.server.server import Server
+from bokeh.server.server import BaseServer
+from bokeh.server.util import bind_sockets
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
-from gravity_comp_ros.workbench.jobs import Read
+from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.live_view import Follower
 from gravity_comp_ros.workbench.page import Page
-from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.worker import Worker
-
-Models = tuple[tuple[str, GravityModel], ...]
+from gravity_comp_ros.workbench.session import Given, Session
+from gravity_comp_ros.workbench.sessions import Sessions
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop, PeriodicCallback
 
 _LOCAL = ('127.0.0.1', 'localhost')
+_POLL_MS = 100
+# A page that nobody looks at any more is forgotten after this time; its session stays.
+_UNUSED_MS = 15000
 
 
 @dataclass(frozen=True)
@@ -37,11 +44,14 @@ class ServeOptions:
     bags: tuple[Path, ...]
     models: tuple[Path, ...] = ()
     reading: ReadOptions = ReadOptions()
-    formulation: str = 'potential'
+    formulation: str = FitOptions().formulation
     live: str | None = None
     host: str = '127.0.0.1'
     port: int = 5006
     browser: bool = True
+    max_speed: float | None = None
+    all_samples: bool = False
+    place: Path | None = field(default_factory=store.folder)
 
 
 def serve(options: ServeOptions) -> None:
@@ -51,17 +61,15 @@ def serve(options: ServeOptions) -> None:
     :raises OptionError: if the address cannot be served on.
     :raises ModelFileError: if a model cannot be read.
     """
-    models = tuple((path.name, load_model(path)) for path in options.models)
+    given = tuple(Given(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
-    # The first page finds a process that is warm already.
-    spare = [Worker()] if options.bags else []
+    sessions = Sessions(lambda: _session(options, given), options.place,
+                        warm=bool(options.bags))
 
     def start(document: Document) -> None:
-        model = models[0][0] if models and options.reading.joints is None else ''
-        read = Read(options.bags, _reading(options, models), model) if options.bags else None
-        worker = spare.pop() if spare else Worker()
-        page = Page(document, Session(options.bags, options.formulation, models), worker, read,
-                    follower)
+        identity = _asked_for(document)
+        page = Page(document, sessions, identity, bool(options.bags), follower,
+                    secrets.token_urlsafe(16))
 
         def ended(context: SessionContext) -> None:
             page.close()
@@ -69,6 +77,8 @@ def serve(options: ServeOptions) -> None:
         document.on_session_destroyed(ended)
 
     server = _server(options, Application(FunctionHandler(start)))
+    polling = PeriodicCallback(sessions.poll, _POLL_MS)
+    polling.start()
     address = f'http://{options.host if options.host in _LOCAL else "127.0.0.1"}:{server.port}/'
     print(f'workbench at {address} (Ctrl-C ends it)', flush=True)
     if options.host not in _LOCAL:
@@ -83,27 +93,45 @@ def serve(options: ServeOptions) -> None:
     except KeyboardInterrupt:
         pass
     finally:
-        for worker in spare:
-            worker.close()
+        polling.stop()
+        sessions.close()
         if follower is not None:
             follower.close()
 
 
-def _server(options: ServeOptions, application: Application) -> Server:
+def _session(options: ServeOptions, given: tuple[Given, ...]) -> Session:
+    reading = options.reading
+    choice = Choice((), reading.joints or (), options.formulation, dict(reading.effort_scale),
+                    reading.differentiate, options.max_speed, options.all_samples)
+    return Session(options.bags, choice, given, reading.topic)
+
+
+def _asked_for(document: Document) -> str:
+    """Return the name of the session in the address of the page."""
+    context = document.session_context
+    arguments = context.request.arguments if context is not None and context.request else {}
+    return b''.join(arguments.get('session', [b''])).decode('ascii', 'replace')
+
+
+def _server(options: ServeOptions, application: Application) -> BaseServer:
     try:
         port = options.port or _free_port(options.host)
-        # Pages of other sites may not talk to this one.
-        origins = [f'{name}:{port}' for name in (*_LOCAL, options.host)]
-        server = Server({'/': application}, address=options.host, port=port,
-                        allow_websocket_origin=origins,
-                        unused_session_lifetime_milliseconds=60000,
-                        check_unused_sessions_milliseconds=5000)
+        sockets, port = bind_sockets(options.host, port)
     except OSError as problem:
         taken = problem.errno in (errno.EADDRINUSE, errno.EACCES)
         what = f'port {options.port} is taken' if taken else \
             f'cannot serve on {options.host}: {(problem.strerror or "unknown").lower()}'
         raise OptionError(f'{what}: choose another with --port, or 0 for any that is free'
                           ) from problem
+    hosts = allowed_hosts(options.host, port)
+    # Pages of other sites may not talk to this one, and other hosts' names do not reach it.
+    guarded = GuardedApplication(
+        {'/': application}, hosts, options.host, extra_websocket_origins=list(hosts),
+        unused_session_lifetime_milliseconds=_UNUSED_MS,
+        check_unused_sessions_milliseconds=5000)
+    http = HTTPServer(guarded)
+    http.add_sockets(sockets)
+    server = BaseServer(IOLoop.current(), guarded, http)
     server.start()
     return server
 
@@ -111,13 +139,6 @@ def _server(options: ServeOptions, application: Application) -> Server:
 def _free_port(host: str) -> int:
     with socket.create_server((host, 0)) as probe:
         return int(probe.getsockname()[1])
-
-
-def _reading(options: ServeOptions, models: Models) -> ReadOptions:
-    """Return what to read: a given model says which joints there are."""
-    if not models or options.reading.joints is not None:
-        return options.reading
-    return replace(options.reading, joints=models[0][1].joints)
 
 
 def _follower(node: str | None) -> Follower | None:

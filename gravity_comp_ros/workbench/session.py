@@ -1,17 +1,17 @@
 """
-What is on the bench: recordings, the model with its history, and what was found.
+What is on the bench: recordings, the stages of the model, and what was found.
 
 Free of Bokeh and of processes: a page asks it what to do next and tells it what came back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-import shlex
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
@@ -20,93 +20,100 @@ from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.report.contents import Contents, Origin
-from gravity_comp_ros.workbench.jobs import (
-    Add, Added, Ask, Choice, chosen, Learn, Learned, now, slow_part, WasRead)
+from gravity_comp_ros.workbench import stages as tree
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.jobs import Add, Added, Ask, Learn, Learned, Read, WasRead
+from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
 # A finding with one of these is worth adding.
 ADDABLE = (*FOUND, 'ambiguous', 'weak')
+# Fewer slow samples than this say little.
+FEW = 50
 
 
 @dataclass(frozen=True)
-class Stage:
-    """
-    One state of the model on its way, with its held-out RMSE by joint in N·m.
+class Given:
+    """A model file named on the command line."""
 
-    `name` says what was done; `diagnosis` is None until one is made.
-    """
-
-    name: str
+    path: Path
     model: GravityModel
-    held_out: Mapping[str, float] = field(default_factory=dict)
-    diagnosis: Diagnosis | None = None
+
+    @property
+    def name(self) -> str:
+        """Return what the page calls it."""
+        return self.path.name
+
+
+class _Key:
+    """What something that is kept was made of: an equal choice, and the very same things."""
+
+    def __init__(self, choice: Choice, *things: object) -> None:
+        self._choice, self._things = choice, things
+
+    def __eq__(self, other: object) -> bool:
+        return (isinstance(other, _Key) and self._choice == other._choice
+                and len(self._things) == len(other._things)
+                and all(a is b for a, b in zip(self._things, other._things)))
 
 
 class Session:
     """One user's work: what was read, the stages of the model, and the choices."""
 
-    def __init__(self, paths: tuple[Path, ...], formulation: str = 'potential',
-                 models: tuple[tuple[str, GravityModel], ...] = ()) -> None:
-        self.paths, self.formulation, self.given = paths, formulation, models
+    def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
+                 given: tuple[Given, ...] = (), topic: str | None = None) -> None:
+        self.paths, self.choice, self.given, self.topic = paths, choice, given, topic
         self.read: WasRead | None = None
-        self.choice = Choice((), ())
+        self.read_with: ReadOptions | None = None
+        self.joints: tuple[str, ...] = choice.joints
         self.stages: list[Stage] = []
+        self.at: int | None = None
+        self.to_learn = not given
+        self._contents: tuple[_Key, Contents] | None = None
+        self._preview: tuple[_Key, Contents] | None = None
+        self._few: tuple[_Key, str] | None = None
 
     @property
     def stage(self) -> Stage | None:
         """Return the present state of the model."""
-        return self.stages[-1] if self.stages else None
+        return None if self.at is None else self.stages[self.at]
 
     @property
-    def samples(self) -> JointSamples:
+    def diagnosis(self) -> Diagnosis | None:
+        """Return what was found beside the present model in what is chosen now."""
+        stage = self.stage
+        return stage.diagnosis if stage and stage.judged_with == self.choice else None
+
+    @property
+    def recording(self) -> Recording:
         """
-        Return the samples of the chosen runs and the model's joints.
+        Return the chosen runs and joints.
 
         :raises DataError: if nothing was read or chosen.
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        return chosen(self.read.samples, self.choice)
+        return self.choice.recording(self.read.samples, self.read.reports)
 
-    def take(self, read: WasRead) -> None:
-        """
-        Put recordings on the bench, all of them chosen.
+    # What is to be done.
 
-        :raises ModelMismatchError: if a given model is of another robot.
-        """
-        self.read = read
-        joints = read.samples.names
-        if self.given:
-            name, model = self.given[0]
-            missing = [joint for joint in model.joints if joint not in joints]
-            if missing:
-                raise ModelMismatchError(
-                    f'the model {name} is of another robot: it has the joints '
-                    f'{", ".join(model.joints)}, and the recordings have {", ".join(joints)}')
-            joints = model.joints
-            self.stages = [Stage(name, model)]
-        self.choice = Choice(tuple(range(read.samples.n_runs)), joints)
-
-    def choose(self, runs: tuple[int, ...], joints: tuple[str, ...], formulation: str) -> None:
-        """Choose what to work with; a model of other joints or formulation is let go."""
-        stage = self.stage
-        kept = stage is not None and stage.model.joints == joints \
-            and formulation == self.formulation
-        self.choice, self.formulation = Choice(runs, joints), formulation
-        if not kept:
-            self.stages = []
-        elif stage is not None:
-            # What was found belongs to other data.
-            self.stages[-1] = replace(stage, diagnosis=None)
-
-    def next_job(self) -> Learn | Ask | None:
-        """Return what is needed next: a model, or a diagnosis of it."""
-        if self.read is None or not self.choice.runs or not self.choice.joints:
+    def next_job(self) -> Read | Learn | Ask | None:
+        """Return what is needed next: recordings, a model, or a diagnosis of it."""
+        if not self.paths:
             return None
-        if self.stage is None:
-            return Learn(self.choice, self.formulation)
-        if self.stage.diagnosis is None:
+        model = self.given[0] if self.given else None
+        if self.read is None and model is not None and not self.choice.joints:
+            self.choice = replace(self.choice, joints=model.model.joints)
+        options = self.choice.reading(self.topic)
+        if self.read is None or options != self.read_with:
+            return Read(self.paths, options, model.name if model else '')
+        if not self.choice.runs:
+            return None
+        if self.to_learn:
+            return Learn(self.choice)
+        if self.stage is not None and self.diagnosis is None:
             return Ask(self.choice, self.stage.model)
         return None
 
@@ -120,65 +127,137 @@ class Session:
             raise DataError('there is no model yet')
         return Add(self.choice, self.stage.model, effects)
 
-    def learned(self, answer: Learned) -> None:
+    def learn(self, choice: Choice) -> None:
+        """Choose what to learn from; a new model is due. Earlier stages stay in the history."""
+        self.choice, self.to_learn = choice, True
+
+    def judge(self, choice: Choice) -> None:
+        """
+        Choose what the present model is judged on.
+
+        :raises DataError: if there is no model, or it is of other joints.
+        """
+        if self.stage is None:
+            raise DataError('there is no model yet: learn one')
+        if self.stage.model.joints != choice.joints:
+            raise DataError(f'the model is of {", ".join(self.stage.model.joints)}: learn one of '
+                            f'these joints, or choose those')
+        self.choice = replace(choice, formulation=self.choice.formulation)
+
+    # What came back.
+
+    def take(self, read: WasRead, options: ReadOptions) -> None:
+        """
+        Put recordings on the bench, all of them chosen at first.
+
+        :raises ModelMismatchError: if a given model is of another robot.
+        """
+        names = read.samples.names
+        first = self.read is None and not self.stages
+        if self.given and first:
+            name, model = self.given[0].name, self.given[0].model
+            missing = [joint for joint in model.joints if joint not in names]
+            if missing:
+                raise ModelMismatchError(
+                    f'the model {name} is of another robot: it has the joints '
+                    f'{", ".join(model.joints)}, and the recordings have {", ".join(names)}')
+        # The same samples, by their names.
+        self.read, self.read_with = read, replace(options, joints=names)
+        self.joints = self.joints or names
+        joints = self.choice.joints or names
+        runs = self.choice.runs or tuple(range(read.samples.n_runs))
+        self.choice = replace(self.choice, joints=joints, runs=runs)
+        if self.given and first:
+            self._go_on(Stage(self.given[0].name, self.given[0].model, self.choice,
+                              given=self.given[0].path))
+
+    def learned(self, answer: Learned, choice: Choice) -> None:
         """Begin anew with a fitted model."""
-        self.stages = [Stage('gravity', answer.model, answer.held_out)]
+        self.to_learn = False
+        self._go_on(Stage('gravity', answer.model, choice, held_out=answer.held_out))
 
-    def diagnosed(self, answer: Diagnosis) -> None:
-        """Keep what was found beside the present model."""
-        if self.stages:
-            self.stages[-1] = replace(self.stages[-1], diagnosis=answer)
+    def diagnosed(self, answer: Diagnosis, job: Ask) -> None:
+        """Keep what was found beside the model that it is about."""
+        for k, stage in enumerate(self.stages):
+            if stage.model is job.model:
+                self.stages[k] = replace(stage, diagnosis=answer, judged_with=job.choice)
 
-    def added(self, answer: Added) -> None:
+    def added(self, answer: Added, job: Add) -> None:
         """Go on with a model that has more effects."""
+        parent = next((k for k, s in enumerate(self.stages) if s.model is job.model), self.at)
         before, after = answer.result.by_joint()
-        if self.stages and not self.stages[-1].held_out:
-            self.stages[-1] = replace(self.stages[-1], held_out=before)
-        self.stages.append(Stage('+ ' + ', '.join(answer.result.added), answer.model, after))
+        if parent is not None and not self.stages[parent].held_out:
+            self.stages[parent] = replace(self.stages[parent], held_out=before)
+        self._go_on(Stage('+ ' + ', '.join(answer.result.added), answer.model, job.choice, parent,
+                          tuple(answer.result.added), held_out=after))
 
     def undo(self) -> str:
         """
-        Take the last addition back and return its name.
+        Go back to before the last addition and return its name; the stage stays in the history.
 
         :raises DataError: if there is none.
         """
         stage = self.stage
-        if stage is None:
+        if stage is None or self.at is None:
             raise DataError('there is no model yet')
+        if stage.parent is not None and stage.effects:
+            self.at = stage.parent
+            return ', '.join(stage.effects)
         back = undone(stage.model, now())
-        if len(self.stages) > 1:
-            self.stages.pop()
-            self.stages[-1] = replace(self.stages[-1], model=back)
-        else:
-            self.stages = [Stage('before ' + stage.name, back)]
+        self._go_on(Stage('before ' + stage.name, back, self.choice, self.at))
         return ', '.join(back.history[-1].effects)
 
+    def go_to(self, number: int) -> None:
+        """Go to a stage; what is added from there on is a new branch."""
+        self.at, self.to_learn = number, False
+        self.choice = self.stages[number].choice
+
+    def describe(self, number: int, name: str, note: str) -> None:
+        """Give a stage a name and a note of the user's own."""
+        stage = self.stages[number]
+        self.stages[number] = replace(stage, name=name.strip() or stage.name, note=note.strip())
+
+    def _go_on(self, stage: Stage) -> None:
+        self.stages.append(stage)
+        self.at = len(self.stages) - 1
+
+    # What is shown.
+
     def compared(self, model: GravityModel) -> Comparison:
-        """Return the errors of a model on the slow part of the chosen samples."""
-        samples = self.samples
-        return compare(model, slow_part(samples), samples)
+        """
+        Return the errors of a model on the chosen samples, as `compare` gives them.
+
+        :raises ModelMismatchError: if they lack a joint of the model.
+        """
+        if self.read is None:
+            raise DataError('no recording has been read')
+        choice = replace(self.choice, joints=model.joints)
+        return compare_model(model, choice.recording(self.read.samples, self.read.reports))
 
     def contents(self) -> Contents:
         """
         Return what the views show of the present model.
 
-        :raises DataError: if there is no model yet, or no sample is slow.
+        :raises DataError: if there is no model yet, or no sample passes the gate.
         """
         stage = self.stage
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
-        samples = self.samples.joints(stage.model.joints)
-        slow = slow_part(samples)
-        previous = self.stages[-2] if len(self.stages) > 1 else None
-        other = compare(previous.model, slow, samples) if previous else None
+        key = _Key(self.choice, stage, self.read, self.diagnosis)
+        if self._contents is None or self._contents[0] != key:
+            self._contents = (key, self._make(stage))
+        return self._contents[1]
+
+    def _make(self, stage: Stage) -> Contents:
+        recording = self.recording.select_joints(stage.model.joints)
+        previous = None if stage.parent is None else self.stages[stage.parent]
+        other = compare_model(previous.model, recording) if previous else None
         return Contents(
-            samples, predict_torque(stage.model, samples), stage.model,
-            compare(stage.model, slow, samples),
-            f'{slow.n_samples} of {samples.n_samples} samples, the slow ones',
-            tuple(self.read.reports[run] for run in self.choice.runs),
-            Origin('\n'.join(self.commands()), now()), stage.diagnosis,
+            recording.samples, predict_torque(stage.model, recording.samples), stage.model,
+            compare_model(stage.model, recording), recording.gated.sentence(), recording.reports,
+            Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
-            previous.name if previous else '')
+            previous.name if previous else '', next_command=self._next_command())
 
     def preview(self) -> Contents:
         """
@@ -186,9 +265,16 @@ class Session:
 
         :raises DataError: if nothing was read or chosen.
         """
-        samples = self.samples
-        if self.read is None or not samples.n_samples:
-            raise DataError('no recording has been read')
+        key = _Key(self.choice, self.read)
+        if self._preview is None or self._preview[0] != key:
+            self._preview = (key, self._constant())
+        return self._preview[1]
+
+    def _constant(self) -> Contents:
+        recording = self.recording
+        samples = recording.samples
+        if not samples.n_samples:
+            raise DataError('the recordings are empty')
         mean, spread = samples.tau.mean(axis=0), samples.tau.std(axis=0)
         torques = tuple(Expansion(np.zeros(1, dtype=np.int64), mean[n:n + 1])
                         for n in range(samples.n_joints))
@@ -196,43 +282,55 @@ class Session:
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
         return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
-                        tuple(self.read.reports[run] for run in self.choice.runs),
-                        Origin('\n'.join(self.commands()), now()))
+                        recording.reports, Origin('\n'.join(self.commands()), now()))
+
+    def few_slow(self) -> str:
+        """Return a warning where nearly no sample is slow, nothing otherwise."""
+        key = _Key(self.choice, self.read)
+        if self._few is None or self._few[0] != key:
+            self._few = (key, self._count_slow())
+        return self._few[1]
+
+    def _count_slow(self) -> str:
+        if self.read is None or self.choice.all_samples or not self.choice.runs:
+            return ''
+        recording = self.recording
+        try:
+            kept = len(recording.slow)
+        except DataError:
+            kept = 0
+        if kept >= FEW:
+            return ''
+        return (f'Only {kept} of {len(recording)} samples are slow: these recordings are of '
+                f'fast motion. Use all samples, or raise the speed limit, under "Samples".')
 
     def findings(self) -> list[tuple[Finding, str]]:
         """Return findings with what *Add* would add, or nothing where that makes no sense."""
-        stage = self.stage
-        if stage is None or stage.diagnosis is None:
+        stage, diagnosis = self.stage, self.diagnosis
+        if stage is None or diagnosis is None:
             return []
         return [(f, target_of(f) if f.effect and f.verdict in ADDABLE
                  and not stage.model.applied.has(f.effect, f.joint) else '')
-                for f in stage.diagnosis.findings]
+                for f in diagnosis.findings]
 
     def commands(self) -> list[str]:
         """Return command lines that do the same."""
-        bags = ' '.join(shlex.quote(str(self.paths[run])) for run in self.choice.runs)
-        if self.read is not None and self.choice.joints != self.read.samples.names:
-            joints = f' --joints {shlex.quote(",".join(self.choice.joints))}'
-        else:
-            joints = ''
-        lines = []
-        model = 'arm.json'
-        if self.given and self.stages and self.stages[0].name == self.given[0][0]:
-            model = self.given[0][0]
-        else:
-            lines.append(f'gravity_comp fit {bags}{joints} --formulation {self.formulation} '
-                         f'-o {model}')
-        lines += [f'gravity_comp add {shlex.quote(stage.name[2:].replace(", ", ","))} '
-                  f'--model {shlex.quote(model)} {bags}' for stage in self.stages[1:]]
-        return [*lines, f'gravity_comp diagnose {bags} --model {shlex.quote(model)} '
-                f'--html report.html']
+        if self.at is None or not self.paths:
+            return []
+        return [*tree.command_lines(self.stages, self.at, self.paths, self.topic),
+                *tree.reports(self.choice, self.paths, self.topic)]
 
-    def others(self) -> list[tuple[str, GravityModel]]:
-        """Return the models that the present one can be compared with, and their names."""
-        earlier = [(stage.name, stage.model) for stage in self.stages[:-1]]
-        given = [(name, model) for name, model in self.given
-                 if self.stage is None or model is not self.stage.model]
-        return [*earlier[::-1], *given]
+    def _next_command(self) -> str:
+        """Return the command line that adds what was found to the model when it is saved."""
+        targets = [t for f, t in self.findings() if t and f.verdict in FOUND]
+        if not targets:
+            return ''
+        return tree.add_command(tuple(targets), self.choice, self.paths, self.topic)
+
+    def models(self) -> list[tuple[str, str, GravityModel]]:
+        """Return key, name and model of all that can be compared."""
+        own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
+        return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
 
 
 def target_of(finding: Finding) -> str:

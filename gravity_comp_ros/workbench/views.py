@@ -12,11 +12,11 @@ from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
-    effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
+    answer, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 from gravity_comp_ros.workbench import widgets
 
-NAMES = ('Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model', 'Data',
-         'Origin')
+NAMES = ('Answer', 'Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model',
+         'Data', 'Origin')
 
 
 class Views:
@@ -43,6 +43,7 @@ class Views:
     def _section(self, name: str) -> Section:
         contents, table, style = self.contents, self.table, self.style
         makers: dict[str, Callable[[], Section]] = {
+            'Answer': lambda: answer.section(contents, table, style),
             'Errors': lambda: joints.section(contents),
             'Over time': lambda: time.section(contents, table, style),
             'Residual': lambda: residuals.section(contents, table, style),

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bokeh.models import Button, CheckboxGroup, Div, RadioButtonGroup, Select
+from bokeh.models import Button, CheckboxGroup, Div, RadioButtonGroup, Select, TextInput
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.workbench.page_style import INSIDE
 
 
 def html(text: str, name: str | None = None) -> Div:
     """Return safe HTML as an element."""
-    return Div(text=text, name=name, stylesheets=[INSIDE], sizing_mode='stretch_width')
+    return Div(text=text, name=name, stylesheets=[INSIDE], sizing_mode='stretch_width',
+               disable_math=True)
 
 
 def button(label: str, action: Callable[[], None], kind: str = 'default',
@@ -24,20 +25,25 @@ def button(label: str, action: Callable[[], None], kind: str = 'default',
 
 
 def select(title: str, options: Sequence[tuple[str, str]], value: str,
-           action: Callable[[str], None]) -> Select:
+           action: Callable[[str], None] | None = None, name: str = '') -> Select:
     """Return a choice of one among (value, text)."""
     made = Select(title=title, value=value, stylesheets=[INSIDE], sizing_mode='stretch_width',
-                  options=[(key, printable(text)) for key, text in options])
-    made.on_change('value', lambda attribute, old, new: action(new))
+                  options=[(key, printable(text)) for key, text in options], name=name or None)
+    if action is not None:
+        made.on_change('value', lambda attribute, old, new: action(new))
     return made
 
 
-def boxes(labels: Sequence[str], action: Callable[[], None]) -> CheckboxGroup:
-    """Return boxes to tick, all ticked."""
-    made = CheckboxGroup(labels=[printable(label) for label in labels],
-                         active=list(range(len(labels))), stylesheets=[INSIDE])
-    made.on_change('active', lambda attribute, old, new: action())
-    return made
+def boxes(labels: Sequence[str], active: Sequence[int], name: str = '') -> CheckboxGroup:
+    """Return boxes to tick."""
+    return CheckboxGroup(labels=[printable(label) for label in labels], active=list(active),
+                         stylesheets=[INSIDE], name=name or None)
+
+
+def field(title: str, value: str, name: str, placeholder: str = '') -> TextInput:
+    """Return a line to write in."""
+    return TextInput(title=printable(title), value=value, placeholder=placeholder, name=name,
+                     stylesheets=[INSIDE], sizing_mode='stretch_width')
 
 
 def tabs(labels: Sequence[str], action: Callable[[int], None]) -> RadioButtonGroup:

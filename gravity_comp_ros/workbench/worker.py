@@ -1,14 +1,13 @@
 """
 A process for long work, so that the page answers while it goes on and can end it.
 
-The process stays warm between jobs. To cancel it is killed and another one started, which is
-given the recordings again.
+The process starts with the first job and stays warm between jobs. To cancel it is killed; the
+next job starts another one, which reads the recordings again. What may follow what is decided by
+`job_state`; here are only the process and its pipe.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 import os
@@ -16,138 +15,102 @@ import signal
 from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.workbench.jobs import Answer, Bench, Job, Read, WasRead
+from gravity_comp_ros.workbench import job_state
+from gravity_comp_ros.workbench.job_state import Event, Jobs, Move, Progressed, State
+from gravity_comp_ros.workbench.jobs import Bench, Job
 
 _NICENESS = 5
-
-
-@dataclass(frozen=True)
-class Progressed:
-    """How far a job is: its stage in words, and a share from 0 to 1."""
-
-    stage: str
-    share: float
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A job and its answer."""
-
-    job: Job
-    answer: Answer
-
-
-@dataclass(frozen=True)
-class Failed:
-    """A job that has no answer, and why in one line; `cancelled` if that was asked for."""
-
-    job: Job
-    reason: str
-    cancelled: bool = False
-
-
-Event = Progressed | Finished | Failed
 
 
 class Worker:
     """One job after another in a process of its own. Nothing here blocks."""
 
-    def __init__(self) -> None:
+    def __init__(self, warm: bool = False) -> None:
+        self.jobs = Jobs()
         self._process: Any = None
         self._pipe: Connection | None = None
-        self._waiting: deque[Job] = deque()
-        self._running: Job | None = None
-        self._quiet = False
-        self._recordings: Read | None = None
-        self._start()
+        self._told: list[Event] = []
+        if warm:
+            self._start()
 
     @property
     def running(self) -> Job | None:
         """Return the job that is being done or waits first."""
-        return self._running or (self._waiting[0] if self._waiting else None)
+        return self.jobs.current
 
     @property
     def busy(self) -> bool:
         """Return whether anything is being done or waits."""
         return self.running is not None
 
+    @property
+    def alive(self) -> bool:
+        """Return whether there is a process."""
+        return self._process is not None
+
     def ask(self, job: Job) -> None:
-        """Do a job when those before it are done."""
-        self._waiting.append(job)
-        self._next()
+        """Do a job when those before it are done; `poll` says how it went."""
+        self._told += self._do(job_state.asked(self.jobs, job))
 
     def cancel(self) -> list[Event]:
         """End what is being done, and forget what waits."""
-        lost = [job for job in (self._running, *self._waiting) if job is not None]
-        if self._running is not None:
+        return self._do(job_state.cancelled(self.jobs))
+
+    def rest(self) -> None:
+        """End the process if nothing is being done; the next job starts another one."""
+        if self.jobs.state is State.IDLE and self.alive:
             self._kill()
-            self._start()
-            if self._recordings is not None and not any(isinstance(j, Read) for j in lost):
-                # The new process must read them again; nobody waits for that answer.
-                self._waiting, self._quiet = deque([self._recordings]), True
-                self._next()
-                return [Failed(job, 'cancelled', True) for job in lost]
-        self._waiting.clear()
-        return [Failed(job, 'cancelled', True) for job in lost]
+            self._do(job_state.died(self.jobs))
 
     def poll(self) -> list[Event]:
         """Return what has happened since the last call."""
-        events: list[Event] = []
-        while self._pipe is not None and self._ready():
+        events, self._told = self._told, []
+        while self._ready():
             try:
-                kind, value = self._pipe.recv()
+                kind, value = self._receive()
             except (EOFError, OSError):
-                events += self._died()
-                break
+                return [*events, *self._do(job_state.died(self.jobs))]
             if kind == 'progress':
-                if not self._quiet:
-                    events.append(Progressed(*value))
-                continue
-            events += self._ended(kind, value)
+                events.append(Progressed(*value))
+            elif kind == 'done':
+                events += self._do(job_state.answered(self.jobs, value))
+            else:
+                events += self._do(job_state.answered(self.jobs, None, value))
         return events
 
     def close(self) -> None:
         """End the process."""
-        self._waiting.clear()
-        self._kill()
+        self._do(job_state.closed(self.jobs))
+
+    def _do(self, move: Move) -> list[Event]:
+        self.jobs = move.jobs
+        if move.end:
+            self._kill()
+        if move.send is not None:
+            self._send(move.send)
+        return list(move.events)
+
+    def _send(self, job: Job) -> None:
+        if self._pipe is None:
+            self._start()
+        try:
+            if self._pipe is not None:
+                self._pipe.send(job)
+        except (BrokenPipeError, OSError):
+            # `poll` finds the process gone.
+            pass
+
+    def _receive(self) -> tuple[str, Any]:
+        if self._pipe is None:
+            raise EOFError
+        kind, value = self._pipe.recv()
+        return kind, value
 
     def _ready(self) -> bool:
         try:
             return self._pipe is not None and self._pipe.poll()
         except (BrokenPipeError, OSError):
             return True
-
-    def _ended(self, kind: str, value: Any) -> list[Event]:
-        job, self._running = self._running, None
-        quiet, self._quiet = self._quiet, False
-        assert job is not None
-        if kind == 'done' and isinstance(value, WasRead) and isinstance(job, Read):
-            self._recordings = job
-        self._next()
-        if quiet:
-            return []
-        return [Finished(job, value) if kind == 'done' else Failed(job, value)]
-
-    def _died(self) -> list[Event]:
-        job, self._running, self._quiet = self._running, None, False
-        self._kill()
-        self._start()
-        if self._recordings is not None:
-            self._waiting.appendleft(self._recordings)
-            self._quiet = True
-            self._next()
-        return [] if job is None else [
-            Failed(job, 'the process that does the work ended (out of memory?); it was started '
-                        'again')]
-
-    def _next(self) -> None:
-        if self._running is None and self._waiting and self._pipe is not None:
-            self._running = self._waiting.popleft()
-            try:
-                self._pipe.send(self._running)
-            except (BrokenPipeError, OSError):
-                # `poll` finds the process gone, and starts another.
-                pass
 
     def _start(self) -> None:
         context = get_context('spawn')
@@ -164,7 +127,6 @@ class Worker:
         if self._pipe is not None:
             self._pipe.close()
         self._process = self._pipe = None
-        self._running = None
 
 
 def _serve(pipe: Connection, parent: int) -> None:

@@ -15,7 +15,8 @@ from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, Style
+from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, short, Style
+from gravity_comp_ros.report.tiles import tiles
 
 _MOST_PLOTS, _COLUMNS = 9, 3
 _MOST_BARS = 15
@@ -32,7 +33,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
             'effects that the model lacks.'))
     if not diagnosis.findings:
         return Section('effects', title, markup.paragraph(wording.verdict(diagnosis))
-                       + summaries(diagnosis))
+                       + structure(diagnosis) + summaries(diagnosis))
     findings = diagnosis.findings
     lead = markup.paragraph(
         'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
@@ -44,7 +45,8 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     if drawn is not None:
         parts.append(drawn)
     return Section('effects', title, lead, column(*parts, sizing_mode='stretch_width'),
-                   _explained(drawn is not None) + details(findings) + summaries(diagnosis))
+                   _explained(drawn is not None) + structure(diagnosis) + details(findings)
+                   + summaries(diagnosis))
 
 
 def findings_table(findings: tuple[Finding, ...]) -> str:
@@ -70,19 +72,19 @@ def coefficients(finding: Finding) -> str:
     shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
                       for symbol, x in items[:_MOST_COEFFICIENTS])
     more = len(items) - _MOST_COEFFICIENTS
-    return (shown + (f' and {more} more' if more > 0 else '')) or '–'
+    return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
 
 
 def bars(findings: tuple[Finding, ...], style: Style) -> figure:
     """Return the held-out error of each finding without and with it."""
-    names = [f'{k + 1}  {label(f)} · {f.joint or "whole arm"}'
+    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
              for k, f in enumerate(findings)]
     shown = [canvas_text(printable(name)) for name in names]
     source = ColumnDataSource({
         'name': shown, 'before': [100.0 * f.nrmse_before for f in findings],
         'after': [100.0 * f.nrmse_after for f in findings]})
     made = plot(style, 'Held-out error without and with each effect, added in this order',
-                '% of the range of the torque', '', 92 + 38 * len(names), 'hover,save',
+                '% of the range of the torque', '', 92 + 38 * len(names), 'hover',
                 y_range=FactorRange(*shown[::-1]))
     made.hbar(dodge('name', 0.17, range=made.y_range), right='before', height=0.3, source=source,
               color=style.before, legend_label='without')
@@ -90,8 +92,11 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
               color=style.after, legend_label='with')
     made.x_range.start = 0.0
     made.ygrid.visible = False
+    made.yaxis.major_tick_line_color = None
     made.hover.tooltips = [('without', '@before{0.00} %'), ('with', '@after{0.00} %')]
-    made.add_layout(made.legend[0], 'right')
+    made.add_layout(made.legend[0], 'above')
+    made.legend.orientation = 'horizontal'
+    made.toolbar_location = None
     dress_legend(made, style)
     return made
 
@@ -122,6 +127,17 @@ def summaries(diagnosis: Diagnosis) -> str:
     return table + unseen
 
 
+def structure(diagnosis: Diagnosis) -> str:
+    """Return what the torques do that no gravity of a serial arm does; nothing for nothing."""
+    broken = diagnosis.to_json()['structure']
+    if not broken:
+        return ''
+    lines = [f'{one["why"]}; ' + (
+        'the effects above make up for it' if one['holds_with_effects']
+        else f'not made up for; look for {", ".join(one["suspects"])}') for one in broken]
+    return '<h3>What no gravity of a serial arm does</h3>' + markup.bullets(lines)
+
+
 def _explained(is_drawn: bool) -> str:
     return markup.paragraph(
         'The small plots are added-variable plots: across, what the effect explains that '
@@ -145,20 +161,36 @@ def _added(contents: Contents, table: Table, style: Style) -> UIElement | None:
               | {f'ay{k}': table.spread(found.y) for k, found in plots})
     made = [_plot(found, table, style, k) for k, found in plots]
     rows = [made[k:k + _COLUMNS] for k in range(0, len(made), _COLUMNS)]
-    rows[-1] += [None] * (min(_COLUMNS, len(made)) - len(rows[-1]))
-    return gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    return tiles(rows, 300)
 
 
-def _plot(found: AddedVariable, table: Table, style: Style, k: int) -> figure:
+def added(contents: Contents, table: Table, style: Style, finding: Finding) -> figure | None:
+    """Return the added-variable plot of one finding, by itself."""
+    findings = contents.diagnosis.findings if contents.diagnosis else ()
+    motion = build_motion(contents.samples, contents.model)
+    others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
+    found = added_variable(motion, contents.model, finding, others, table.drawn)
+    if found is None:
+        return None
+    table.add({'ax_first': table.spread(found.x), 'ay_first': table.spread(found.y)})
+    return _plot(found, table, style, findings.index(finding), '_first')
+
+
+def _plot(found: AddedVariable, table: Table, style: Style, k: int,
+          column_name: str = '') -> figure:
+    name = column_name or str(k)
     x = 'angle, rad' if found.is_angle else 'explained by it alone, N·m'
     made = plot(style, printable(f'{k + 1}  {label(found.finding)} · {found.joint}'), x,
-                'measured, N·m', 250, tools='pan,box_zoom,box_select,lasso_select,reset,save')
-    made.scatter(f'ax{k}', f'ay{k}', source=table.source, size=3, line_color=None,
+                'measured, N·m', 250,
+                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
+    made.scatter(f'ax{name}', f'ay{name}', source=table.source, size=3, line_color=None,
                  fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
                  selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
                  nonselection_line_color=None, selection_line_color=None)
     made.xaxis.ticker.desired_num_ticks = 4
+    made.hover.tooltips = [(x.split(',')[0], f'@ax{name}{{0.000}}'),
+                           ('measured', f'@ay{name}{{0.000}}'),
+                           ('time', '@t{0.00} s')]
     if not found.is_angle:
         made.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=style.predicted,
                               line_width=2))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import gridplot
 from bokeh.models import BasicTickFormatter, ColumnDataSource, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.diagnosis.findings import Estimate
@@ -13,6 +12,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.style import padded, plot, Style
+from gravity_comp_ros.report.tiles import tiles
 import numpy as np
 
 _SHOWN, _MOST_TERMS = 8, 300
@@ -47,7 +47,7 @@ def numbers(effect: AppliedEffect, most: int = 6) -> str:
     parts = [f'{symbol} = {plus_minus(Estimate(x.value, x.unit, x.ci95))}'
              for symbol, x in effect.coefficients.items()]
     more = [f'{len(parts) - most} more'] if len(parts) > most else []
-    return ', '.join([*parts[:most], *more])
+    return markup.units(', '.join([*parts[:most], *more]))
 
 
 def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
@@ -88,11 +88,8 @@ def _weights(contents: Contents, style: Style) -> UIElement | None:
             if len(contents.model.torques[n].weights)]
     if not made:
         return None
-    rows: list[list[figure | None]] = [list(made[k:k + _COLUMNS])
-                                       for k in range(0, len(made), _COLUMNS)]
-    rows[-1] += [None] * (min(_COLUMNS, len(made)) - len(rows[-1]))
-    return gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    rows = [made[k:k + _COLUMNS] for k in range(0, len(made), _COLUMNS)]
+    return tiles(rows, 200)
 
 
 def _stems(contents: Contents, n: int, style: Style) -> figure:

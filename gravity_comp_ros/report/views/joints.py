@@ -5,6 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
+from gravity_comp_ros.report.headline import named_joint
 from gravity_comp_ros.report.section import Section
 
 _MOST_PLACES = 2
@@ -35,7 +36,7 @@ def section(contents: Contents) -> Section:
         + ' and of predicting the mean torque.', 'quiet')
     lead += markup.paragraph(f'The table is of {contents.judged}; plots show all samples.',
                              'quiet')
-    table = markup.table(columns, rows, strong=contents.joints.index(contents.worst))
+    table = markup.table(columns, rows, strong=contents.joints.index(named_joint(contents)))
     return Section('joints', 'Error, joint by joint', lead + table, after=_where(contents))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import column, gridplot
+from bokeh.layouts import column
 from bokeh.models import (
     ColorBar, ColumnDataSource, CustomJS, FixedTicker, HoverTool, LinearColorMapper,
     LogColorMapper, LogTicker, Range1d, Select)
@@ -13,7 +13,8 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.pairs import pair_grid, PairGrid, places
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, plot, Style
+from gravity_comp_ros.report.style import canvas_text, plot, short, Style
+from gravity_comp_ros.report.tiles import tiles
 import numpy as np
 
 _GAP = 0.06
@@ -82,8 +83,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     choice.js_on_change('value', CustomJS(args={'cells': cells, 'colours': error_colours},
                                           code=_SHOW_JOINT))
     _link(table, contents, grid, cells)
-    both = gridplot([[error, counts]], merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    both = tiles([[error, counts]], 300)
     lead = markup.paragraph(
         'Each block is a pair of joints, each cell a part of their ranges; on the diagonal a '
         'joint is by itself. Cells without colour were never visited: there the model is a '
@@ -121,6 +121,7 @@ def _matrix(style: Style, title: str, names: tuple[str, ...], cells: ColumnDataS
     made = plot(style, title, '', '', height, _TOOLS, x_range=Range1d(0, n),
                 y_range=Range1d(0, n))
     made.grid.visible = False
+    made.axis.major_tick_line_color = None
     blocks = [(i, n - 1 - j) for i in range(n) for j in range(i, n)]
     half = _GAP / 2
     made.quad(left=[x + half for x, _ in blocks], right=[x + 1 - half for x, _ in blocks],
@@ -134,7 +135,7 @@ def _matrix(style: Style, title: str, names: tuple[str, ...], cells: ColumnDataS
         ('joint at the bottom', '@x{0.00} rad'), ('joint at the left', '@y{0.00} rad'),
         ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]))
     ticks = [k + 0.5 for k in range(n)]
-    labels = [canvas_text(printable(name)) for name in names]
+    labels = [canvas_text(short(printable(name))) for name in names]
     made.xaxis.ticker = made.yaxis.ticker = FixedTicker(ticks=ticks)
     made.xaxis.major_label_overrides = dict(zip(ticks, labels))
     made.yaxis.major_label_overrides = dict(zip(ticks, labels[::-1]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
-import numpy as np
 
 
 def section(contents: Contents) -> Section:
@@ -21,13 +20,12 @@ def section(contents: Contents) -> Section:
     rows = []
     for name in contents.joints:
         joint = facts.joints[name]
-        low, high = np.degrees([joint.q_min, joint.q_max])
-        rows.append([name, f'{low:.0f} … {high:.0f}', f'{joint.max_speed:.3f}',
+        rows.append([name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
                      f'{joint.rms_speed:.3f}',
                      'at rest' if joint.reversals is None else joint.reversals,
                      f'{joint.tau_min:.2f} … {joint.tau_max:.2f}',
                      '–' if joint.pose_share is None else f'{100 * joint.pose_share:.0f} %'])
-    html += markup.table(['joint', 'range °', 'fastest rad/s', 'RMS rad/s', 'turns',
+    html += markup.table(['joint', 'range rad', 'fastest rad/s', 'RMS rad/s', 'reversals',
                           'torque N·m', 'torque explained by pose'], rows)
     html += markup.paragraph(
         f'{100 * facts.slow_share:.0f} % of the samples are slow enough for gravity to show '

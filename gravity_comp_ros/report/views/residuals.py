@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import gridplot
 from bokeh.models import DataRange1d, LinearColorMapper, Span
 from bokeh.plotting import figure
+from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.report.style import canvas_text, plot, Style
+from gravity_comp_ros.report.tiles import tiles
 
 _HEIGHT, _AXIS = 165, 22
 # Column's letter, its title, its axis.
@@ -19,13 +20,11 @@ _AGAINST = (('v', 'own speed', 'rad/s'), ('q', 'own position', 'rad'),
 
 def section(contents: Contents, table: Table, style: Style) -> Section:
     """Return four plots a joint, coloured by the direction of motion."""
-    colours = LinearColorMapper(palette=[style.down, style.still, style.up], low=-1.5, high=1.5,
-                                nan_color=style.background)
+    colours = directions(style)
     rows = [[_scatter(contents, table, style, n, k, colours, share)
              for share in [own_range()] for k in range(len(_AGAINST))]
             for n in contents.numbers]
-    grid = gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    grid = tiles(rows, 200)
     lead = markup.paragraph(
         'A model that is right leaves level bands. A step at speed 0 is friction, a slope over '
         'speed is viscous friction, over load a wrong gain or friction that grows with load, '
@@ -33,6 +32,24 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead += markup.key([(style.up, 'moving up'), (style.down, 'moving down'),
                         (style.still, 'standing still'), (style.marked, 'selected')])
     return Section('residuals', 'What the residual depends on', lead, grid)
+
+
+def one(contents: Contents, table: Table, style: Style, joint: str, letter: str,
+        height: int) -> figure:
+    """Return a single one of these plots, of a joint, over what the letter stands for."""
+    place = next(k for k, (name, _, _) in enumerate(_AGAINST) if name == letter)
+    made = _scatter(contents, table, style, contents.model.joints.index(joint), place,
+                    directions(style), own_range())
+    made.height = height
+    made.title.text = canvas_text(printable(f'residual of {joint}'))
+    made.yaxis.axis_label = 'residual, N·m'
+    return made
+
+
+def directions(style: Style) -> LinearColorMapper:
+    """Return the colours of moving down, standing and moving up."""
+    return LinearColorMapper(palette=[style.down, style.still, style.up], low=-1.5, high=1.5,
+                             nan_color=style.background)
 
 
 def own_range() -> DataRange1d:
@@ -47,13 +64,15 @@ def _scatter(contents: Contents, table: Table, style: Style, n: int, k: int,
     x = 't' if letter == 't' else f'{letter}{n}'
     made = plot(style, name if k == 0 else '', f'{title}, {unit}',
                 'residual, N·m' if k == 0 else '', _HEIGHT + _AXIS, y_range=share,
-                tools='pan,box_zoom,box_select,lasso_select,tap,reset,save')
+                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,hover,reset,save')
     made.scatter(x, f'r{n}', source=table.source, size=3, line_color=None,
                  fill_color={'field': f'd{n}', 'transform': colours}, fill_alpha=0.55,
                  selection_fill_color=style.marked, selection_fill_alpha=0.95,
                  nonselection_fill_alpha=0.12, nonselection_line_color=None,
                  selection_line_color=None)
     made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
+    made.hover.tooltips = [(title, f'@{x}{{0.0000}} {unit}'), ('residual', f'@r{n}{{0.000}} N·m'),
+                           ('time', '@t{0.00} s')]
     made.xaxis.ticker.desired_num_ticks = 4
     made.yaxis.ticker.desired_num_ticks = 4
     return made

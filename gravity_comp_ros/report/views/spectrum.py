@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import gridplot
 from bokeh.models import BasicTickFormatter, CrosshairTool
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray
@@ -11,6 +10,7 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.spectra import over_angle, over_time
 from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.report.tiles import tiles
 
 _HEIGHT = 190
 _TOOLS = 'xpan,xbox_zoom,hover,reset,save'
@@ -28,8 +28,7 @@ def section(contents: Contents, style: Style) -> Section:
                   'The recording is too short for a spectrum'),
             _plot(style, '', 'cycles per turn of the joint', 'N·m', order, amplitude, False,
                   'The joint hardly moves')])
-    grid = gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    grid = tiles(rows, 300)
     lead = markup.paragraph(
         'Left over time: noise is flat, what is missing lies at the slow end, a motor or the '
         'mains stands out as a line. Right over the angle: a line at a whole number of cycles '

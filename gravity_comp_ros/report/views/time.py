@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from bokeh.layouts import gridplot
-from bokeh.models import Label, Range1d, Span
+from bokeh.models import HoverTool, Label, Range1d, Span
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
@@ -11,6 +10,7 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import canvas_text, padded, plot, Style
+from gravity_comp_ros.report.tiles import tiles
 
 _TALL, _LOW, _AXIS = 150, 112, 42
 _MOST_LABELS = 12
@@ -28,8 +28,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead = markup.key([(style.measured, 'measured'), (style.predicted, 'predicted'),
                        (style.residual, 'residual: measured minus predicted'),
                        (style.marked, 'selected')])
-    grid = gridplot([[p] for p in plots], merge_tools=True, sizing_mode='stretch_width',
-                    toolbar_location='above', toolbar_options={'logo': None})
+    grid = tiles([[p] for p in plots])
     more = ', one after another' if runs > 1 else ''
     thinned = len(table.drawn) < contents.samples.n_samples
     told = (f'{contents.samples.n_samples} samples of {runs} run{"s" if runs > 1 else ""}{more}. '
@@ -49,6 +48,9 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
     made.line('t', f'p{n}', source=table.lines, color=style.predicted, line_width=1.4,
               line_dash=[6, 3], nonselection_line_alpha=1.0)
     _marks(made, table, style, f'm{n}')
+    made.add_tools(_cursor(made, [('measured', f'@m{n}{{0.000}} N·m'),
+                                  ('predicted', f'@p{n}{{0.000}} N·m'),
+                                  ('residual', f'@r{n}{{0.000}} N·m')]))
     made.xaxis.visible = False
     _runs(made, table, style, labelled=first)
     return made
@@ -60,12 +62,19 @@ def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> 
     made.title.visible = False
     made.line('t', f'r{n}', source=table.lines, color=style.residual, line_width=1.0)
     _marks(made, table, style, f'r{n}')
+    made.add_tools(_cursor(made, [('residual', f'@r{n}{{0.000}} N·m')]))
     made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
     made.xaxis.visible = last
     made.yaxis.ticker.desired_num_ticks = 4
     made.yaxis.axis_label_text_font_size = '11px'
     _runs(made, table, style, labelled=False)
     return made
+
+
+def _cursor(made: figure, values: list[tuple[str, str]]) -> HoverTool:
+    """Return a tool that shows the values under the cursor."""
+    return HoverTool(renderers=made.renderers[:1], mode='vline',
+                     tooltips=[('time', '@t{0.00} s'), *values])
 
 
 def _marks(made: figure, table: Table, style: Style, column: str) -> None:

@@ -1,13 +1,8 @@
-"""Hand a file to the browser; nothing is written on this side but a passing temporary file."""
+"""Hand a file to the browser; nothing is written on this side."""
 
 from __future__ import annotations
 
-from pathlib import Path
-import tempfile
-
 from bokeh.models import CustomJS, Div
-from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.model_file import save_model
 
 _SAVE = """
 if (cb_obj.tags.length < 3) return
@@ -17,6 +12,7 @@ link.href = URL.createObjectURL(new Blob([text], {type: kind}))
 link.download = name
 link.click()
 setTimeout(() => URL.revokeObjectURL(link.href), 10000)
+cb_obj.tags = []
 """
 
 
@@ -31,15 +27,3 @@ class Downloads:
         """Let the browser save `text` as a file of that name."""
         self.element.tags = []
         self.element.tags = [name, kind, text]
-
-
-def model_text(model: GravityModel) -> str:
-    """
-    Return a model as its file would be.
-
-    :raises ModelFileError: if it cannot be stored.
-    """
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / 'model.json'
-        save_model(path, model)
-        return path.read_text()

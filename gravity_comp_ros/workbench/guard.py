@@ -1,0 +1,87 @@
+"""
+Who may talk to the server of the page, and what a page may do.
+
+A name that an attacker's DNS suddenly resolves to this machine (DNS rebinding) makes a browser
+send that name as the Host of its requests. So requests for any other host than this machine are
+refused, whatever they ask for: the page, the websocket, a script.
+"""
+
+from __future__ import annotations
+
+from ipaddress import ip_address
+import socket
+from typing import Any
+
+from bokeh.server.tornado import BokehTornado
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
+from tornado.web import ErrorHandler, OutputTransform
+
+LOCAL = ('localhost', '127.0.0.1', '[::1]')
+# What a page of another site could include, and what none of ours asks for.
+_REFUSED = ('/autoload.js', '/metadata', '/static/js/bokeh-mathjax')
+_HEADERS = {'X-Content-Type-Options': 'nosniff', 'X-Frame-Options': 'DENY',
+            'Referrer-Policy': 'no-referrer', 'Cross-Origin-Resource-Policy': 'same-origin',
+            'Cross-Origin-Opener-Policy': 'same-origin',
+            'Content-Security-Policy': "frame-ancestors 'none'"}
+
+
+def allowed_hosts(address: str, port: int) -> tuple[str, ...]:
+    """Return the hosts with port by which a server on this address may be reached."""
+    own = [socket.gethostname(), socket.getfqdn()] if _is_everywhere(address) else [
+        f'[{address}]' if ':' in address else address]
+    names = [*LOCAL, *own]
+    return tuple(dict.fromkeys(f'{name.lower()}:{port}' for name in names))
+
+
+def is_allowed(host: str, hosts: tuple[str, ...], address: str) -> bool:
+    """Return whether a Host header names this server; a bare address is never rebound."""
+    if host.lower() in hosts:
+        return True
+    if not hosts or not _is_everywhere(address):
+        return False
+    name, _, port = host.rpartition(':')
+    try:
+        ip_address(name.strip('[]'))
+    except ValueError:
+        return False
+    return port == hosts[0].rpartition(':')[2]
+
+
+def _is_everywhere(address: str) -> bool:
+    try:
+        return ip_address(address).is_unspecified
+    except ValueError:
+        return not address
+
+
+class GuardedApplication(BokehTornado):
+    """Bokeh's server application, which answers requests for this machine alone."""
+
+    def __init__(self, applications: Any, hosts: tuple[str, ...], address: str,
+                 **more: Any) -> None:
+        self._hosts, self._address = hosts, address
+        super().__init__(applications, **more)
+        self.add_transform(_Headers)
+
+    def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
+        """Return what answers a request: nothing but a refusal for other hosts."""
+        hosts = request.headers.get_list('Host')
+        if len(hosts) != 1 or not is_allowed(hosts[0], self._hosts, self._address):
+            return self._refusal(request, 421)
+        if request.path.startswith(_REFUSED) or request.method not in ('GET', 'HEAD', 'PUT'):
+            return self._refusal(request, 404)
+        return super().find_handler(request, **more)
+
+    def _refusal(self, request: HTTPServerRequest, status: int) -> Any:
+        return self.get_handler_delegate(request, ErrorHandler, {'status_code': status})
+
+
+class _Headers(OutputTransform):
+    """Adds the headers that keep other sites from framing or including a page."""
+
+    def transform_first_chunk(self, status_code: int, headers: HTTPHeaders, chunk: bytes,
+                              finishing: bool) -> tuple[int, HTTPHeaders, bytes]:
+        """Return the response with the headers."""
+        for name, value in _HEADERS.items():
+            headers[name] = value
+        return status_code, headers, chunk

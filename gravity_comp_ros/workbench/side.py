@@ -1,0 +1,103 @@
+"""The choices at the side: runs, joints, samples, units, formulation; and what goes out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bokeh.layouts import column
+from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.fit import CHOICES
+from gravity_comp_ros.workbench import widgets
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.session import Session
+
+_SLOW, _ALL = 'slow', 'all'
+
+
+@dataclass(frozen=True)
+class Actions:
+    """What the buttons at the side do."""
+
+    learn: Callable[[], None]
+    judge: Callable[[], None]
+    save_model: Callable[[], None]
+    save_report: Callable[[], None]
+    save_commands: Callable[[], None]
+
+
+class Side:
+    """The widgets, and the choice that they show."""
+
+    def __init__(self, session: Session, actions: Actions) -> None:
+        choice, read = session.choice, session.read
+        reports = read.reports if read else ()
+        self.shows, self._joints = choice, session.joints
+        self.runs: CheckboxGroup = widgets.boxes([r.path.name for r in reports], choice.runs,
+                                                 'runs')
+        self.joints: CheckboxGroup = widgets.boxes(
+            self._joints, [self._joints.index(name) for name in choice.joints], 'joints')
+        self.samples: Select = widgets.select(
+            'Gravity is learned and judged on', [(_SLOW, 'slow samples'), (_ALL, 'all samples')],
+            _ALL if choice.all_samples else _SLOW, name='samples')
+        limit = '' if choice.max_speed is None else f'{choice.max_speed:g}'
+        self.limit: TextInput = widgets.field('Slow is below, rad/s', limit, 'max-speed',
+                                              f'{GateOptions().max_speed:g}')
+        self.scales: dict[str, TextInput] = {
+            name: widgets.field(name, f'{choice.effort_scale.get(name, 1.0):g}', f'scale-{k}')
+            for k, name in enumerate(self._joints)}
+        self.speeds = widgets.boxes(['take speeds from the positions'],
+                                    [0] if choice.differentiate else [], 'differentiate')
+        self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
+                                                  choice.formulation, name='formulation')
+        self.element = column(*self._parts(actions), sizing_mode='stretch_width')
+
+    def choice(self) -> Choice:
+        """
+        Return what is chosen.
+
+        :raises OptionError: if that makes no sense.
+        """
+        runs = tuple(sorted(self.runs.active))
+        joints = tuple(self._joints[k] for k in sorted(self.joints.active))
+        if not runs or not joints:
+            raise OptionError('choose at least one run and one joint')
+        scale = {name: _number(field.value, f'the scale of the effort of {name}')
+                 for name, field in self.scales.items()}
+        limit = self.limit.value.strip()
+        return Choice(runs, joints, self.formulation.value,
+                      {name: x for name, x in scale.items() if x != 1.0},
+                      bool(self.speeds.active),
+                      _number(limit, 'the speed limit') if limit else None,
+                      self.samples.value == _ALL)
+
+    def _parts(self, actions: Actions) -> list[UIElement]:
+        units = column(widgets.html('<p class="quiet">N·m per unit of effort, e.g. a torque '
+                                    'constant; −1 turns the sign</p>'),
+                       *self.scales.values(), self.speeds, sizing_mode='stretch_width',
+                       name='units', visible=any(f.value != '1' for f in self.scales.values())
+                       or bool(self.speeds.active))
+        shown = widgets.button('Units and speeds …', lambda: _turn(units), name='show-units')
+        return [
+            widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
+            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, shown, units,
+            self.formulation,
+            widgets.button('Learn with these choices', actions.learn, 'primary', name='learn'),
+            widgets.button('Judge the present model on these', actions.judge, name='judge'),
+            widgets.html('<h3>Export</h3>'),
+            widgets.button('Save the model', actions.save_model, name='export-model'),
+            widgets.button('Save a report', actions.save_report, name='export-report'),
+            widgets.button('Save command lines', actions.save_commands, name='export-commands')]
+
+
+def _turn(element: UIElement) -> None:
+    element.visible = not element.visible
+
+
+def _number(text: str, what: str) -> float:
+    try:
+        return float(text.replace('−', '-').replace(',', '.'))
+    except ValueError:
+        raise OptionError(f'{what} is {text!r}, not a number') from None
