@@ -31,7 +31,7 @@ import numpy as np
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
-_CAUTIOUS = FitOptions(sparse=SparseOptions(inflation=4.0))
+_CAUTIOUS = FitOptions('potential', SparseOptions(inflation=4.0))
 # Directions of the base that this motion excites less, next to the most excited, are left out.
 _EXCITED = 1e-3
 # Another base must take this part off some joint's error, or it is the same.
