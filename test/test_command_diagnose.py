@@ -73,7 +73,7 @@ def test_people_get_a_sentence_a_table_and_commands(capsys):
     assert 'effects are missing, above all' in lines[0] and '±' in lines[0]
     for words in ('the recording: 2400 samples', 'what is missing', 'held-out error', 'next step',
                   'cannot be judged from this recording', 'coulomb_friction', 'established',
-                  'turns', 'at rest', 'independent'):
+                  'reversals', 'at rest', 'effective n'):
         assert words in out, words
 
 

@@ -37,7 +37,7 @@ examples:
 RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
 the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
 "in band" is the share of errors inside the 95 % band that the model itself gives, in its trained
-range; "outside" is the same for poses outside of it. Near 95 % the model knows how wrong it is.
+range; "outside" is the same for poses outside of it. Near 95 % the band is right.
 """
 
 
@@ -93,7 +93,7 @@ def _run(args: argparse.Namespace) -> int:
     for line in reading.scale_warnings(model, loaded.reports):
         terminal.warn(line)
     for name in fitted:
-        terminal.warn(f'the model was fitted to {name}: its errors there flatter it (fit and '
+        terminal.warn(f'the model was fitted to {name}: its errors there are too small (fit and '
                       'compare with --holdout, or compare with another run)')
     if args.json:
         document = comparison.to_json()

@@ -41,7 +41,7 @@ verdicts:
   likely        the same, less surely
   ambiguous     another effect explains as much: both are named, and the motion that settles it
   weak          perhaps there, too small to be sure
-  untestable    this motion cannot tell it from another effect
+  untestable    this motion cannot distinguish it from another effect
   unexplained   something repeats there that no known effect describes
 
 All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
@@ -169,7 +169,7 @@ def _table(diagnosis: Diagnosis) -> ScreenTable:
     columns = [*_FINDINGS, _RIVALS]
     if not any(f.rivals for f in diagnosis.findings):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    # Names are copied from here, so they stay whole; coefficients and rivals may be folded.
+    # Names are copied from here, so they stay whole; coefficients and alternatives may be folded.
     return terminal.table('what is missing', columns, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS),
                           folds=('coefficient, 95 %', _RIVALS))

@@ -223,7 +223,7 @@ def _solver_sentence(result: FitResult) -> str:
     problems = result.report['solver']
     if not problems:
         chain = result.report['chain']
-        left = f'what is left {"is noise" if chain["clean"] else "is more than noise"}'
+        left = f'the residual is {"" if chain["clean"] else "not "}white'
         if chain['known_axes']:
             return f'chain: axes as in the URDF; {left}'
         return (f'chain: {chain["starts"]} starts, {sum(chain["right_angles"])} right angles; '

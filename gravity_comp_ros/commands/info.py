@@ -24,7 +24,7 @@ EPILOG = """\
 columns of the table:
   range      least and greatest angle, in degrees
   speed      rms and greatest, in rad/s; the gate wants every joint slow at once
-  turns      changes of direction; friction shows only where a joint comes back
+  reversals  changes of direction; they excite friction
   effort     least and greatest, in N·m (or in the unit of the driver)
 
 examples:
@@ -73,7 +73,7 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
         show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
              f'{safe(dropped)}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
-    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'turns', 'effort N·m')
+    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
     for line in (*report.notes, *facts.remarks):
         show(f'  [yellow]•[/yellow] {safe(line)}')
