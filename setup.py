@@ -22,6 +22,7 @@ def files(folder):
 SIM = ['pin>=2.7']
 BAGS = ['mcap>=1.1', 'zstandard>=0.21']
 REPORT = ['bokeh>=3.4']
+COMPLETION = ['shtab>=1.6']
 FLEET = ['dask>=2024.1', 'distributed>=2024.1']
 ROS = [
     'ros-jazzy-rclpy>=7.1',
@@ -29,7 +30,7 @@ ROS = [
     'ros-jazzy-common-interfaces>=5.3',
 ]
 TEST = ['pytest>=7.4', 'pytest-timeout>=2.2', 'pytest-xdist>=3.5', 'hypothesis>=6.98',
-        'playwright>=1.40', 'flake8>=7', 'flake8-import-order>=0.18',
+        'pdoc>=14', 'playwright>=1.40', 'flake8>=7', 'flake8-import-order>=0.18',
         'flake8-quotes>=3.3', 'ruff>=0.5', 'rosbags>=0.10',
         'colcon-common-extensions>=0.3', 'colcon-ros>=0.5']
 
@@ -54,8 +55,9 @@ setup(
     ],
     install_requires=['setuptools', 'numpy>=1.26.4', 'scipy>=1.11.4', 'PyYAML>=6.0',
                       'rich>=13.3', 'defusedxml>=0.7'],
-    extras_require={'bags': BAGS, 'fleet': FLEET, 'report': REPORT, 'ros': ROS, 'sim': SIM,
-                    'test': TEST + BAGS + FLEET + REPORT + SIM},
+    extras_require={'bags': BAGS, 'completion': COMPLETION, 'fleet': FLEET, 'report': REPORT,
+                    'ros': ROS, 'sim': SIM,
+                    'test': TEST + BAGS + COMPLETION + FLEET + REPORT + SIM},
     zip_safe=False,
     entry_points={
         'console_scripts': [

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.loop import compare as compare
     from gravity_comp_ros.api.loop import diagnose as diagnose
     from gravity_comp_ros.api.loop import fit as fit
+    from gravity_comp_ros.api.loop import plan as plan
     from gravity_comp_ros.api.loop import update as update
     from gravity_comp_ros.api.model import FitReport as FitReport
     from gravity_comp_ros.api.model import load as load
@@ -33,12 +34,14 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.recording import read as read
     from gravity_comp_ros.api.recording import Recording as Recording
     from gravity_comp_ros.api.results import Diagnosis as Diagnosis
+    from gravity_comp_ros.api.results import MotionPlan as MotionPlan
     from gravity_comp_ros.data.gate import GateOptions as GateOptions
     from gravity_comp_ros.diagnosis.findings import Finding as Finding
     from gravity_comp_ros.diagnosis.findings import Verdict as Verdict
     from gravity_comp_ros.errors import GravityCompError as GravityCompError
     from gravity_comp_ros.errors import Hint as Hint
     from gravity_comp_ros.evaluation.compare import Comparison as Comparison
+    from gravity_comp_ros.planning.options import PlanOptions as PlanOptions
 
 __version__ = '0.1.0'
 
@@ -47,15 +50,16 @@ __version__ = '0.1.0'
 _PLACES = {
     'read': 'api.recording', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
-    'add_effects': 'api.loop', 'update': 'api.loop',
+    'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
     'load': 'api.model', 'save': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',
     'Comparison': 'evaluation.compare', 'Diagnosis': 'api.results',
+    'MotionPlan': 'api.results', 'PlanOptions': 'planning.options',
     'Finding': 'diagnosis.findings', 'Verdict': 'diagnosis.findings',
     'GravityCompError': 'errors', 'Hint': 'errors',
 }
 __all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Finding', 'fit',
-           'FitReport', 'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'read',
-           'Recording', 'save', 'update', 'Verdict']
+           'FitReport', 'GateOptions', 'GravityCompError', 'Hint', 'load', 'Model', 'MotionPlan',
+           'plan', 'PlanOptions', 'read', 'Recording', 'save', 'update', 'Verdict']
 
 
 def __getattr__(name: str) -> Any:

@@ -15,12 +15,11 @@ from typing import NoReturn
 
 from gravity_comp_ros import __version__
 from gravity_comp_ros.commands.outputs import check_outputs
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.errors import GravityCompError, Hint
 from gravity_comp_ros.printable import printable
 
 PROGRAM = 'gravity_comp'
-VERBS = ('synth', 'convert', 'info', 'fit', 'compare', 'diagnose', 'add', 'update',
-         'replay', 'plan', 'fleet', 'workbench')
 
 DESCRIPTION = """\
 Learn the torque that holds a robot arm up from recorded joint states, and judge it.
@@ -60,6 +59,7 @@ PACKAGES = {
     'rclpy': "pip install 'gravity_comp_ros[ros]', or source ROS 2 Jazzy",
     'rich': 'pip install rich',
     'scipy': 'pip install scipy',
+    'shtab': "pip install 'gravity_comp_ros[completion]' (or: apt install python3-shtab)",
     'yaml': 'pip install PyYAML',
     'zstandard': "pip install 'gravity_comp_ros[bags]'",
 }
@@ -138,13 +138,7 @@ def _overview(argv: list[str]) -> int:
 
 
 def _verb_list() -> str:
-    lines = ['verbs:']
-    for verb in VERBS:
-        try:
-            text = str(_module(verb).HELP)
-        except ImportError as error:
-            text = f'(not available here: {_one_line(error)})'
-        lines.append(f'  {verb:<9} {text}')
+    lines = ['verbs:', *(f'  {verb:<10} {text}' for verb, text in VERBS.items())]
     return '\n'.join(lines) + '\n'
 
 

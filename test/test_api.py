@@ -103,6 +103,18 @@ def test_a_payload_is_learned_and_taken_back(data, loop, tmp_path):
     assert again.report == model.report and 'before payload' in str(model.report)
 
 
+def test_a_motion_is_planned_for_what_is_open(loop, tmp_path):
+    train, _, model, *_ = loop
+    plan = gc.plan(model, train, ['viscous_friction:shoulder'],
+                   options=gc.PlanOptions(duration=20.0))
+    assert plan.trajectory.duration <= 20.0 and plan.trajectory.joints == JOINTS
+    assert [e.target.name for e in plan.expectations] == ['viscous_friction:shoulder']
+    assert plan.expectations[0].chance >= plan.expectations[0].chance_before
+    plan.save(tmp_path / 'motion.yaml')
+    assert (tmp_path / 'motion.yaml').read_text()
+    assert 'viscous_friction' in str(plan) and '<table>' in plan._repr_html_()
+
+
 def test_findings_that_are_not_sure_are_not_added(loop):
     train, _, model, found, _ = loop
     weak = [replace(f, verdict='weak') for f in found.findings]

@@ -7,6 +7,7 @@ import sys
 from types import SimpleNamespace
 
 from gravity_comp_ros import __version__, cli
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import printable
 from hypothesis import given, settings, strategies as st
@@ -45,6 +46,40 @@ def test_every_verb_has_help_with_examples(name, capsys):
     shown = capsys.readouterr().out
     assert shown.startswith(f'usage: gravity_comp {name}')
     assert f'  gravity_comp {name} ' in shown, 'no example'
+
+
+def test_version_and_overview_load_nothing_large():
+    code = ('import sys; from gravity_comp_ros.cli import main; main(["{}"]); '
+            'print([name for name in ("numpy", "scipy", "rich", "yaml") if name in sys.modules])')
+    for option in ('--version', '--help'):
+        done = subprocess.run([sys.executable, '-c', code.format(option)], cwd=ROOT, timeout=60,
+                              capture_output=True, text=True)
+        assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
+
+
+@pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])
+def test_defaults_of_the_gate_are_those_in_the_help(verb, capsys):
+    assert cli.main([verb, '--help']) == 0
+    shown = ' '.join(capsys.readouterr().out.split())
+    assert f'a sample may have (default: {GateOptions().max_speed:g})' in shown
+    assert f'slow motion, at most (default: {GateOptions().rate_hz:g})' in shown
+
+
+@pytest.mark.parametrize(('typed', 'offered'), [
+    ('co', 'convert compare completion'), ('fit --form', '--formulation'),
+    ('fit --formulation=', ''), ('fit --formulation pot', 'potential'), ('info --no', '')])
+def test_a_shell_completes(tmp_path, capsys, typed, offered):
+    assert cli.main(['completion', 'bash']) == 0
+    script = tmp_path / 'gravity_comp'
+    script.write_text(capsys.readouterr().out)
+    words = ['gravity_comp', *typed.split()]
+    done = subprocess.run(
+        ['bash', '-c', f'source {script}; COMP_WORDS=({" ".join(words)}); COMP_CWORD='
+         f'{len(words) - 1}; COMP_LINE="{" ".join(words)}"; $(complete -p gravity_comp | '
+         'sed "s/.*-F \\([^ ]*\\).*/\\1/"); echo "${COMPREPLY[@]}"'],
+        capture_output=True, text=True, timeout=60)
+    assert done.stdout.split() == offered.split() or sorted(done.stdout.split()) == sorted(
+        offered.split()), (done.stdout, done.stderr)
 
 
 def test_version(capsys):

@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.description.joint_order import (
     AS_RECORDED, DESCRIPTION, joint_order, NUMBERS)
-from hypothesis import given, strategies
+from hypothesis import given, settings, strategies
 import pytest
 import urdf_snippets as robots
 
@@ -26,6 +26,7 @@ def test_a_description_of_no_use_leaves_the_names(urdf):
     [f'joint_{n}' for n in range(1, 13)], [f'lbr7_A{n}' for n in range(7)],
     [f'left_{part}' for part in robots.BAXTER_PARTS], ['S0', 'S1', 'E0', 'E1', 'W0'],
 ])
+@settings(max_examples=50, deadline=None)
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
@@ -45,6 +46,7 @@ def test_names_that_say_nothing(names):
     assert (found.joints, found.source) == (tuple(names), AS_RECORDED)
 
 
+@settings(max_examples=50, deadline=None)
 @given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
 def test_an_order_has_the_same_joints_and_is_stable(names):
     found = joint_order(names)

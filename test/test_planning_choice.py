@@ -6,7 +6,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.criterion import answer
 from gravity_comp_ros.planning.questions import open_targets
-from hypothesis import given, strategies
+from hypothesis import given, settings, strategies
 import numpy as np
 from planning_arm import CHAIN, model, NAMES, NOISE, one_way
 import pytest
@@ -52,6 +52,7 @@ def test_the_alternative_decides_what_motion_is_worth():
     assert np.ptp(load[moving]) > 0.3
 
 
+@settings(max_examples=50, deadline=None)
 @given(strategies.integers(0, 10_000))
 def test_an_answer_is_that_of_least_squares(seed):
     rng = np.random.default_rng(seed)

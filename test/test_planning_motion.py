@@ -28,7 +28,7 @@ def check_pace(segments, pace: Pace, rate: float = 2000.0) -> None:
     assert not qd[[0, -1]].any() or np.abs(qd[[0, -1]]).max() < 1e-9
 
 
-@settings(max_examples=40)
+@settings(max_examples=40, deadline=None)
 @given(POSES, POSES, LIMITS, LIMITS, LIMITS)
 def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assume(np.abs(b - a).max() > 1e-6)
@@ -47,7 +47,7 @@ def test_a_line_keeps_its_limits(a, b, speed, acceleration, jerk):
     assert max(reached) == pytest.approx(1.0, rel=0.02)
 
 
-@settings(max_examples=30)
+@settings(max_examples=30, deadline=None)
 @given(POSES, POSES, strategies.floats(0.05, 0.5), LIMITS)
 def test_a_wave_keeps_its_limits(pose, amplitude, frequency, limit):
     pace = Pace(limit, 2 * limit, 20 * limit)

@@ -5,7 +5,7 @@ from gravity_comp_ros.recordings.joint_positions import joint_positions
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
     decode_string, first_description, robot_description)
-from hypothesis import given, strategies
+from hypothesis import given, settings, strategies
 import numpy as np
 import pytest
 from recordings import messages, START_NS, STORE, write_folder
@@ -77,6 +77,7 @@ def test_a_damaged_description_says_so(tmp_path):
         robot_description(tmp_path / 'nothing')
 
 
+@settings(max_examples=50, deadline=None)
 @given(strategies.text(alphabet=strategies.characters(exclude_characters='\0',
                                                       exclude_categories=['Cs'])),
        strategies.booleans())
@@ -85,6 +86,7 @@ def test_any_text_comes_back_in_either_byte_order(text, little):
     assert decode_string(bytes(raw)) == text
 
 
+@settings(max_examples=50, deadline=None)
 @given(strategies.binary(max_size=40))
 def test_any_bytes_are_a_text_or_an_error(raw):
     try:

@@ -19,17 +19,19 @@ from pathlib import Path
 
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
-from gravity_comp_ros.api.results import Diagnosis, is_found
+from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
 from gravity_comp_ros.api.steps import add_to_model, compare_model, fit_model, update_model
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.diagnose import DiagnosisOptions
 from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.planning.options import PlanOptions, Target
+from gravity_comp_ros.planning.plan import plan as plan_motion
 
 
 def fit(recording: Recording, *, formulation: str | None = None,
@@ -123,6 +125,25 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
     """
     geometry = None if urdf is None else _geometry(urdf, model.joints)
     return Model(update_model(model.gravity, recording, geometry).model)
+
+
+def plan(model: Model, recording: Recording, effects: Iterable[str] | None = None, *,
+         options: PlanOptions = PlanOptions(), progress: Progress | None = None) -> MotionPlan:
+    """
+    Plan the motion that settles what a recording leaves open.
+
+        gc.plan(model, train, ['coulomb_friction:elbow']).save('motion.yaml')
+
+    :param effects: `NAME` or `NAME:JOINT`; without, what a diagnosis cannot settle.
+    :param options: duration, limits and reach of the motion.
+    :raises DataError: if there is nothing to settle, or no motion that would.
+    :raises OptionError: if an effect or joint is unknown, or a limit makes no sense.
+    """
+    targets = None if effects is None else [
+        Target(request.effect.name, request.joint)
+        for request in requests(effects, model.joints)]
+    return MotionPlan(plan_motion(recording.used, model.gravity, targets, options,
+                                  progress=progress))
 
 
 def _geometry(urdf: str | Path, joints: tuple[str, ...]) -> Geometry:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis import findings as core
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding, JointReport, Verdict
 from gravity_comp_ros.display import percent, Shown, TextTable
+from gravity_comp_ros.planning.plan import Expectation, Plan
+from gravity_comp_ros.printable import counted
 
 _MOST_COEFFICIENTS = 3
 
@@ -60,6 +64,49 @@ class Diagnosis(Shown):
                   for f in self.findings), left=4)
         yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
                     for f in self.findings[:1] if f.why)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionPlan(Shown):
+    """
+    A motion that settles what recordings leave open, and what to expect of it.
+
+    Nothing here sees obstacles, people or the arm's own links. `raw` is the result of the core.
+    """
+
+    raw: Plan
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Return the motion: times in s, positions in rad, velocities and accelerations."""
+        return self.raw.trajectory
+
+    @property
+    def expectations(self) -> tuple[Expectation, ...]:
+        """Return the chance of each effect that it is settled, before and after the motion."""
+        return self.raw.expectations
+
+    def save(self, path: str | Path) -> None:
+        """
+        Write the motion as a ROS trajectory (.yaml) or a table (.csv).
+
+        :raises BagError: if it cannot be written.
+        """
+        from gravity_comp_ros.recordings.trajectory_files import write_trajectory
+        write_trajectory(Path(path), self.trajectory, [p.sentence for p in self.raw.parts])
+
+    def summary(self) -> str:
+        """Return one line: length of the motion, and how many parts it has."""
+        return (f'a motion of {self.trajectory.duration:.1f} s in '
+                f'{counted(len(self.raw.parts), "part")}')
+
+    def parts(self) -> Iterable[str | TextTable]:
+        """Return the parts, and what to expect."""
+        yield from (part.sentence for part in self.raw.parts)
+        yield TextTable(('effect', 'chance now', 'chance then', 'closest alternative'), tuple(
+            (e.target.name, percent(e.chance_before), percent(e.chance), e.hardest or '–')
+            for e in self.expectations))
+        yield from self.raw.notes
 
 
 def is_found(finding: Finding) -> bool:

@@ -8,6 +8,7 @@ from pathlib import Path
 from gravity_comp_ros.api.provenance import bag_json, now
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit_result import Refit
@@ -17,7 +18,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
 VERB = 'add'
-HELP = 'add effects to a model, refit it as a whole, and see the held-out error fall'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp add coulomb_friction:elbow --model arm.json run1.mcap run2.mcap

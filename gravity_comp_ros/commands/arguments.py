@@ -24,7 +24,8 @@ def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
     name = 'bag' if nargs is None else 'bags'
     parser.add_argument(
         name, metavar='BAG', nargs=nargs, type=recording,
-        help='an MCAP file, a rosbag2 folder or a bare .db3 file; several bags are several runs')
+        help='an MCAP file, a rosbag2 folder or a bare .db3 file'
+        + ('' if nargs is None else '; several bags are several runs'))
 
 
 def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
@@ -71,9 +72,9 @@ def add_gate(parser: argparse.ArgumentParser) -> None:
     """Add --max-speed, --rate and --all-samples; see `gate`."""
     group = parser.add_argument_group('slow-motion gate (gravity shows only in slow motion)')
     group.add_argument('--max-speed', metavar='RAD/S', type=positive, default=None,
-                       help='fastest joint speed that a sample may have')
+                       help='fastest joint speed that a sample may have (default: 0.15)')
     group.add_argument('--rate', metavar='HZ', type=positive, default=None,
-                       help='samples kept per second of slow motion, at most')
+                       help='samples kept per second of slow motion, at most (default: 5)')
     group.add_argument('--all-samples', action='store_true',
                        help='use every sample, fast or slow')
 

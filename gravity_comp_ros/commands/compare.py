@@ -13,6 +13,7 @@ from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.commands import arguments, html, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -26,7 +27,7 @@ from rich.text import Text
 _MOST_PLACES = 2
 
 VERB = 'compare'
-HELP = 'compare a model with measured torques, joint by joint'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp compare run2.mcap --model arm.json

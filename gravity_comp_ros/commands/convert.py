@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, names_shown, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
@@ -14,7 +15,7 @@ from gravity_comp_ros.recordings.table import (
     ANGLE_UNITS, Converted, EFFORT_UNITS, read_table, TableOptions, TIME_UNITS)
 
 VERB = 'convert'
-HELP = 'bring a CSV or NPZ file with any columns, units and signs into an MCAP file'
+HELP = VERBS[VERB]
 EPILOG = """\
 columns (--time, --position, --velocity, --effort):
   q_{i}      every column with a number in that place, in order: q_0, q_1, ...

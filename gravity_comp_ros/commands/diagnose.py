@@ -11,6 +11,7 @@ import time
 from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -26,7 +27,7 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
 VERB = 'diagnose'
-HELP = 'name the physical effect that a gravity model is missing, with its size'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp diagnose run1.mcap run2.mcap --model arm.json

@@ -16,6 +16,7 @@ from gravity_comp_ros.api.steps import compare_model, fit_model
 from gravity_comp_ros.commands import arguments, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
@@ -24,7 +25,7 @@ from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
 
 VERB = 'fit'
-HELP = 'learn the gravity model of an arm from slow motion'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp fit run1.mcap run2.mcap -o arm.json

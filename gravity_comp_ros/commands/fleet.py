@@ -9,6 +9,7 @@ import os
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, terminal
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
@@ -18,7 +19,7 @@ from gravity_comp_ros.fleet.run import FleetRun, Outcome
 from gravity_comp_ros.printable import counted
 
 VERB = 'fleet'
-HELP = 'fit or diagnose every robot of a folder, here or on a Dask cluster'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp fleet fit recordings/ -o models/          recordings/ROBOT/*.mcap

@@ -9,6 +9,7 @@ from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands.arguments import (
     add_bags, add_gate, add_json, add_reading, gate_options, read_options)
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import describe, JointFacts, RecordingFacts
 from gravity_comp_ros.printable import counted
@@ -16,7 +17,7 @@ from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 import numpy as np
 
 VERB = 'info'
-HELP = 'say what is in a recording, and what cannot be judged from it'
+HELP = VERBS[VERB]
 EPILOG = """\
 columns of the table:
   range      least and greatest angle, in degrees

@@ -9,6 +9,7 @@ from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import arguments, reading, terminal
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
@@ -19,7 +20,7 @@ from gravity_comp_ros.recordings.trajectory_files import ENDINGS, write_trajecto
 import numpy as np
 
 VERB = 'plan'
-HELP = 'plan the motion that settles what recordings leave open'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml

@@ -9,6 +9,7 @@ from pathlib import Path
 from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -21,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 VERB = 'replay'
-HELP = 'write measured, predicted and residual torque to an MCAP file for PlotJuggler or Foxglove'
+HELP = VERBS[VERB]
 EPILOG = """\
 topics of the output, all sensor_msgs/JointState:
   /joint_states              as measured, in N·m

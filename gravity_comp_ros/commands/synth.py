@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gravity_comp_ros.commands.arguments import add_json, count, finite, joint_list, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
@@ -21,7 +22,7 @@ from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 VERB = 'synth'
-HELP = 'record a simulated arm: model, motion, payload, hidden effects and noise to a file'
+HELP = VERBS[VERB]
 EPILOG = f"""\
 motions:
   eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)

@@ -28,6 +28,8 @@ from rich.text import Text
 
 ProgressCallback = Callable[[str, float], None]
 
+# Of the JSON that the verbs print (docs/json.md).
+SCHEMA = 1
 _WIDTH_WITHOUT_SCREEN = 110
 # Work is long from here on, in seconds.
 _LONG = 2.0
@@ -173,11 +175,13 @@ def emit_json(value: Mapping[str, Any], target: str) -> None:
     """
     Write `value` as JSON to the file `target` (old or new, never half), or to standard output.
 
-    Numbers that JSON cannot say (NaN, infinity) become null.
+    Numbers that JSON cannot say (NaN, infinity) become null. `schema` comes first: docs/json.md
+    describes its keys, and it counts up whenever one is removed or changes its meaning.
 
     :param target: a path, or '-' for standard output.
     """
-    text = json.dumps(_plain(value), indent=2, ensure_ascii=target == '-', allow_nan=False)
+    document = {'schema': SCHEMA, **value}
+    text = json.dumps(_plain(document), indent=2, ensure_ascii=target == '-', allow_nan=False)
     if target == '-':
         print(text, flush=True)
         return

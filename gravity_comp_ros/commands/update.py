@@ -12,6 +12,7 @@ from gravity_comp_ros.api.steps import update_model, Updated
 from gravity_comp_ros.commands import arguments, reading, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
@@ -19,7 +20,7 @@ from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 
 VERB = 'update'
-HELP = 'relearn after a payload change, from ten seconds of slow motion'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp update tool.mcap --model arm.json -o with_tool.json

@@ -6,12 +6,13 @@ import argparse
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
 from gravity_comp_ros.recordings.storage import open_storage
 
 VERB = 'workbench'
-HELP = 'see where a model fails, add effects and watch the error fall, in a browser'
+HELP = VERBS[VERB]
 EPILOG = """\
 examples:
   gravity_comp workbench run1.mcap run2.mcap

@@ -87,6 +87,6 @@ def _separation(information: FloatArray, size: FloatArray) -> float:
 def _inverse(matrix: FloatArray, full: FloatArray) -> FloatArray:
     """Return the inverse of what is left of information, 0 where nothing is left of it."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    floor = 1e-9 * max(float(np.trace(full)), 1e-300)
+    floor = 1e-9 * max(float(np.trace(full)), 1e-12)
     inverse = np.where(values > floor, 1.0 / np.maximum(values, floor), 0.0)
     return np.asarray((vectors * inverse) @ vectors.T)

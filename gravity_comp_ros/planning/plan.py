@@ -27,6 +27,7 @@ Progress = Callable[[str, float], None]
 
 # Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
 _ROWS, _RATE = 2500, 25.0
+_LIKELY = 0.5
 
 
 @dataclass(frozen=True)
@@ -116,10 +117,12 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     before, after = chooser.answers_before(), chooser.answers_after(motion)
     t, (q, qd, qdd) = sampled(motion, options.rate)
     tell('plan', 1.0)
+    expected = tuple(_expectation(*each, situation) for each in zip(
+        named, questions, before, after))
+    notes += [_unlikely(each) for each in expected if each.chance < _LIKELY]
     return Plan(Trajectory(model.joints, t, q, qd, qdd),
-                _planned_parts(stretches, chosen, chooser, named, model.joints),
-                tuple(_expectation(*each, situation) for each in zip(
-                    named, questions, before, after)), tuple(notes))
+                _planned_parts(stretches, chosen, chooser, named, model.joints), expected,
+                tuple(notes))
 
 
 def _situation(samples: JointSamples, model: GravityModel) -> Situation:
@@ -191,6 +194,12 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
         found.append(PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what,
                                  settles))
     return tuple(found)
+
+
+def _unlikely(expected: Expectation) -> str:
+    beside = f' beside {expected.hardest}' if expected.hardest else ''
+    return (f'{expected.target.name}: this motion settles it{beside} with a chance of '
+            f'{100 * expected.chance:.0f} % only; a longer or faster motion, or more reach, may')
 
 
 def _expectation(target: Target, asked: Question, before: Answer, after: Answer,

@@ -19,6 +19,9 @@ OPEN = ('ambiguous', 'untestable', 'weak')
 _COMMON = ('coulomb_friction', 'viscous_friction', 'load_dependent_friction')
 # What else is expected in a joint. A rarer effect is an alternative only if a diagnosis names it.
 _EXPECTED = (*_COMMON, 'torque_offset', 'joint_spring')
+# A joint that travels further, rad, moves; one whose load is a larger share of its torque's range
+# carries gravity.
+_MOVES, _LOADED = 0.02, 0.3
 _MOST_TARGETS = 6
 _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 # An effect of unknown size is taken to be this share of the joint's torque range, and no less
@@ -45,9 +48,12 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
             target = Target(known.name, finding.joint, finding.rivals)
             found[target.effect, target.joint] = (1e3 + cost, target)
     for joint, report in diagnosis.joints.items():
+        number = names.index(joint)
+        moves = np.ptp(motion.samples.q[:, number]) > _MOVES
+        load = float(np.abs(motion.gravity[:, number]).max())
         for effect in _COMMON:
-            moves = np.ptp(motion.samples.q[:, names.index(joint)]) > 0.02
-            if effect in report.untestable and moves:
+            loaded = effect != 'load_dependent_friction' or load > _LOADED * spans[joint]
+            if effect in report.untestable and moves and loaded:
                 target = Target(effect, joint)
                 found.setdefault((effect, joint), (float(spans[joint]), target))
     ordered = sorted(found.values(), key=lambda pair: -pair[0])

@@ -1,0 +1,35 @@
+"""
+Make the pages of the Python API from its docstrings, with pdoc.
+
+    python docs/make_api.py [FOLDER]      writes docs/api/index.html and what it links to
+
+The pages are not kept in the repository. A test makes them and checks that every public name is
+on them.
+"""
+
+from pathlib import Path
+import sys
+
+import gravity_comp_ros
+import pdoc
+
+HERE = Path(__file__).resolve().parent
+# What a user calls or gets; the rooms behind it are documented in the source.
+MODULES = ('gravity_comp_ros', 'gravity_comp_ros.api.loop', 'gravity_comp_ros.api.recording',
+           'gravity_comp_ros.api.model', 'gravity_comp_ros.api.results',
+           'gravity_comp_ros.api.steps', 'gravity_comp_ros.evaluation.compare',
+           'gravity_comp_ros.planning.plan', 'gravity_comp_ros.planning.options',
+           'gravity_comp_ros.diagnosis.findings', 'gravity_comp_ros.data.samples',
+           'gravity_comp_ros.data.gate', 'gravity_comp_ros.errors')
+
+
+def make(folder: Path) -> None:
+    """Write the pages into a folder."""
+    for name in gravity_comp_ros.__all__:
+        getattr(gravity_comp_ros, name)  # pdoc shows what has been imported
+    pdoc.render.configure(docformat='restructuredtext', show_source=False, math=False)
+    pdoc.pdoc(*MODULES, output_directory=folder)
+
+
+if __name__ == '__main__':
+    make(Path(sys.argv[1]) if len(sys.argv) > 1 else HERE / 'api')

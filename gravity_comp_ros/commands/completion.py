@@ -1,0 +1,46 @@
+"""`gravity_comp completion`: a script with which a shell completes verbs, options and files."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+
+from gravity_comp_ros.commands.outputs import INPUTS, OUTPUTS
+from gravity_comp_ros.commands.verbs import VERBS
+
+VERB = 'completion'
+HELP = VERBS[VERB]
+EPILOG = """\
+examples:
+  gravity_comp completion bash > ~/.local/share/bash-completion/completions/gravity_comp
+  gravity_comp completion zsh > ~/.zfunc/_gravity_comp        with ~/.zfunc in fpath
+
+The script knows the options of this release: write it again after an update. The shell reads it
+alone; completing starts no Python.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `completion`."""
+    parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'), help='the shell to write for')
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the script."""
+    import shtab
+    print(shtab.complete(everything(), args.shell))
+    return 0
+
+
+def everything() -> argparse.ArgumentParser:
+    """Return one parser with all verbs, as nothing but a shell needs it."""
+    import shtab
+    root = argparse.ArgumentParser(prog='gravity_comp', description='learn gravity torques')
+    verbs = root.add_subparsers(dest='verb')
+    for verb, text in VERBS.items():
+        parser = verbs.add_parser(verb, help=text, allow_abbrev=False)
+        importlib.import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+        for action in parser._actions:
+            if action.dest in {**INPUTS, **OUTPUTS}:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]
+    return root

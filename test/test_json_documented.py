@@ -1,0 +1,66 @@
+"""docs/json.md has every key that the verbs print, and no other."""
+
+import json
+from pathlib import Path
+import re
+
+from gravity_comp_ros.cli import main, VERBS
+from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+import pytest
+from rough_links import two_links
+
+PAGE = (Path(__file__).resolve().parents[1] / 'docs' / 'json.md').read_text()
+SECTIONS = dict(re.findall(r'^## (\w+)\n(.*?)(?=^## |\Z)', PAGE, re.MULTILINE | re.DOTALL))
+CALLS = {
+    'fit': ('1.mcap', '--holdout', '-o', 'm.json'), 'compare': ('2.mcap', '--model', 'm.json'),
+    'diagnose': ('1.mcap', '--model', 'm.json', '--effects', 'coulomb_friction'),
+    'add': ('coulomb_friction:shoulder', '1.mcap', '--model', 'm.json'),
+    'update': ('2.mcap', '--model', 'm.json'), 'info': ('1.mcap',),
+    'replay': ('1.mcap', '--model', 'm.json', '-o', 'out.mcap'),
+    'plan': ('1.mcap', '--model', 'm.json', '--settle', 'viscous_friction:shoulder', '--duration',
+             '20', '-o', 'motion.csv'),
+    'synth': ('--motion', 'eq15', '-o', 'synth.mcap'), 'convert': ('table.csv', '-o', 'c.mcap'),
+    'fleet': ('fit', 'robots', '-o', 'models', '--workers', '1')}
+
+
+def keys(table: str) -> set[str]:
+    """Return the names in the first column of a table."""
+    rows = [row for row in table.splitlines() if row.startswith('| `')]
+    return {name for row in rows for name in re.findall(r'`(\w+)`', row.split('|')[1])}
+
+
+@pytest.fixture(scope='module')
+def printed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('json')
+    (folder / 'robots' / 'one').mkdir(parents=True)
+    for name, seed in (('1', 1), ('2', 2), ('robots/one/1', 1)):
+        write_bag(folder / f'{name}.mcap', [joint_states(two_links(seed))])
+    (folder / 'table.csv').write_text('t,q_1,tau_1\n' + ''.join(
+        f'{k / 10},{k / 100},{k}\n' for k in range(30)))
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for verb, arguments in CALLS.items():
+            assert main([verb, *arguments, '--json', f'{verb}.json']) == 0, verb
+            found[verb] = json.loads(Path(f'{verb}.json').read_text())
+    return found
+
+
+@pytest.mark.parametrize('verb', CALLS)
+def test_the_page_has_the_keys_of(verb, printed):
+    assert next(iter(printed[verb].items())) == ('schema', 1)
+    assert keys(SECTIONS[verb]) == set(printed[verb]) - {'schema'}
+
+
+def test_what_is_inside_is_documented_as_well(printed):
+    whole = keys(PAGE) | set(re.findall(r'`(\w+)`', PAGE))
+    for inner in (printed['fit']['joints']['shoulder'], printed['fit']['bags'][0],
+                  printed['compare']['joints']['shoulder'], printed['fit']['gate'],
+                  printed['diagnose']['joints']['shoulder'], printed['diagnose']['findings'][0],
+                  printed['add']['effects'][0], printed['add']['held_out']['elbow'],
+                  printed['fit']['holdout'], printed['info']['recordings'][0]):
+        assert set(inner) <= whole, set(inner) - whole
+
+
+def test_every_verb_that_prints_json_is_on_the_page():
+    assert set(SECTIONS) == {*VERBS, 'fleet'} - {'workbench'}
