@@ -31,7 +31,7 @@ wrong with it is known, so that every answer can be checked.
 
 # A piece of prose, then the commands that it speaks of.
 STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("""## An arm with friction that nobody has told of
+    ("""## An arm with unmodelled friction
 
 A KUKA LBR iiwa 7 moves slowly, twice for a minute along different ways, and a third time later.
 Its torque sensors have 0.1 N·m of noise, and joint 4 has 0.8 N·m of friction (a LuGre model,
@@ -86,11 +86,12 @@ def page(folder: Path) -> str:
     for prose, some in STEPS:
         parts.append(prose)
         for command in some:
-            parts.append(f'```\n$ {command}\n{_output(command, folder)}\n```\n')
+            parts.append(f'```\n$ {command}\n{output(command, folder)}\n```\n')
     return '\n'.join(parts)
 
 
-def _output(command: str, folder: Path) -> str:
+def output(command: str, folder: Path) -> str:
+    """Return what a command prints, with long lines wrapped."""
     argv = [sys.executable, '-m', 'gravity_comp_ros.cli', *shlex.split(command)[1:]]
     done = subprocess.run(argv, cwd=folder, check=True, capture_output=True, text=True,
                           env={**os.environ, 'PYTHONPATH': str(ROOT), 'COLUMNS': str(_WIDTH)})

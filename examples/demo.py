@@ -71,7 +71,7 @@ def tell(robot: Robot, unloaded: JointSamples,
     ask(robot, 'refit')
     first = judge(robot, unloaded)
 
-    say(f'Now 2 kg hang on its flange ({LOADED}), and nobody has told the node.')
+    say(f'Now 2 kg hang on its flange ({LOADED}), and the node gets no notice of it.')
     stale = judge(robot, loaded)
     say(f'The feed-forward is wrong: {stale.worst} by {stale.joints[stale.worst].rmse:.2f} N·m.')
 
@@ -123,7 +123,7 @@ def table(columns: list[tuple[str, Comparison]]) -> ScreenTable:
                      for cell in row])
     return terminal.table(
         'RMSE of the predictions in N·m, on motion that was never learned from',
-        ['joint', *(title for title, _ in columns), 'error that\nis left'], rows)
+        ['joint', *(title for title, _ in columns), 'remaining\nerror'], rows)
 
 
 def summary(columns: list[tuple[str, Comparison]]) -> list[str]:

@@ -22,7 +22,7 @@ from gravity_comp_ros.printable import printable
 PROGRAM = 'gravity_comp'
 
 DESCRIPTION = """\
-Learn the torque that holds a robot arm up from recorded joint states, and judge it.
+Learn the gravity torque of a robot arm from recorded joint states, and judge it.
 """
 EXAMPLE = """\
 the loop:
@@ -181,7 +181,7 @@ def _fail(who: str, message: str, status: int = 1) -> int:
     try:
         print(f'{who}: {printable(message)}', file=sys.stderr, flush=True)
     except OSError:
-        pass  # nobody listens any more; the exit status still tells
+        pass  # the reader has closed the pipe; the exit status still tells
     return status
 
 

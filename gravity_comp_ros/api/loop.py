@@ -147,6 +147,6 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
 
 
 def _geometry(urdf: str | Path, joints: tuple[str, ...]) -> Geometry:
-    # The XML parser behind it is needed by nobody else.
+    # Only this needs the XML parser.
     from gravity_comp_ros.description.urdf import read_urdf
     return read_urdf(Path(urdf), joints)

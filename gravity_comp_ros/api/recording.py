@@ -28,7 +28,7 @@ Progress = Callable[[str, float], None]
 
 
 def _silent(word: str, share: float) -> None:
-    """Report progress to nobody."""
+    """Drop a report of progress."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,7 +14,7 @@ from gravity_comp_ros.effects.motion_direction import least_widths
 from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 import numpy as np
 
-_COLUMNS = ('joint', 'range °', 'max rad/s', 'turns', 'at rest', 'noise N·m', 'independent')
+_COLUMNS = ('joint', 'range °', 'max rad/s', 'reversals', 'at rest', 'noise N·m', 'effective n')
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,8 @@ class DataCheck:
                          f'{100 * self.rest[name]:.0f} %', f'{report.noise_floor:.3g}',
                          f'{report.n_effective:.0f}'))
         return terminal.table(
-            f'the recording: {self.facts.n_samples} samples; neighbours are alike, so fewer are '
-            f'independent', _COLUMNS, rows)
+            f'the recording: {self.facts.n_samples} samples; they are autocorrelated, so '
+            'the effective number is smaller', _COLUMNS, rows)
 
     def unseen(self) -> list[str]:
         """Return a line for each effect that some joints do not show, with the reason."""

@@ -9,7 +9,8 @@ import shlex
 import time
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
+from gravity_comp_ros.commands import (
+    arguments, data_check, html, next_step, reading, terminal)
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.gate import slow_samples
@@ -40,7 +41,7 @@ verdicts:
   likely        the same, less surely
   ambiguous     another effect explains as much: both are named, and the motion that settles it
   weak          perhaps there, too small to be sure
-  untestable    this motion cannot tell it from another effect
+  untestable    this motion cannot distinguish it from another effect
   unexplained   something repeats there that no known effect describes
 
 All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
@@ -168,7 +169,7 @@ def _table(diagnosis: Diagnosis) -> ScreenTable:
     columns = [*_FINDINGS, _RIVALS]
     if not any(f.rivals for f in diagnosis.findings):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    # Names are copied from here, so they stay whole; coefficients and rivals may be folded.
+    # Names are copied from here, so they stay whole; coefficients and alternatives may be folded.
     return terminal.table('what is missing', columns, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS),
                           folds=('coefficient, 95 %', _RIVALS))
@@ -198,12 +199,12 @@ def _commands(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
     targets = wording.targets(diagnosis.findings)
     if not targets:
         return []
-    add = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
-                       f'--model MODEL.json BAG...', args)
+    model = args.model or next_step.new_model()
+    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
+    add = next_step.command('add', args, bags=bags, model=model)
     if args.model is not None:
         return [add]
-    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-    return [f'gravity_comp fit {bags} -o MODEL.json', add]
+    return [next_step.command('fit', args, '-o', str(model)), add]
 
 
 def _show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:

@@ -6,12 +6,14 @@ import argparse
 from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
+from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import (
     add_bags, add_gate, add_json, add_reading, gate_options, read_options)
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.evaluation.recording_quality import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.evaluation.recording_quality import (
+    describe, FEW, JointFacts, RecordingFacts)
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 import numpy as np
@@ -22,7 +24,7 @@ EPILOG = """\
 columns of the table:
   range      least and greatest angle, in degrees
   speed      rms and greatest, in rad/s; the gate wants every joint slow at once
-  turns      changes of direction; friction shows only where a joint comes back
+  reversals  changes of direction; they excite friction
   effort     least and greatest, in N·m (or in the unit of the driver)
 
 examples:
@@ -56,6 +58,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for recording_report, fact in found:
         _show(recording_report, fact)
+    if all(fact.kept >= FEW for fact in facts):
+        next_step.show('learn gravity from it', next_step.command(
+            'fit', args, '-o', next_step.new_model()))
     return 0
 
 
@@ -68,7 +73,7 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
         show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
              f'{safe(dropped)}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
-    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'turns', 'effort N·m')
+    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
     for line in (*report.notes, *facts.remarks):
         show(f'  [yellow]•[/yellow] {safe(line)}')

@@ -98,7 +98,7 @@ class ScreenTable:
         if not title:
             table.title = None
         for column in columns:
-            # Only what folds gives way; the room for it has been reckoned.
+            # Only columns that fold shrink; the room for it has been reckoned.
             least = column.least(one_line=False)
             heading = column.heading_lines(column.least(one_line))
             table.add_column(Text(heading), justify='left' if column.text else 'right',

@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
@@ -149,9 +150,7 @@ class FleetRun:
 
     def _save(self, robot: Robot, found: list[GatedRecording],
               result: FitResult) -> dict[str, Any]:
-        bags = [{'name': r.report.path.name, 'sha256': r.report.sha256,
-                 'n_samples': r.report.n_samples, 'effort_scale': dict(r.report.effort_scale)}
-                for r in found]
+        bags = [bag_json(r.report) for r in found]
         model = replace(result.model, provenance={**result.model.provenance, 'bags': bags})
         save_model(self._model_file(robot), model)
         return {'model': self._model_file(robot).name, 'bags': len(found),
