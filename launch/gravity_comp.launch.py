@@ -16,10 +16,14 @@ def generate_launch_description() -> LaunchDescription:
             default_value=PathJoinSubstitution([share, 'config', 'gravity_comp.yaml']),
             description='Parameters of the node.'),
         DeclareLaunchArgument(
-            'joint_states', default_value='/joint_states',
-            description='Topic to read joint states from.'),
+            'namespace', default_value='',
+            description='Namespace of the node and of its topics: one for each of several arms.'),
         DeclareLaunchArgument(
-            'commands', default_value='/gravity_comp/commands',
+            'joint_states', default_value='joint_states',
+            description='Topic to read joint states from; in the namespace unless it begins '
+                        'with /.'),
+        DeclareLaunchArgument(
+            'commands', default_value='~/commands',
             description='Topic to send torques to: the one that the controller listens to.'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
@@ -27,7 +31,7 @@ def generate_launch_description() -> LaunchDescription:
     ]
     node = Node(
         package='gravity_comp_ros', executable='gravity_comp_node', name='gravity_comp',
-        output='screen', emulate_tty=True,
+        namespace=LaunchConfiguration('namespace'), output='screen', emulate_tty=True,
         parameters=[LaunchConfiguration('params_file'),
                     {'use_sim_time': LaunchConfiguration('use_sim_time')}],
         remappings=[('joint_states', LaunchConfiguration('joint_states')),

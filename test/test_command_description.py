@@ -97,7 +97,8 @@ def test_without_a_description_numbers_order_the_joints(bags, capsys):
     assert found['description'] is None and found['joint_order'] == 'numbers in the names'
     assert list(found['joints']) == list(JOINTS)
     some = ','.join(JOINTS[1::-1])
-    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some, '--json')
+    found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some,
+                   '--formulation', 'chain', '--json')
     assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == '--joints'
 
 

@@ -62,7 +62,7 @@ def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
 @pytest.mark.parametrize('argv, status, words', [
     (('--within', 'limits'), 1, '--within limits needs the limits'),
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
-    (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no part fits'),
+    (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])
 def test_what_cannot_be_planned_says_so(folder, tmp_path, capsys, argv, status, words):
     out = tmp_path / 'motion.yaml'

@@ -76,7 +76,8 @@ def test_what_is_plotted_is_published_by_the_node(model_file):
     pytest.importorskip('rclpy')
     from ros_harness import running
     later = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
-    with running({'model_file': model_file, 'stale_after': 10.0}) as (_, probe):
+    with running({'model_file': model_file, 'stale_after': 10.0,
+                  'max_torque': '[200.0]'}) as (_, probe):
         probe.stream(later.select(np.arange(20)))
         probe.until(lambda: probe.torques and probe.residuals and probe.predictions
                     and probe.doubts, what='all topics')

@@ -5,6 +5,7 @@ import time
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
 from gravity_comp_ros.node.node_core import Live
 from gravity_comp_ros.node.parameters import defaults
@@ -24,7 +25,7 @@ def motion(n, seed=0):
 
 
 def joint_state(t, q, tau, names=('a', 'b')):
-    message = JointState(name=list(names), position=list(q), velocity=[0.0] * len(q),
+    message = JointState(name=list(names), position=list(q), velocity=[0.14] * len(q),
                          effort=list(tau))
     message.header.stamp.sec = int(t)
     message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
@@ -36,7 +37,8 @@ def live():
     made = []
 
     def make(**settings):
-        made.append(Live({**defaults(), **settings}, '/joint_states', 0.0))
+        settings = {**defaults(), 'unlimited_torque': True, **settings}
+        made.append(Live(settings, '/joint_states', 0.0))
         return made[-1]
 
     yield make
@@ -190,12 +192,12 @@ def test_a_machine_that_is_too_slow_is_told(live, model_file):
     now = feed(node, 20)
     node.late = 3
     assert status(node, 'input', now).level == OK
-    feed(node, 20, now + 0.2)
+    now = feed(node, 20, now + 1.0)
     node.late = 60
-    found = status(node, 'input', now + 4.0)
+    found = status(node, 'input', now)
     assert found.level == WARN and 'the torque is late' in found.message
-    feed(node, 20, now + 4.2)
-    assert status(node, 'input', now + 8.0).level == OK
+    now = feed(node, 20, now + 1.0)
+    assert status(node, 'input', now).level == OK
 
 
 def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, model_file):
@@ -208,3 +210,86 @@ def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, m
     node.tick(time.monotonic())
     assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
     assert node.fits.state == 'ready' and status(node, 'learning').level == OK
+
+
+def test_no_torque_without_a_bound_and_the_description_gives_one(live, model_file):
+    node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
+                max_torque_rate=())
+    assert node.message(joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert status(node, 'feed-forward').level == ERROR
+    success, why = node.enable(True)
+    assert not success and 'max_torque' in why
+    node.describe(URDF)
+    tau = node.message(joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
+    assert tau is not None and np.abs(tau).max() <= 1.5
+    assert status(node, 'feed-forward').values['torque limits'] == 'robot_description'
+
+
+URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two"/>
+<joint name="a" type="continuous"><parent link="base"/><child link="one"/>
+<axis xyz="0 1 0"/><limit effort="1.5" velocity="1"/></joint>
+<joint name="b" type="revolute"><parent link="one"/><child link="two"/>
+<origin xyz="0 0 0.5"/><axis xyz="0 1 0"/>
+<limit effort="1.5" velocity="1" lower="-2" upper="2"/></joint></robot>"""
+
+
+def test_a_description_names_axes_limits_and_joints_without_end():
+    found = describe_arm(URDF, ('a', 'b'))
+    assert found.geometry.joints == ('a', 'b') and found.continuous == ('a',)
+    assert found.max_effort == (1.5, 1.5) and not found.problem
+    assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
+    assert 'order' in describe_arm(URDF, ('b', 'a')).problem
+    assert describe_arm('<robot', ('a',)).problem
+
+
+def test_a_gripper_that_speaks_first_does_not_become_the_arm(live):
+    node = live()
+    node.message(joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
+    assert node.arm.joints == ('finger',)
+    node.message(joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    assert node.arm.joints == ('a', 'b')
+    node.message(joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
+    assert node.arm.joints == ('a', 'b')
+
+
+def test_rollback_goes_back_by_payload(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    first = node.models.model
+    for epoch in (1, 1, 1, 2, 2):
+        node.models.use(first, f'fit in epoch {epoch}', 0.0, epoch)
+    assert node.models.n_past == 2
+    assert 'epoch 1' in node.rollback(1.0)[1] and 'loaded from' in node.rollback(2.0)[1]
+    assert not node.rollback(3.0)[0]
+
+
+def test_what_happened_is_news_for_the_log(live, model_file, tmp_path):
+    node = live(model_file=str(model_file))
+    text = node.news.popleft()[1]
+    assert 'a, b' in text and 'loaded from' in text and 'bound of the torque' in text
+    node.models.path = str(tmp_path / 'none' / 'model.json')
+    node.save_alone()
+    assert node.news[-1][0] and status(node, 'model').level != OK
+
+
+def test_drives_that_are_off_teach_nothing(live, model_file):
+    node = live(model_file=str(model_file), settle_time=0.0)
+    now = feed(node, 20)
+    node.payload_changed(now)
+    feed(node, 60, now + 1.0, mass=0.0)
+    assert node.arm.epoch.n_samples < 20
+    found = status(node, 'learning', now + 13.0)
+    assert found.level == WARN and 'effort_off' in found.message
+
+
+def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
+    node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
+    good, now = node.models.model, feed(node, 20)
+    node.payload_changed(now)
+    t, q = motion(60)
+    wrong = fit(JointSamples.single_run(['a', 'b'], t, q, 0 * q, torque(q, 1.8))).model
+    entry = node.models.use(wrong, 'fit of broken effort', now, 1)
+    node.arm.use(entry.model, good, 60)
+    feed(node, 40, now + 1.0)
+    assert node.models.model is good
+    assert 'rolled back by itself' in node.arm.epoch.describe()
+    assert node.news[-1][0] and status(node, 'learning').level == ERROR

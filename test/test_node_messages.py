@@ -154,3 +154,41 @@ def test_no_message_can_break_the_reader(messages):
         assert reading.tau is None or np.isfinite(reading.tau).all()
         assert reading.t > last or reading.new_run
         last = reading.t
+
+
+def alone(t, q=0.0, qd=0.0):
+    return joint_state(t, ('a',), (q,), (qd,), (1.0,))
+
+
+def test_angles_in_degrees_are_no_poses_but_turns_of_a_continuous_joint_are():
+    ours = Reader(['a', 'b'], continuous=['b'])
+    assert ours.read(joint_state(1.0, q=(90.0, 0.0)), 0.0) is None
+    assert ours.counts['position_absurd'] == 1
+    assert ours.read(joint_state(2.0, q=(9.4, 90.0)), 0.0) is not None
+    with pytest.raises(OptionError, match='continuous_joints: c'):
+        Reader(['a', 'b'], continuous=['c'])
+
+
+def test_a_velocity_that_positions_contradict_is_replaced():
+    ours = Reader(['a'])
+    for k in range(60):
+        found = ours.read(alone(1.0 + 0.01 * k, 0.002 * k), 0.0)
+    assert found.qd == pytest.approx(0.2) and ours.counts['velocity_wrong'] > 40
+    right = Reader(['a'])
+    for k in range(200):
+        t = 1.0 + 0.01 * k
+        found = right.read(alone(t, np.sin(3 * t), 3 * np.cos(3 * t)), 0.0)
+        assert found.qd == pytest.approx(3 * np.cos(3 * t))
+    assert not right.counts['velocity_wrong']
+
+
+def test_stamps_that_become_zero_are_replaced_by_the_time_of_arrival():
+    ours = Reader(['a'])
+    for k in range(10):
+        ours.read(alone(100.0 + 0.1 * k), 5000.0 + 0.1 * k)
+    found = [ours.read(alone(0.0), 5001.0 + 0.1 * k) for k in range(10)]
+    assert [each is None for each in found] == [True] * 4 + [False] * 6
+    assert found[4].new_run and found[5].t == pytest.approx(5001.5)
+    assert ours.counts['stamp_lost'] == 1
+    again = ours.read(alone(102.0), 5003.0)
+    assert again.t == 102.0 and again.new_run

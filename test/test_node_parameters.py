@@ -70,7 +70,7 @@ def test_values_that_contradict_each_other_are_refused(change, why):
 
 def test_the_example_configuration_is_accepted():
     values = yaml.safe_load((ROOT / 'config' / 'gravity_comp.yaml').read_text())
-    given = values['gravity_comp']['ros__parameters']
+    given = values['/**']['ros__parameters']
     check_together({**defaults(), **{k: BY_NAME[k].parse(v) for k, v in given.items()}})
     controllers = yaml.safe_load((ROOT / 'config' / 'controllers.yaml').read_text())
     assert controllers['gravity_controller']['ros__parameters']['joints'] == given['joints']

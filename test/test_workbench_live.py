@@ -31,7 +31,8 @@ def test_a_node_is_followed(tmp_path):
     samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
     model = tmp_path / 'arm.json'
     save_model(model, fit(slow_samples(samples).samples).model)
-    with running({'model_file': model, 'stale_after': 10.0}) as (_, probe):
+    with running({'model_file': model, 'stale_after': 10.0,
+                  'max_torque': '[200.0]'}) as (_, probe):
         domain = str(probe.context.get_domain_id())
         process = subprocess.Popen(
             [sys.executable, '-m', 'gravity_comp_ros.cli', 'workbench', '--live', '--port', '0',

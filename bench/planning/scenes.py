@@ -42,7 +42,7 @@ class Scene:
     def recorded(self, motion: motions.Motion, again: int) -> JointSamples:
         """Return what the arm records on a motion."""
         arm = ARMS[self.arm]()
-        what = hidden(f'{self.effect}:{self.joint + 1}={EFFECTS[self.effect]}', arm)
+        what = hidden(f'{self.effect}:{self.joint + 1}={EFFECTS[self.effect]}', arm).disturbance
         options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + again,
                                    disturbances=(what,))
         return synthesise(arm, motion, options)

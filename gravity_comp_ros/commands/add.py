@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 
 from gravity_comp_ros.api.provenance import bag_json, now
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
@@ -115,6 +116,10 @@ def _show(args: argparse.Namespace, result: Refit,
         terminal.show(terminal.safe(line))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
-    done = 'nothing written (--dry-run)' if args.dry_run else f'written to {args.model}; ' \
-        f'`gravity_comp add --undo --model {args.model}` takes it back'
-    terminal.show('', terminal.safe(done))
+    if args.dry_run:
+        terminal.show('', 'nothing written (--dry-run)')
+        return
+    undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
+    terminal.show('', terminal.safe(f'written to {args.model}; this takes it back:'))
+    terminal.show_command(undo)
+    next_step.show('is more missing?', next_step.command('diagnose', args, model=args.model))

@@ -5,12 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-import shlex
 
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.commands import arguments, html, reading, terminal
+from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.commands.verbs import VERBS
@@ -90,6 +89,7 @@ def _run(args: argparse.Namespace) -> int:
         terminal.show('', _table(model, joints, samples))
         for line in [*_failures(joints, comparison.share_outside), *_band(comparison.band)]:
             terminal.show(terminal.safe(line))
+        next_step.show('name what the model lacks', _diagnosing(args))
     for line in reading.scale_warnings(model, loaded.reports):
         terminal.warn(line)
     for name in fitted:
@@ -112,9 +112,7 @@ def _judged(samples: JointSamples, loaded: Recording) -> str:
 
 def _diagnosing(args: argparse.Namespace) -> str:
     """Return the command line that names what the model lacks."""
-    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-    model = shlex.quote(str(args.model))
-    return f'gravity_comp diagnose {bags} --model {model} --html report.html'
+    return next_step.command('diagnose', args, model=args.model)
 
 
 def _previous(args: argparse.Namespace, model: GravityModel,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 
+from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, names_shown, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.verbs import VERBS
@@ -103,6 +105,7 @@ def run(args: argparse.Namespace) -> int:
         warn(f'{counted(converted.dropped, "bad row")} left out')
     for note in converted.notes:
         warn(note)
+    next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 
 

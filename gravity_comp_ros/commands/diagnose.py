@@ -9,7 +9,8 @@ import shlex
 import time
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import arguments, data_check, html, reading, terminal
+from gravity_comp_ros.commands import (
+    arguments, data_check, html, next_step, reading, terminal)
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.gate import slow_samples
@@ -198,12 +199,12 @@ def _commands(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
     targets = wording.targets(diagnosis.findings)
     if not targets:
         return []
-    add = _spelled_out(f'gravity_comp add {shlex.quote(",".join(targets))} '
-                       f'--model MODEL.json BAG...', args)
+    model = args.model or next_step.new_model()
+    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
+    add = next_step.command('add', args, bags=bags, model=model)
     if args.model is not None:
         return [add]
-    bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
-    return [f'gravity_comp fit {bags} -o MODEL.json', add]
+    return [next_step.command('fit', args, '-o', str(model)), add]
 
 
 def _show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:

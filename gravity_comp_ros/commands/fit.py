@@ -13,7 +13,7 @@ from typing import Any
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, fit_model
-from gravity_comp_ros.commands import arguments, reading, refitting, terminal
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.commands.verbs import VERBS
@@ -167,6 +167,22 @@ def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: J
         terminal.warn(warning)
     where = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
+    _show_next_step(args)
+
+
+def _show_next_step(args: argparse.Namespace) -> None:
+    if args.output is None:
+        next_step.show('the same, and keep the model',
+                       f'{args.command} -o {next_step.new_model()}')
+    elif args.holdout:
+        next_step.show('errors on what was held out, then what the model lacks, by the '
+                       'recordings that it was fitted to',
+                       next_step.command('compare', args, '--holdout', model=args.output),
+                       next_step.command('diagnose', args, model=args.output))
+    else:
+        next_step.show('what the model lacks, by the recordings that it was fitted to and any '
+                       'others of this arm (`compare` wants others: errors on these flatter it)',
+                       next_step.command('diagnose', args, model=args.output))
 
 
 def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:

@@ -6,12 +6,14 @@ import argparse
 from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
+from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import (
     add_bags, add_gate, add_json, add_reading, gate_options, read_options)
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.evaluation.recording_quality import describe, JointFacts, RecordingFacts
+from gravity_comp_ros.evaluation.recording_quality import (
+    describe, FEW, JointFacts, RecordingFacts)
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 import numpy as np
@@ -56,6 +58,9 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for recording_report, fact in found:
         _show(recording_report, fact)
+    if all(fact.kept >= FEW for fact in facts):
+        next_step.show('learn gravity from it', next_step.command(
+            'fit', args, '-o', next_step.new_model()))
     return 0
 
 

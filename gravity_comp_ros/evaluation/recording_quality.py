@@ -12,7 +12,8 @@ import numpy as np
 # cosines looking like straight lines.
 STILL = 0.01
 NARROW = 0.3
-_FEW = 50
+# Fewer slow samples do not judge a model.
+FEW = 50
 _SLOW_SHARE = 0.1
 _SLOW_TRAVEL = 0.3
 # A joint turns back when it has moved this far against its last direction, rad.
@@ -152,7 +153,7 @@ def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, 
                 f'samples ({kept} kept by the gate), {fastest} reaches '
                 f'{joints[fastest].max_speed:.2f} rad/s; torque here is gravity, friction and '
                 f'inertia together, so record slow motion, or fit with --all-samples knowing that']
-    if kept < _FEW:
+    if kept < FEW:
         return [f'short: the gate keeps {kept} of {total} samples, too few to judge a model']
     return []
 

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, cast
 
 from gravity_comp_ros.data.gate import Gate, GateOptions
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
+from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
+from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
-from gravity_comp_ros.node.messages import Reader, Reading
+from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
+from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.parameters import Value
-from gravity_comp_ros.node.realtime_effects import compensable, CompensateOptions, InstantEffects
+from gravity_comp_ros.node.realtime_effects import (
+    compensable, CompensateOptions, InstantEffects)
+from gravity_comp_ros.node.self_confirmation import SentTorque
 import numpy as np
 
 # rad. Torques that share no energy are fitted joint by joint, and go astray at once where nothing
@@ -30,11 +36,18 @@ class Arm:
     def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
-        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']))
+        self._settings = settings
+        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']),
+                             cast(tuple[str, ...], settings['continuous_joints']))
+        self.described: ArmDescription | None = None
+        self._allowed = bool(settings['enabled'])
+        self.is_interleaved = False
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
+        self.health = EffortHealth()
+        self.sent = SentTorque(len(joints))
+        self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
-        self.feed.enable(bool(settings['enabled']))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.residual = np.zeros(len(joints))
         self.n_residual = 0
@@ -43,33 +56,127 @@ class Arm:
         self.pose: FloatArray | None = None
         self.effects_problem = ''
         self._model: GravityModel | None = None
+        self._source: Source | None = None
         # All effects of the model that a moment tells, and those of them that are sent.
         self._effects: InstantEffects | None = None
         self._sent: InstantEffects | None = None
-        self._settings = settings
         self._reported: Counter[str] = Counter()
         self._reported_received = 0
+        self._reported_gate: Counter[str] = Counter()
+        self._limit()
+
+    def describe(self, described: ArmDescription) -> None:
+        """Use what a robot description says."""
+        self.described = described
+        self.reader.allow_turns(described.continuous)
+        self._limit()
+
+    def enable(self, enabled: bool) -> None:
+        """Allow or forbid torque; it ramps either way."""
+        self._allowed = enabled
+        self._limit()
+
+    @property
+    def geometry(self) -> Geometry | None:
+        """The axes of the arm where they are known."""
+        return None if self.described is None else self.described.geometry
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether there is a bound for the torque, or a parameter says that none is needed."""
+        return bool(self.feed.options.max_torque) or bool(self._settings['unlimited_torque'])
+
+    def _limit(self) -> None:
+        options = feedforward_options(self._settings)
+        if not options.max_torque and self.described is not None:
+            options = replace(options, max_torque=self.described.max_effort)
+        self.feed.set_options(options)
+        self.feed.enable(self._allowed and self.is_limited)
+
+    def _bound(self) -> str:
+        """Return where the bound of the torque is from, in a word."""
+        if self._settings['max_torque']:
+            return 'set'
+        if self.feed.options.max_torque:
+            return SOURCE
+        return 'unlimited' if self.is_limited else 'none'
 
     def set(self, settings: Mapping[str, Value]) -> None:
         """Use changed settings from now on."""
         self._settings = settings
         self.gate = Gate(len(self.joints), gate_options(settings))
-        self.feed.set_options(feedforward_options(settings))
+        self._limit()
         self.epoch.set_options(epoch_options(settings))
         self._find_effects()
 
-    def use(self, model: GravityModel) -> None:
-        """Go over to another model."""
+    def use(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
+        """
+        Go over to another model.
+
+        :param before: the model to go back to if this one turns out wrong.
+        :param learned: the number of samples that it was learned from; 0 for a known one.
+        """
         self._model = model
+        self._watch = ModelWatch(model, before, learned)
+        self._source = source_of(model)
         self._find_effects()
-        self.feed.use(source_of(model))
+        self.feed.use(self._source)
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
         effects = None
         if self._sent is not None and self._model is not None and reading.qd is not None:
             effects = self._sent.torque(reading.q, reading.qd, self._model.predict_one(reading.q))
-        return self.feed.update(now, reading.q, effects)
+        return self._published(now, self.feed.update(now, reading.q, effects))
+
+    def watch(self, now: float) -> FloatArray | None:
+        """Return the torque (N,) in N·m to publish although no input came, None for nothing."""
+        return self._published(now, self.feed.watch(now))
+
+    def _published(self, now: float, tau: FloatArray | None) -> FloatArray | None:
+        if tau is not None:
+            self.sent.published(now, tau)
+        return tau
+
+    def compared(self, q: FloatArray, tau: FloatArray, predicted: FloatArray) -> None:
+        """Note how well the model in use predicts a slow sample."""
+        error = tau - predicted
+        self.residual += error * error
+        self.n_residual += 1
+        if self._watch is not None and not self.distance(q).any():
+            gravity = cast(GravityModel, self._model).predict_one(q)
+            self._watch.offer(q, tau - (predicted - gravity), gravity)
+
+    def objection(self) -> str | None:
+        """Return why the model before should come back, None if it should not."""
+        return None if self._watch is None else self._watch.objection()
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether the model in use has predicted as many samples as it was learned from."""
+        return self._watch is None or self._watch.is_confirmed
+
+    def lack(self) -> str | None:
+        """Return what is missing for a fit, None if nothing is."""
+        lack = self.epoch.can_fit()
+        faults = {reason: self.gate_counts[reason] for reason in (OFF, FROZEN)
+                  if self.gate_counts[reason]}
+        if lack is None or not faults:
+            return lack
+        named = ', '.join(f'{count} {reason}' for reason, count in faults.items())
+        return f'{lack} (left out: {named})'
+
+    def fresh_faults(self) -> str:
+        """Return why samples were left out since the last call, in words; empty if none were."""
+        fresh = self.gate_counts - self._reported_gate
+        self._reported_gate = self.gate_counts.copy()
+        return ', '.join(f'{reason} {fresh[reason]}' for reason in (OFF, FROZEN) if fresh[reason])
+
+    def distance(self, q: FloatArray) -> FloatArray:
+        """Return how far a pose is outside the trained range (N,), rad; a turn is no distance."""
+        if self._model is None or self._source is None:
+            return np.zeros(len(self.joints))
+        return self._model.coverage.distance(self._source.nearest(q))
 
     def predicted(self, reading: Reading) -> FloatArray | None:
         """Return the torque (N,) in N·m that the model expects, None without a model."""
@@ -93,7 +200,7 @@ class Arm:
             std = self._model.predict_std(self.pose)[0]
         except (DataError, np.linalg.LinAlgError):
             std = np.zeros(0)
-        return self._model.coverage.distance(self.pose), std
+        return self.distance(self.pose), std
 
     def _find_effects(self) -> None:
         self._effects = self._sent = None
@@ -128,6 +235,7 @@ class Arm:
         self.learn_from = now + cast(float, settings['settle_time'])
         self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
                            has_base=has_base)
+        self.health.restart()
         self.residual[:] = 0.0
         self.n_residual = 0
 
@@ -138,6 +246,7 @@ class Arm:
         new = self.reader.received - self._reported_received
         fresh = counts - self._reported
         self._reported, self._reported_received = counts.copy(), self.reader.received
+        self.is_interleaved = fresh[TIME_BACK] + fresh[TIME_STILL] > 0
         stale = age is not None and age > self.feed.options.stale_after
         return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
                                         fresh, late)
@@ -146,15 +255,14 @@ class Arm:
         """Return the state of the feed-forward and of every joint."""
         outside = None
         if model is not None and self.pose is not None:
-            outside = model.coverage.distance(self.pose)
+            outside = self.distance(self.pose)
         residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
         self.residual = np.zeros(len(self.joints))
         self.n_residual = 0
-        options = self.feed.options
         return [
             diagnostics.feedforward_status(
                 self.feed.state(now), self.feed.enabled,
-                0.0 if outside is None else float(outside.max()), bool(options.max_torque),
+                0.0 if outside is None else float(outside.max()), self._bound(),
                 self.feed.margin, self._sent.targets if self._sent else (),
                 self.effects_problem),
             *diagnostics.joint_statuses(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.parameters import BY_NAME, check_together, Parameter, TABLE, Value
@@ -56,6 +57,18 @@ class Settings:
             self.values[parameter.name] = BY_NAME[parameter.name].parse(parameter.value)
         if ours:
             self._changed(self.values)
+
+
+def strange_parameters(node: Node) -> list[str]:
+    """Return a warning for each parameter that was given and that the node does not have."""
+    found = []
+    for name in getattr(node, '_parameter_overrides', {}):
+        if node.has_parameter(name) or name.startswith('qos_overrides.'):
+            continue
+        near = get_close_matches(name, BY_NAME, 1)
+        hint = f'; did you mean {near[0]}?' if near else ''
+        found.append(f'parameter {name} is none of this node and has no effect{hint}')
+    return found
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:

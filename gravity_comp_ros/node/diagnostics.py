@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
-from gravity_comp_ros.node.messages import FAULTS, HANDLED
+from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
 import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)
@@ -43,10 +43,11 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
     if late:
         values['bursts since last report'] = str(late)
-    for reason in (*FAULTS, *HANDLED):
+    for reason in (*FAULTS, *REPLACED, *HANDLED):
         if counts.get(reason):
             values[f'count {reason}'] = str(counts[reason])
     named = ', '.join(f'{reason} {fresh[reason]}' for reason in FAULTS if fresh.get(reason))
+    replaced = ', '.join(f'{reason} {fresh[reason]}' for reason in REPLACED if fresh.get(reason))
     if age is None and new == 0:
         level, message = STALE, f'no message on {topic}' + ('' if not received else ' now')
     elif stale:
@@ -56,6 +57,8 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
     elif named:
         level = ERROR if age is None else WARN
         message = f'dropped: {named}'
+    elif replaced:
+        level, message = WARN, f'replaced by other evidence: {replaced}'
     elif late >= LATE:
         level, message = WARN, ('messages come faster than they are handled: the torque is late; '
                                 'give this process more of the machine, or lower the rate')
@@ -92,6 +95,8 @@ class Learning:
     last_fit: str
     kept_old: bool
     compensated: bool
+    broken: bool = False
+    faults: str = ''
 
 
 def learning_status(learning: Learning) -> Status:
@@ -105,24 +110,35 @@ def learning_status(learning: Learning) -> Status:
         values[f'gate {reason}'] = str(count)
     if learning.failure:
         return Status('learning', ERROR, f'{learning.failure}; the old model stays', values)
+    if learning.broken:
+        return Status('learning', ERROR, f'broken effort: {learning.last_fit}', values)
+    if learning.faults:
+        return Status('learning', WARN, f'nothing is learned from broken effort: '
+                      f'{learning.faults}; {learning.epoch}', values)
     if learning.compensated:
         return Status('learning', WARN, learning.last_fit, values)
     if learning.kept_old:
-        return Status('learning', WARN, f'old model kept: {learning.last_fit}', values)
+        return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
+                      f'{learning.epoch}', values)
     return Status('learning', OK, learning.epoch, values)
 
 
-def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
+def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
                        margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
     """
     Return the state of the torque that is published.
 
     :param outside: how far the pose is outside the trained range, in rad, as `margin`.
+    :param bound: where the bound of the torque is from, `none` if torque must not be sent for
+        the lack of one.
     :param sent: the effects that are compensated; `problem` is why one is not.
     """
     values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': 'set' if limited else 'none',
+              'torque limits': bound,
               'compensated effects': ', '.join(sent) or 'none'}
+    if bound == 'none':
+        return Status('feed-forward', ERROR, 'no torque is published without a bound: set '
+                      'max_torque, or unlimited_torque', values)
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
     if outside > margin:
@@ -130,7 +146,7 @@ def feedforward_status(state: str, enabled: bool, outside: float, limited: bool,
                       'the trained range', values)
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    if not limited:
+    if bound == 'unlimited':
         return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.sample_buffer import Coverage, SampleRing
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.self_confirmation import Sent
 import numpy as np
 
 # Every fourth block of samples is held out from fits and judges them.
@@ -67,20 +68,38 @@ class Epoch:
         self.is_open = is_open
         self.has_base = has_base
         self.fits = 0
+        # What happened to this epoch and must not be forgotten: a model that was refused or rolled
+        # back, samples that were thrown away.
+        self.note = ''
+        self._names = tuple(names)
         self._options = options
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget all samples; the epoch stays open or closed."""
         self._taken = 0
         self._fitted_at = 0
         self._closing = False
-        held = max(2, options.capacity // HELD_EVERY)
-        self._train = SampleRing(names, max(2, options.capacity - held))
-        self._held = SampleRing(names, held)
+        held = max(2, self._options.capacity // HELD_EVERY)
+        self._train = SampleRing(self._names, max(2, self._options.capacity - held))
+        self._held = SampleRing(self._names, held)
+        self._sent: dict[float, FloatArray] = {}
 
     def set_options(self, options: EpochOptions) -> None:
         """Use other thresholds from now on; the capacity stays."""
         self._options = options
 
-    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
-        """Take in a sample that passed the gate; the arguments are those of `SampleRing`."""
+    def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray,
+              sent: FloatArray | None = None) -> None:
+        """
+        Take in a sample that passed the gate; the arguments are those of `SampleRing`.
+
+        :param sent: torque that was published around it, `SentTorque.around`.
+        """
+        if sent is not None:
+            self._sent[t] = sent
+            while len(self._sent) > 2 * self._options.capacity:
+                del self._sent[next(iter(self._sent))]
         block = self._taken // self._options.block
         ring = self._held if block % HELD_EVERY == HELD_EVERY - 1 else self._train
         ring.offer(t, q, qd, tau)
@@ -105,6 +124,14 @@ class Epoch:
     def held(self) -> JointSamples:
         """Return the samples to judge by."""
         return self._held.samples()
+
+    def sent(self) -> Sent | None:
+        """Return the published torque of both sets, None if none was noted."""
+        if not self._sent:
+            return None
+        none = np.full_like(next(iter(self._sent.values())), np.nan)
+        return Sent(*(np.array([self._sent.get(float(t), none) for t in part.t])
+                      for part in (self.train(), self.held())))
 
     def every(self) -> JointSamples:
         """Return all samples, in order of time."""
@@ -164,7 +191,7 @@ class Epoch:
             f'({self.n_held} held out)'
         if self.is_open and lacking:
             text += f', little range yet on {", ".join(lacking)}'
-        return text
+        return f'{text}; {self.note}' if self.note else text
 
     def _is_full(self) -> bool:
         return self.n_samples >= self._options.full_samples and not self.lacking()

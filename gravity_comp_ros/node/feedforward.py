@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
@@ -24,6 +25,14 @@ FADED = 'stale, faded to zero'
 
 # N·m; less than this of an effect's torque is none.
 LEAST_TORQUE = 1e-4
+# A message counts for at most so many of its usual periods: what a stall has missed is made up
+# for over the messages that follow, not in one step.
+PERIODS = 2.0
+# Messages over which the usual period is the median, and the least that it is taken for, s.
+PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
+# One call of the watchdog counts for at most this, s.
+WATCH_PERIOD = 0.02
+TURN = 2.0 * math.pi
 
 
 @dataclass(frozen=True)
@@ -74,6 +83,18 @@ class Source:
     q_max: FloatArray
     reach: float = math.inf
 
+    def nearest(self, q: FloatArray) -> FloatArray:
+        """
+        Return pose q (N,) with whole turns taken off joints that are outside the trained range.
+
+        Gravity has a period of one turn, so that the torque is the same.
+        """
+        outside = (q < self.q_min) | (q > self.q_max)
+        if not outside.any():
+            return q
+        middle = 0.5 * (self.q_min + self.q_max)
+        return np.where(outside, q - TURN * np.round((q - middle) / TURN), q)
+
 
 class FeedForward:
     """
@@ -99,6 +120,9 @@ class FeedForward:
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
+        # Time that passed in a stall and that no message has counted for yet, s.
+        self._owed = 0.0
+        self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
         self._fresh: float | None = None
         self.set_options(options)
 
@@ -144,7 +168,7 @@ class FeedForward:
         :param effects: torque (N,) in N·m that comes on top of gravity, within the margin of
             the trained range; past it, and while input is stale, it ramps away.
         """
-        dt = self._elapsed(now)
+        dt = self._since_last_message(now)
         if self._source is None:
             self._fresh = now
             return None
@@ -167,9 +191,12 @@ class FeedForward:
         # A clock that was set back must not make old input young for as long as that.
         self._fresh = min(self._fresh, now)
         age = now - self._fresh
-        if age <= self.options.stale_after or self._is_at_rest():
+        if age <= self.options.stale_after:
             return None
-        dt = self._elapsed(now)
+        self._owed = 0.0
+        dt = min(self._elapsed(now), max(WATCH_PERIOD, PERIODS * self._period()))
+        if self._is_at_rest():
+            return None
         # What turns with the direction of motion must not outlive the news of the motion.
         self._drop_effects(dt)
         if not self._enabled:
@@ -201,6 +228,22 @@ class FeedForward:
         dt = 0.0 if self._now is None else now - self._now
         self._now = now
         return min(max(dt, 0.0), self.options.stale_after)
+
+    def _since_last_message(self, now: float) -> float:
+        """Return the time that a message counts for: after a stall, not all that has passed."""
+        dt = self._elapsed(now)
+        counted = dt
+        if self._intervals:
+            counted = min(dt + self._owed, PERIODS * self._period())
+        self._owed = min(max(0.0, self._owed + dt - counted), self.options.stale_after)
+        if dt > 0.0:
+            self._intervals.append(dt)
+        return counted
+
+    def _period(self) -> float:
+        """Return the usual time between messages, s."""
+        every = sorted(self._intervals)
+        return max(LEAST_PERIOD, every[len(every) // 2]) if every else LEAST_PERIOD
 
     def _approach(self, goal: float, duration: float, dt: float) -> None:
         step = 1.0 if duration <= 0.0 else dt / duration
@@ -234,6 +277,7 @@ class FeedForward:
     def _torque(self, source: Source, q: FloatArray) -> FloatArray:
         if self.options.extrapolation == 'trust':
             return source.predict(q)
+        q = source.nearest(q)
         margin = min(self.options.extrapolation_margin, source.reach)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())

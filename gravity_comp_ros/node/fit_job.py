@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 import time
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
@@ -18,11 +18,22 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node.absolute_tests import (
+    first_model_objection, loose_objection, lost_gravity, reference_noise)
+from gravity_comp_ros.node.base_chain import BaseChains
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
+from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
+from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
+import numpy as np
 
 # Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
 # next. What changed of an old model takes a fraction of them; see docs/node.md.
 FROM_NOTHING = 100
+CHANGE, WHOLE = 'change of the old model', 'fit from nothing'
+# Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
+WITH_EFFECTS = 2.0
+_chains = BaseChains()
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,8 @@ class Job:
 
     `base` is the model that was in use when the epoch began, to which a change may be fitted;
     `old` the one in use now, which is to be beaten. `effects` are to be in a whole model; `asked`
-    says that somebody waits for it.
+    says that somebody waits for it. `payload` bounds what a payload can be, `geometry` has the
+    axes where they are known, `sent` the torque that the node published around each sample.
     """
 
     number: int
@@ -44,6 +56,9 @@ class Job:
     options: FitOptions
     effects: tuple[str, ...] = ()
     asked: bool = False
+    payload: PayloadLimits = PayloadLimits()
+    geometry: Geometry | None = None
+    sent: Sent | None = None
 
 
 @dataclass(frozen=True)
@@ -93,7 +108,7 @@ def ask(question: Question) -> Findings:
 
 def work(job: Job) -> Outcome:
     """
-    Fit a job and judge the result on its held-out samples.
+    Fit a job, judge the result on its held-out samples, and test it against what is known.
 
     With few samples and a base only the change of that is fitted; with more a whole model as
     well, and the one that predicts the held-out samples better counts. Where somebody asked for
@@ -103,7 +118,8 @@ def work(job: Job) -> Outcome:
     :raises DataError: if the samples do not show an effect that was asked for.
     """
     start = time.monotonic()
-    found = list(_candidates(job))
+    chain = None if job.base is None else _chains.of(job.base, job.geometry)
+    found = list(_candidates(job, chain))
     how, model = found[0]
     here = predicted(model, job)
     for name, other in found[1:]:
@@ -113,11 +129,19 @@ def work(job: Job) -> Outcome:
     more = job.old is not None and len(job.train) > job.old.coverage.n_samples
     verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
                     job.held, more)
+    if not verdict.compensated:
+        change = next((other for name, other in found if name == CHANGE), None)
+        echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
+                                                            here.train, here.held)
+        if echo is not None:
+            verdict = verdict.refused(echo, is_echo=True)
+        elif (broken := _broken(job, chain, change, model)) is not None:
+            verdict = verdict.refused(broken)
     return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
 
 
-def _candidates(job: Job) -> Iterator[tuple[str, GravityModel]]:
-    base = job.base
+def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:
+    base = chain or job.base
     if base is not None and (base.energy is None or base.joints != job.train.names):
         base = None
     wanted = requests(job.effects, job.train.names)
@@ -129,19 +153,56 @@ def _candidates(job: Job) -> Iterator[tuple[str, GravityModel]]:
             raise FitError(f'{len(job.train)} samples to learn from; a model with '
                            f'{", ".join(job.effects)} takes {FROM_NOTHING}: keep moving slowly')
     if base is not None:
-        yield 'change of the old model', changed(base, job.train)
+        yield CHANGE, changed(base, job.train)
     if base is None:
-        yield 'fit from nothing', whole(job)
+        yield WHOLE, whole(job)
     elif len(job.train) >= FROM_NOTHING:
         # There is a result already; samples that show too little for a whole one do no harm.
         with suppress(FitError, DataError):
-            yield 'fit from nothing', whole(job)
+            yield WHOLE, whole(job)
+
+
+def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
+            model: GravityModel) -> str | None:
+    """
+    Return why the effort of this job cannot be what the drives supply, None if it can.
+
+    :param change: the change of `chain` where it was fitted already; `model` is the best one.
+    """
+    here = predicted(model, job)
+    residual = np.maximum(_rms(job.train.tau - here.train), _rms(job.held.tau - here.held))
+    base = job.base
+    if base is None or base.joints != job.train.names:
+        return first_model_objection(job.train, residual)
+    allowance = 1.0
+    source = base
+    if _targets(model) != _targets(base):
+        # Effects that were asked for are no payload, and gravity no longer imitates them.
+        change, source, allowance = None, model, WITH_EFFECTS
+    gravity = _gravity(source, concatenate((job.train, job.held)))
+    noise = allowance * reference_noise(base.noise, gravity, base.predict(gravity.q))
+    if (lost := lost_gravity(gravity, base.predict(gravity.q), noise)) is not None:
+        return lost
+    if chain is None or chain.joints != job.train.names:
+        return loose_objection(job.train, residual, noise,
+                               _rms(here.train - predict_torque(base, job.train)))
+    train = _gravity(source, job.train)
+    evidence = PayloadEvidence(chain, change or update(chain, train).model, train,
+                               _gravity(source, job.held), noise)
+    return next(objections(evidence, job.payload, job.geometry), None)
+
+
+def _targets(model: GravityModel) -> set[str]:
+    return {effect.target for effect in model.applied.effects}
+
+
+def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
+    return replace(samples, tau=samples.tau - effect_torque(base, samples))
 
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
     """Return the base with what changed of its gravity; its effects stay as they are."""
-    gravity = replace(samples, tau=samples.tau - effect_torque(base, samples))
-    return update(base, gravity).model
+    return update(base, _gravity(base, samples)).model
 
 
 def whole(job: Job) -> GravityModel:
@@ -159,3 +220,7 @@ def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
                       model.noise)
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -23,6 +24,10 @@ TIME_STILL = 'time_still'
 VELOCITY_NOT_FINITE = 'velocity_not_finite'
 EFFORT_NOT_FINITE = 'effort_not_finite'
 NO_EFFORT = 'no_effort'
+# Replaced by other evidence, with a warning: a velocity of a joint that contradicts its positions,
+# and a stamp of 0 after real ones.
+VELOCITY_WRONG = 'velocity_wrong'
+STAMP_LOST = 'stamp_lost'
 # Handled: counted, and told without alarm.
 NO_VELOCITY = 'no_velocity'
 NO_STAMP = 'no_stamp'
@@ -30,16 +35,20 @@ CLOCK_JUMP = 'clock_jump'
 
 FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSITION_ABSURD,
           TIME_BACK, TIME_STILL, VELOCITY_NOT_FINITE, EFFORT_NOT_FINITE, NO_EFFORT, CLOCK_JUMP)
+REPLACED = (VELOCITY_WRONG, STAMP_LOST)
 HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
 
-# A joint that has turned so far is an encoder fault, not a pose.
-ABSURD_POSITION = 1000.0
+# rad. Further from 0 no joint turns but a continuous one: angles in degrees are such. And a
+# continuous joint that has turned so far is an encoder fault, not a pose.
+ABSURD_POSITION, ABSURD_TURNS = 4.0 * math.pi, 1000.0
 # So many messages in a row that agree among themselves that it is earlier than we thought
 # mean that the clock was set back, or a recording started again.
 RISING_TO_BELIEVE = 5
 # Velocity is the mean slope over this time where the message brings none.
 SLOPE_WINDOW = 0.1
 SLOPE_LIMIT = 0.5
+# Positions contradict velocity where they move faster than this many times it, and this, rad/s.
+SLOPE_FACTOR, SLOPE_LEAST = 1.5, 0.05
 
 
 @dataclass
@@ -64,10 +73,15 @@ class Reader:
 
     :param joints: the joint names, in the order of the vectors.
     :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
-    :raises OptionError: if there is another number of scales.
+    :param continuous: the joints that may turn without end.
+    :raises OptionError: if there is another number of scales, or a continuous joint is none.
     """
 
-    def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = ()) -> None:
+    def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = (),
+                 continuous: Sequence[str] = ()) -> None:
+        if strangers := sorted(set(continuous) - set(joints)):
+            raise OptionError(f'continuous_joints: {", ".join(strangers)} is not among the joints '
+                              f'{", ".join(joints)}')
         if len(effort_scale) not in (0, 1, len(joints)):
             raise OptionError(f'effort_scale has {len(effort_scale)} values for '
                               f'{len(joints)} joints')
@@ -77,13 +91,22 @@ class Reader:
         self.last_fault = ''
         scale = effort_scale if effort_scale else (1.0,)
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
+        self._farthest = np.array([ABSURD_TURNS if name in continuous else ABSURD_POSITION
+                                   for name in joints])
         self._names: list[str] | None = None
         self._size = 0
         self._order = np.zeros(0, dtype=np.intp)
         self._last = -np.inf
         self._stamped = False
+        self._unstamped = 0
         self._rebellion: list[float] = []
-        self._past: deque[tuple[float, FloatArray]] = deque()
+        self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
+
+    def allow_turns(self, continuous: Sequence[str]) -> None:
+        """Take joints for continuous, on top of those that are."""
+        for k, name in enumerate(self.joints):
+            if name in continuous:
+                self._farthest[k] = ABSURD_TURNS
 
     def read(self, message: Any, arrival: float) -> Reading | None:
         """
@@ -102,12 +125,12 @@ class Reader:
         if not np.isfinite(q).all():
             self._drop(POSITION_NOT_FINITE)
             return None
-        if np.abs(q).max() > ABSURD_POSITION:
+        if (np.abs(q) > self._farthest).any():
             self._drop(POSITION_ABSURD)
             return None
         stamp = message.header.stamp
         t = stamp.sec + 1e-9 * stamp.nanosec
-        new_run = False
+        new_run = self._lost_stamps(t)
         if t == 0.0 and not self._stamped:
             self.counts[NO_STAMP] += 1
             t = arrival
@@ -127,6 +150,17 @@ class Reader:
         self._last = t
         return Reading(t, q, self._velocity(message.velocity, t, q),
                        self._effort(message.effort), new_run)
+
+    def _lost_stamps(self, t: float) -> bool:
+        """Return whether from this message on the time of arrival counts, after real stamps."""
+        self._unstamped = self._unstamped + 1 if t == 0.0 and self._stamped else 0
+        if self._unstamped < RISING_TO_BELIEVE:
+            return False
+        self._unstamped, self._stamped = 0, False
+        self.counts[STAMP_LOST] += 1
+        self.last_fault = STAMP_LOST
+        self._past.clear()
+        return True
 
     def _learn_order(self, names: Sequence[str]) -> bool:
         ours = [name for name in names if name in self.joints]
@@ -152,24 +186,35 @@ class Reader:
     def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
         if len(values) == 0:
             self.counts[NO_VELOCITY] += 1
-            return self._slope(t, q)
+            slope, _ = self._slope(t, q, np.zeros_like(q))
+            return slope
         qd = self._vector(values)
         if qd is None:
             self._drop(WRONG_SIZE)
-        elif not np.isfinite(qd).all():
+            return None
+        if not np.isfinite(qd).all():
             self._drop(VELOCITY_NOT_FINITE)
             return None
+        slope, qd_then = self._slope(t, q, qd)
+        if slope is not None:
+            # Between two velocities of a joint that speeds up or slows down lies its mean.
+            most = SLOPE_FACTOR * np.maximum(np.abs(qd), np.abs(qd_then)) + SLOPE_LEAST
+            if (np.abs(slope) > most).any():
+                self._drop(VELOCITY_WRONG)
+                return slope
         return qd
 
-    def _slope(self, t: float, q: FloatArray) -> FloatArray | None:
+    def _slope(self, t: float, q: FloatArray, qd: FloatArray
+               ) -> tuple[FloatArray | None, FloatArray]:
+        """Return the mean velocity over `SLOPE_WINDOW`, and the velocity at its beginning."""
         past = self._past
-        past.append((t, q))
+        past.append((t, q, qd))
         while len(past) > 1 and past[1][0] <= t - SLOPE_WINDOW:
             past.popleft()
-        then, q_then = past[0]
+        then, q_then, qd_then = past[0]
         if not SLOPE_WINDOW <= t - then <= SLOPE_LIMIT:
-            return None
-        return (q - q_then) / (t - then)
+            return None, qd_then
+        return (q - q_then) / (t - then), qd_then
 
     def _effort(self, values: Sequence[float]) -> FloatArray | None:
         if len(values) == 0:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 import numpy as np
@@ -30,7 +30,9 @@ class Verdict:
 
     `rmse_new` and `rmse_old` (N,) in N·m; without an old model `rmse_old` is that of a
     constant torque. `explained` (N,) is the part of the effort's variance that the new model
-    explains in training and on held-out samples. `reason` says all this in one line.
+    explains in training and on held-out samples. `reason` says all this in one line. `broken` is
+    why the effort cannot be what the drives supply, `echo` that it is what this node sent; both
+    are empty for a model that is judged by its figures alone.
     """
 
     better: bool
@@ -40,6 +42,13 @@ class Verdict:
     rmse_old: FloatArray
     explained: FloatArray
     reason: str
+    broken: str = ''
+    echo: str = ''
+
+    def refused(self, why: str, is_echo: bool = False) -> Verdict:
+        """Return the same comparison with a reason to refuse the model whatever it says."""
+        return replace(self, better=False, reason=f'{why} ({self.reason})',
+                       broken='' if is_echo else why, echo=why if is_echo else '')
 
 
 def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: JointSamples,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gravity_comp_ros.errors import ModelFileError, ModelMismatchError
@@ -12,11 +12,12 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 
 @dataclass(frozen=True)
 class Entry:
-    """A model, where it came from in words, and when it was taken into use (s)."""
+    """A model, where it came from in words, when it was taken into use (s), in which epoch."""
 
     model: GravityModel
     origin: str
     since: float
+    epoch: int = 0
 
     def describe(self) -> str:
         """Return what the model is, in words and numbers."""
@@ -28,7 +29,7 @@ class Entry:
 
 class Models:
     """
-    The model in use and up to `depth` that were in use before it.
+    The model in use, and the last one of each of up to `depth` payloads before.
 
     :param path: the model file; empty if there is none.
     """
@@ -48,20 +49,29 @@ class Models:
     def n_past(self) -> int:
         return len(self._past)
 
-    def use(self, model: GravityModel, origin: str, now: float) -> Entry:
-        """Take a model into use; the one before can be brought back."""
-        if self.entry is not None:
+    @property
+    def before(self) -> Entry | None:
+        """The last model of the payload before."""
+        return self._past[-1] if self._past else None
+
+    def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> Entry:
+        """
+        Take a model into use.
+
+        It replaces those of the same epoch: what can be brought back is the last model of the
+        payload before, however many fits there were since.
+        """
+        if self.entry is not None and self.entry.epoch != epoch:
             self._past.append(self.entry)
             del self._past[:-self._depth]
-        self.entry = Entry(model, origin, now)
+        self.entry = Entry(model, origin, now, epoch)
         return self.entry
 
     def roll_back(self, now: float) -> Entry | None:
-        """Bring back the model before, or return None if there is none."""
+        """Bring back the last model of the payload before, or return None if there is none."""
         if not self._past:
             return None
-        past = self._past.pop()
-        self.entry = Entry(past.model, past.origin, now)
+        self.entry = replace(self._past.pop(), since=now)
         return self.entry
 
     def load(self, joints: tuple[str, ...], now: float) -> Entry | None:

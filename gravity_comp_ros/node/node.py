@@ -8,7 +8,8 @@ import time
 from typing import Any, cast
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.declare import Settings
+from gravity_comp_ros.node.declare import Settings, strange_parameters
+from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
 from gravity_comp_ros.node.node_core import Answer, check_effects, Live, Reply
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import check_together, Value
@@ -16,12 +17,13 @@ from gravity_comp_ros.node.priority_executor import InputGroup
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 # Matches every publisher. Deep enough for a tenth of a second at 1 kHz in which this process got
@@ -31,9 +33,15 @@ INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
 # By default the eleventh of many calls at once would be lost without an answer.
 SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
                          reliability=ReliabilityPolicy.RELIABLE)
+# robot_state_publisher sends it once, and keeps it for those who come later.
+DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
+                             reliability=ReliabilityPolicy.RELIABLE,
+                             durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TICK = 0.02
 # How far a pose is from the known ones takes a millisecond to say: ten times a second.
 TICKS_PER_DOUBT = 5
+NO_CLOCK = ('use_sim_time is set and no /clock comes: nothing is learned or published; start the '
+            'simulation, or set use_sim_time to false')
 INACTIVE = 'the node is not active: activate it first'
 
 
@@ -46,6 +54,8 @@ class GravityCompNode(LifecycleNode):
         self._live: Live | None = None
         self._outputs: Outputs | None = None
         self._subscription: Subscription | None = None
+        self._description: Subscription | None = None
+        self._told: dict[str, int] = {}
         self._services_made: list[Service] = []
         self._timers_made: list[Timer] = []
         self._active = False
@@ -56,11 +66,13 @@ class GravityCompNode(LifecycleNode):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting = ReentrantCallbackGroup()
         self._input = InputGroup()
+        for text in strange_parameters(self):
+            self.get_logger().warning(text)
 
     def _check_settings(self, values: Mapping[str, Value]) -> None:
         live = self._live
         if live is not None and live.arm is not None:
-            check_together(values, len(live.arm.joints))
+            check_together(values, live.arm.joints)
             check_effects(values, live.arm.joints)
 
     def _use_settings(self, values: Mapping[str, Value]) -> None:
@@ -77,6 +89,10 @@ class GravityCompNode(LifecycleNode):
             return float(self.get_clock().now().nanoseconds) * 1e-9
         return time.monotonic()
 
+    def _has_time(self) -> bool:
+        """Return whether there is a clock; a simulated one is 0 until it is heard."""
+        return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Load the model file, and make everything that other nodes see."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
@@ -88,6 +104,7 @@ class GravityCompNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         if self._live.problem:
             self.get_logger().error(self._live.problem)
+        self._listen_for_description(self._live)
         self._outputs = Outputs(self)
         self._named = False
         self._subscription = self.create_subscription(
@@ -99,6 +116,15 @@ class GravityCompNode(LifecycleNode):
                              self.create_timer(report, self._on_report, clock=self._steady)]
         self._live.fits.start(time.monotonic())
         return super().on_configure(state)
+
+    def _listen_for_description(self, live: Live) -> None:
+        wanted = str(self.settings.values['robot_description'])
+        if wanted == 'auto':
+            self._description = self.create_subscription(
+                String, 'robot_description', lambda message: live.describe(message.data),
+                DESCRIPTION_QOS)
+        elif wanted != 'off':
+            live.describe(wanted)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen and to publish."""
@@ -131,11 +157,12 @@ class GravityCompNode(LifecycleNode):
             self.destroy_timer(timer)
         for service in self._services_made:
             self.destroy_service(service)
-        if self._subscription is not None:
-            self.destroy_subscription(self._subscription)
+        for subscription in (self._subscription, self._description):
+            if subscription is not None:
+                self.destroy_subscription(subscription)
         if self._outputs is not None:
             self._outputs.destroy()
-        self._live = self._outputs = self._subscription = None
+        self._live = self._outputs = self._subscription = self._description = None
         self._timers_made, self._services_made = [], []
 
     def _make_services(self) -> None:
@@ -208,7 +235,7 @@ class GravityCompNode(LifecycleNode):
 
     def _on_joint_state(self, message: JointState) -> None:
         live, outputs = self._live, self._outputs
-        if not self._active or live is None or outputs is None:
+        if not self._active or live is None or outputs is None or not self._has_time():
             return
         reading, tau = live.message(message, self.now(), time.time())
         if reading is None:
@@ -235,6 +262,8 @@ class GravityCompNode(LifecycleNode):
             return
         outputs.look_around()
         tau = live.tick(self.now(), time.monotonic())
+        while live.news:
+            self._log_news(*live.news.popleft())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
@@ -244,13 +273,51 @@ class GravityCompNode(LifecycleNode):
                 outputs.extrapolation(self.get_clock().now().to_msg(), *doubt)
         if live.wants_save:
             live.wants_save = False
-            self._save_in_thread(live, Future())
+            Thread(target=live.save_alone, daemon=True).start()
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._live is not None and self._outputs is not None:
             self._live.late = getattr(self.executor, 'full_bursts', 0)
-            self._outputs.diagnostics(self._live.statuses(self.now()))
+            statuses = self._live.statuses(self.now()) + self._surroundings()
+            self._outputs.diagnostics(statuses)
+            self._log_alarms(statuses)
+
+    def _surroundings(self) -> list[Status]:
+        """Return what is wrong around the node: no clock, a twin, several sources of input."""
+        found = [] if self._has_time() else [Status('clock', ERROR, NO_CLOCK)]
+        topic = self.resolve_topic_name('joint_states')
+        sources = self.count_publishers(topic)
+        twins = self.get_node_names_and_namespaces().count(
+            (self.get_name(), self.get_namespace()))
+        values = {'publishers of joint states': str(sources), 'nodes of this name': str(twins)}
+        if twins > 1:
+            text = (f'{twins} nodes are named {self.get_fully_qualified_name()}: both publish '
+                    'torque and answer services; end one, or give it a namespace')
+            return [*found, Status('graph', ERROR, text, values)]
+        if sources > 1 and self._live is not None and self._live.is_interleaved():
+            text = (f'{sources} publishers on {topic}, and messages about our joints come out of '
+                    'order: are two drivers running?')
+            return [*found, Status('graph', WARN, text, values)]
+        return [*found, Status('graph', OK, f'{sources} publishers of joint states', values)]
+
+    def _log_alarms(self, statuses: list[Status]) -> None:
+        """Log every status whose level has changed, once."""
+        for status in statuses:
+            before = self._told.get(status.name, OK)
+            self._told[status.name] = status.level
+            if status.level == before or (status.level == STALE and before == OK
+                                          and self._live is not None
+                                          and self._live.arm is None):
+                continue
+            self._log_news(status.level != OK, f'{status.name}: {status.message}')
+
+    def _log_news(self, is_bad: bool, text: str) -> None:
+        # A line of code must not change its severity, or rclpy raises an error.
+        if is_bad:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(text)
 
     def _log(self, success: bool, text: str) -> None:
         # A storm of calls must not become a storm of lines: who asked has the answer anyway.

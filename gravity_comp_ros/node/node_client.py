@@ -168,7 +168,7 @@ class Following:
             self._slot = (slot, size, t, residual, predicted)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        name = self.node.rsplit('/', 1)[-1]
+        name = self.node.lstrip('/')
         with self._lock:
             for status in message.status:
                 if not status.name.startswith(f'{name}: '):

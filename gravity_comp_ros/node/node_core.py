@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 from gravity_comp_ros.data.gate import RATE
@@ -14,16 +14,20 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
+from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.fit_job import Findings, Job, Outcome, Question
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
+from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, Models
-from gravity_comp_ros.node.parameters import check_together, Value
+from gravity_comp_ros.node.parameters import check_together, payload_limits, Value
 from gravity_comp_ros.node.realtime_effects import compensable
 
 Answer = tuple[bool, str]
-Reply = Callable[[bool, str], None]
 
+# After a refusal of broken effort, so many samples are kept in the hope that more tell more; then
+# they go, so that effort that has healed is not judged together with what came before.
+KEPT_BROKEN = 100
 NO_JOINTS = 'no joint states yet: is the topic right, and does the driver run?'
 
 
@@ -43,19 +47,23 @@ class Live:
         # How often messages came faster than they could be handled, since the start.
         self.late = self._late_reported = 0
         self._topic = topic
-        self._settings_checked(None)
+        self._settings_checked(())
         self.models = Models(str(settings['model_file']), cast(int, settings['history']))
         self.fits = FitProcess(cast(float, settings['fit_timeout']))
         self.arm: Arm | None = None
         self._jobs = 0
         # Results of jobs up to this number come too late to be used.
         self._outdated = 0
-        self._wanted: tuple[Reply, float, bool] | None = None
-        self._waiting: tuple[int, Reply, float] | None = None
+        self._description = ''
+        # Joints that were taken from a first message, which may be a gripper's.
+        self._guessed = False
+        # What happened, for the log: (is it bad news, sentence).
+        self.news: deque[tuple[bool, str]] = deque(maxlen=100)
+        self._requests = FitRequests()
         # The model in use when the epoch began: what a new payload changes.
         self._base: GravityModel | None = None
         self._last_fit = 'none'
-        self._kept_old = self._compensated = False
+        self._kept_old = self._compensated = self._broken = False
         self._unnamed: Counter[str] = Counter()
         joints = cast(tuple[str, ...], settings['joints'])
         try:
@@ -66,8 +74,8 @@ class Live:
         if joints or entry:
             self._begin(joints or entry.model.joints, entry)  # type: ignore[union-attr]
 
-    def _settings_checked(self, n_joints: int | None) -> None:
-        check_together(self.settings, n_joints)
+    def _settings_checked(self, joints: tuple[str, ...]) -> None:
+        check_together(self.settings, joints)
 
     def set(self, settings: Mapping[str, Value]) -> None:
         """Use changed settings from now on; they have been checked."""
@@ -77,13 +85,35 @@ class Live:
             self.arm.set(self.settings)
 
     def _begin(self, joints: tuple[str, ...], entry: Entry | None) -> None:
-        self._settings_checked(len(joints))
+        self._settings_checked(joints)
         check_effects(self.settings, joints)
         self.arm = Arm(joints, self.settings, is_open=entry is None,
                        has_base=entry is not None and _can_change(entry.model))
         if entry is not None:
-            self.arm.use(entry.model)
+            self.arm.use(entry.model, None, 0)
             self._base = entry.model
+        self.news.append((False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
+                          f'{entry.describe() if entry else "none yet"}; formulation of fits: '
+                          f'{self.settings["formulation"]}; bound of the torque: '
+                          f'{self.settings["max_torque"] or "none set"}'))
+        self._use_description()
+
+    def describe(self, text: str) -> None:
+        """Use a robot description from now on."""
+        self._description = text
+        self._use_description()
+
+    def _use_description(self) -> None:
+        arm = self.arm
+        if arm is None or not self._description:
+            return
+        found = describe_arm(self._description, arm.joints)
+        arm.describe(found)
+        axes = f'not used: {found.problem}' if found.geometry is None else 'used'
+        limits = ', '.join(f'{limit:g}' for limit in found.max_effort) or 'none'
+        self.news.append((bool(found.problem), f'robot description: axes {axes}; effort limits '
+                          f'{limits} N·m; joints without end: '
+                          f'{", ".join(found.continuous) or "none"}'))
 
     def message(self, message: Any, now: float, arrival: float
                 ) -> tuple[Reading | None, FloatArray | None]:
@@ -94,20 +124,28 @@ class Live:
         :param arrival: time in s for a message without a stamp.
         """
         arm = self.arm
-        if arm is None:
+        if arm is None or (self._guessed and self._is_larger(arm, message.name)):
             arm = self._meet(tuple(message.name))
             if arm is None:
                 return None, None
         reading = arm.reader.read(message, arrival)
         if reading is None:
             return None, None
-        tau = arm.torque(now, reading)
-        arm.last_seen, arm.pose = now, reading.q
+        # What the arm measures now, it measures of what was published before.
+        learns = (reading.qd is not None and reading.tau is not None and arm.is_settled(now))
         if reading.new_run:
             arm.gate.reset()
-        if reading.qd is not None and reading.tau is not None and arm.is_settled(now):
-            self._learn(arm, reading)
+            arm.health.restart()
+        if learns:
+            self._learn(arm, reading, now)
+        tau = arm.torque(now, reading)
+        arm.last_seen, arm.pose = now, reading.q
         return reading, tau
+
+    def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
+        """Return whether another device with more joints speaks before there is a model."""
+        return (self.models.model is None and self._jobs == 0 and arm.reader.joints != names
+                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= 10)
 
     def _meet(self, names: tuple[str, ...]) -> Arm | None:
         """Take the joints from a first message."""
@@ -120,6 +158,7 @@ class Live:
                 raise OptionError(f'{self._topic} has {len(names)} joints and a model takes at '
                                   'most 10; set the parameter joints')
             self._begin(names, None)
+            self._guessed = True
         except OptionError as problem:
             self.problem = str(problem)
             self._unnamed['missing_joint'] += 1
@@ -127,19 +166,38 @@ class Live:
         self.problem = ''
         return self.arm
 
-    def _learn(self, arm: Arm, reading: Reading) -> None:
+    def _learn(self, arm: Arm, reading: Reading, now: float) -> None:
         q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
         reason = arm.gate.offer(reading.t, q, qd)
         if reason is not None:
             if reason != RATE:
                 arm.gate_counts[reason] += 1
             return
-        arm.epoch.offer(reading.t, q, qd, tau)
         predicted = arm.predicted(reading)
+        model = self.models.model
+        fault = arm.health.fault(q, tau, predicted, None if model is None else model.noise)
+        if fault is not None:
+            arm.gate_counts[fault] += 1
+            return
+        arm.epoch.offer(reading.t, q, qd, tau, arm.sent.around(now))
         if predicted is not None:
-            error = tau - predicted
-            arm.residual += error * error
-            arm.n_residual += 1
+            arm.compared(q, tau, predicted)
+            if (objection := arm.objection()) is not None:
+                self._roll_back_alone(arm, objection, now)
+
+    def _roll_back_alone(self, arm: Arm, why: str, now: float) -> None:
+        """Go back to the last good model by itself, and start to collect again."""
+        entry = self.models.roll_back(now)
+        if entry is None:
+            return
+        arm.use(entry.model, None, 0)
+        self._outdated = self._jobs
+        self._base = entry.model
+        arm.epoch.restart()
+        arm.epoch.note = f'rolled back by itself to the {entry.describe()}: {why}'
+        self._broken = True
+        self._last_fit = arm.epoch.note
+        self.news.append((True, arm.epoch.note))
 
     def tick(self, now: float, wall: float | None = None) -> FloatArray | None:
         """
@@ -153,38 +211,39 @@ class Live:
             if isinstance(event, Outcome):
                 self._finish(event, now)
             elif isinstance(event, Findings):
-                self._reply(event.number, True, event.text)
+                self._requests.reply(event.number, True, event.text)
             else:
                 self._fail(event)
         arm = self.arm
         if arm is None:
             return None
-        self._expire(wall)
+        self._requests.expire(wall, f'{self.fits.state}: '
+                              f'{self.fits.last_failure or "no fit has begun"}')
         if self.fits.state == 'ready':
-            if self._wanted is not None:
+            if self._requests.wanted is not None:
                 self._serve(arm, wall)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
                 self._submit(arm, wall)
-        return arm.feed.watch(now)
+        return arm.watch(now)
 
     def _serve(self, arm: Arm, wall: float) -> None:
         """Start what somebody waits for."""
-        reply, until, is_question = cast(tuple[Reply, float, bool], self._wanted)
-        self._wanted = None
-        if (lack := arm.epoch.can_fit()) is not None:
+        request = self._requests.take()
+        if (lack := arm.lack()) is not None:
             # The payload has changed since it was asked for.
-            reply(False, lack)
+            request.reply(False, lack)
             return
-        number = self._submit_question(arm, wall) if is_question \
+        number = self._submit_question(arm, wall) if request.is_question \
             else self._submit(arm, wall, asked=True)
-        self._waiting = (number, reply, until)
+        self._requests.wait(number, request)
 
     def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
         self._jobs += 1
         options = FitOptions(formulation=str(self.settings['formulation']))
         job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
                   self._base, self.models.model, options,
-                  cast(tuple[str, ...], self.settings['effects']), asked)
+                  cast(tuple[str, ...], self.settings['effects']), asked,
+                  payload_limits(self.settings), arm.geometry, arm.epoch.sent())
         self.fits.submit(job, now)
         arm.epoch.fit_started()
         return self._jobs
@@ -199,49 +258,60 @@ class Live:
         if outcome.number <= self._outdated:
             if outcome.epoch == arm.epoch.number:
                 arm.epoch.fit_ended(False)
-            self._reply(outcome.number, False, 'payload_changed or rollback was called while '
-                        'it was fitted; the result was thrown away')
+            self._requests.reply(outcome.number, False, 'payload_changed or rollback was called '
+                                 'while it was fitted; the result was thrown away')
             return
         verdict = outcome.verdict
-        arm.epoch.fit_ended(True)
-        self._compensated = verdict.compensated
+        arm.epoch.fit_ended(not verdict.broken)
+        self._compensated, self._broken = verdict.compensated, bool(verdict.broken)
         self._kept_old = not verdict.better
         self.fits.last_failure = ''
         self._last_fit = (f'{outcome.how}, {len_text(outcome)}, {outcome.seconds:.2f} s: '
                           f'{verdict.reason}')
         if verdict.better:
-            entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}',
-                                    now)
-            arm.use(entry.model)
-            self.problem = ''
-            self.wants_save = bool(self.settings['auto_save'] and self.models.path)
-            self._reply(outcome.number, True, f'new model in use: {self._last_fit}')
-        else:
-            kept = 'no model yet' if self.models.model is None else 'the old model stays'
-            self._reply(outcome.number, False, f'{kept}: {self._last_fit}')
+            self._take(arm, outcome, now)
+            return
+        kept = 'no model yet' if self.models.model is None else 'the old model stays'
+        self._tell(outcome.number, False, f'{kept}: {self._last_fit}')
+        if verdict.broken or verdict.compensated:
+            self._refused(arm, verdict.broken or verdict.reason, now)
+
+    def _take(self, arm: Arm, outcome: Outcome, now: float) -> None:
+        """Go over to a new model."""
+        entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}', now,
+                                arm.epoch.number)
+        before = self.models.before
+        arm.use(entry.model, None if before is None else before.model,
+                outcome.model.coverage.n_samples)
+        arm.epoch.note = ''
+        self.problem = ''
+        self.wants_save = bool(self.settings['auto_save'] and self.models.path)
+        self._tell(outcome.number, True, f'new model in use: {self._last_fit}')
+
+    def _refused(self, arm: Arm, why: str, now: float) -> None:
+        """Say that effort is broken; go back if a model was learned from it, and collect anew."""
+        entry = self.models.entry
+        if entry is not None and entry.epoch == arm.epoch.number and self.models.n_past and (
+                not arm.is_confirmed):
+            self._roll_back_alone(arm, why, now)
+            return
+        arm.epoch.note = f'a model was refused: {why}'
+        if arm.epoch.n_samples >= KEPT_BROKEN and arm.epoch.is_open and (
+                not self._compensated):
+            arm.epoch.restart()
+            arm.epoch.note += '; its samples were dropped'
+
+    def _tell(self, number: int, success: bool, text: str) -> None:
+        """Answer whoever waits for a job, and the log."""
+        self._requests.reply(number, success, text)
+        self.news.append((not success, text))
 
     def _fail(self, failure: Failure) -> None:
         if self.arm is not None and failure.number is not None:
             self.arm.epoch.fit_ended(False)
             self._last_fit = f'failed: {failure.reason}'
             kept = 'there is no model yet' if self.models.model is None else 'the old model stays'
-            self._reply(failure.number, False, f'{failure.reason}; {kept}')
-
-    def _reply(self, number: int, success: bool, text: str) -> None:
-        if self._waiting is not None and self._waiting[0] == number:
-            reply = self._waiting[1]
-            self._waiting = None
-            reply(success, text)
-
-    def _expire(self, now: float) -> None:
-        """Answer those who asked for a fit that takes too long."""
-        if self._wanted is not None and now > self._wanted[1]:
-            self._wanted[0](False, f'the fit process is {self.fits.state}: '
-                            f'{self.fits.last_failure or "no fit has begun"}; try again')
-            self._wanted = None
-        if self._waiting is not None and now > self._waiting[2]:
-            self._waiting[1](False, 'the fit still runs; its outcome will be in /diagnostics')
-            self._waiting = None
+            self._tell(failure.number, False, f'{failure.reason}; {kept}')
 
     def payload_changed(self, now: float) -> Answer:
         """Open a new epoch: old samples go, the model in use stays until a better one is there."""
@@ -254,7 +324,7 @@ class Live:
         arm.new_epoch(self.settings, now, _can_change(self.models.model))
         self._outdated = self._jobs
         self._base = self.models.model
-        self._kept_old = self._compensated = False
+        self._kept_old = self._compensated = self._broken = False
         model = 'no model yet' if self.models.model is None else 'the old model stays in use'
         return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
                       'a better one is learned: move the arm slowly through its range')
@@ -271,31 +341,35 @@ class Live:
         arm = self.arm
         if arm is None:
             reply(False, NO_JOINTS)
-        elif self._wanted is not None or self._waiting is not None or self.fits.job is not None:
+        elif self._requests.is_busy or self.fits.job is not None:
             reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
                   'outcome will be in /diagnostics')
-        elif (lack := arm.epoch.can_fit()) is not None:
+        elif (lack := arm.lack()) is not None:
             reply(False, lack)
         else:
             until = wall + cast(float, self.settings['refit_timeout'])
-            self._wanted = (reply, until, is_question)
+            self._requests.want(Request(reply, until, is_question))
 
     def rollback(self, now: float) -> Answer:
-        """Bring back the model before; no fit follows by itself until the next epoch."""
+        """Bring back the last model of the payload before; no fit follows by itself."""
         entry = self.models.roll_back(now)
         if entry is None or self.arm is None:
-            return False, 'there is no earlier model to go back to'
-        self.arm.use(entry.model)
+            return False, 'there is no earlier model to go back to: none of an earlier payload'
+        self.arm.use(entry.model, None, 0)
         self.arm.epoch.is_open = False
         self._outdated = self._jobs
-        return True, (f'back to the {entry.describe()}; {self.models.n_past} earlier models '
-                      'left; no fit until payload_changed or refit')
+        return True, (f'back to the {entry.describe()}, of the payload before; '
+                      f'{self.models.n_past} earlier payloads left; no fit until '
+                      'payload_changed or refit')
 
     def enable(self, enabled: bool) -> Answer:
         """Ramp torque up or down."""
         if self.arm is None:
             return False, NO_JOINTS
-        self.arm.feed.enable(enabled)
+        self.arm.enable(enabled)
+        if enabled and not self.arm.is_limited:
+            return False, ('no torque is published without a bound: set max_torque, or '
+                           'unlimited_torque')
         seconds = self.settings['ramp_time']
         if enabled:
             return True, f'torque ramps up over {seconds} s'
@@ -308,12 +382,20 @@ class Live:
         except ModelFileError as problem:
             return False, str(problem)
 
+    def save_alone(self) -> None:
+        """Write the model file because a new model is in use; say if that fails."""
+        success, text = self.save()
+        if not success:
+            self.problem = text
+        self.news.append((not success, text))
+
+    def is_interleaved(self) -> bool:
+        """Return whether the last report counted messages out of order."""
+        return self.arm is not None and self.arm.is_interleaved
+
     def close(self) -> None:
         """End the fit process, and answer whoever waits."""
-        for waiting in (self._wanted and self._wanted[0], self._waiting and self._waiting[1]):
-            if waiting:
-                waiting(False, 'the node shuts down')
-        self._wanted = self._waiting = None
+        self._requests.close()
         self.fits.stop()
 
     def statuses(self, now: float) -> list[diagnostics.Status]:
@@ -337,7 +419,7 @@ class Live:
         return diagnostics.Learning(
             epoch.describe(), epoch.n_samples, epoch.n_held, epoch.lacking(), arm.gate_counts,
             fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
-            self._kept_old, self._compensated)
+            self._kept_old, self._compensated, self._broken, arm.fresh_faults())
 
 
 def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:

@@ -84,7 +84,8 @@ class Outputs:
         """Publish /diagnostics."""
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        name = self._node.get_name()
+        # With its namespace, so that two arms are told apart.
+        name = self._node.get_fully_qualified_name().lstrip('/')
         message.status = [DiagnosticStatus(
             level=bytes([status.level]), name=f'{name}: {status.name}', message=status.message,
             hardware_id=name,

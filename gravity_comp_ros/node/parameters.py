@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 import math
+from typing import cast
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.payload_test import PayloadLimits
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
@@ -117,6 +119,16 @@ TABLE: tuple[Parameter, ...] = (
         'is a motor current, -1 where it counts the other way. One value for all joints or one '
         'per joint; empty means 1.', 'N·m per unit', -1e6, 1e6, read_only=True),
     Parameter(
+        'robot_description', 'string', 'auto',
+        'Where the axes of the arm, its joints without end and its effort limits are taken from: '
+        '`auto` listens to the topic `robot_description`, `off` does not, anything else is the '
+        'text of a URDF.', read_only=True),
+    Parameter(
+        'continuous_joints', 'string[]', (),
+        'Joints that may turn without end. Any other joint further than 4π from 0 is refused as a '
+        'pose: angles in degrees are such. Torque has a period of one turn for every joint.',
+        read_only=True),
+    Parameter(
         'max_speed', 'double', 0.15,
         'Samples are learned from while no joint is faster than this.', 'rad/s', 0.001, 10.0),
     Parameter(
@@ -178,6 +190,14 @@ TABLE: tuple[Parameter, ...] = (
         'A joint that moved over less than this in an epoch is reported as lacking range.',
         'rad', 0.0, 6.3),
     Parameter(
+        'max_payload', 'double', 20.0,
+        'The heaviest body that is put on the last link or taken off. A change of the torque that '
+        'takes more is refused.', 'kg', 0.01, 1000.0),
+    Parameter(
+        'max_payload_reach', 'double', 1.0,
+        'How far the centre of a payload may be from the last joint; without known axes also the '
+        'longest distance of two neighbouring joints.', 'm', 0.01, 10.0),
+    Parameter(
         'fit_timeout', 'double', 120.0,
         'A fit that takes longer is taken for hanging: its process is killed and replaced.',
         's', 0.1, 3600.0),
@@ -192,7 +212,8 @@ TABLE: tuple[Parameter, ...] = (
         'Write the model file whenever a new model is taken into use.'),
     Parameter(
         'history', 'int', 10,
-        'Earlier models that `~/rollback` can bring back.', 'models', 1, 100, read_only=True),
+        'Earlier payloads whose last model `~/rollback` can bring back.', 'payloads', 1, 100,
+        read_only=True),
     Parameter(
         'enabled', 'bool', True,
         'Publish torques from the start; `~/enable` changes it while the node runs.',
@@ -203,8 +224,12 @@ TABLE: tuple[Parameter, ...] = (
         'the new one.', 's', 0.0, 60.0),
     Parameter(
         'max_torque', 'double[]', (),
-        'Largest torque that is published: one value for all joints or one per joint. Empty '
-        'sets no bound, which is reported: set it.', 'N·m', 0.0, 100000.0),
+        'Largest torque that is published: one value for all joints or one per joint. If it is '
+        'empty, the effort limits of the robot description count; without those nothing is '
+        'published, unless `unlimited_torque` is set.', 'N·m', 0.0, 100000.0),
+    Parameter(
+        'unlimited_torque', 'bool', False,
+        'Publish torque although no bound is known.'),
     Parameter(
         'max_torque_rate', 'double[]', (500.0,),
         'Fastest change of a published torque: one value for all joints or one per joint. '
@@ -244,21 +269,22 @@ def defaults() -> dict[str, Value]:
     return {row.name: row.default for row in TABLE}
 
 
-def check_together(values: Mapping[str, Value], n_joints: int | None = None) -> None:
+def check_together(values: Mapping[str, Value], names: tuple[str, ...] = ()) -> None:
     """
     Check what no single parameter shows.
 
     :param values: all parameters.
-    :param n_joints: the number of joints where it is known.
+    :param names: the joints of the arm where they are known.
     :raises OptionError: if two of them contradict each other.
     """
     joints = values['joints']
-    n = len(joints) if isinstance(joints, tuple) and joints else n_joints
+    known = cast(tuple[str, ...], joints) or names
+    n = len(known)
     for name in ('effort_scale', 'max_torque', 'max_torque_rate'):
         items = values[name]
-        if n is not None and isinstance(items, tuple) and len(items) not in (0, 1, n):
-            raise OptionError(f'parameter {name}: {len(items)} values for {n} joints; give '
-                              'one for all or one per joint')
+        if n and isinstance(items, tuple) and len(items) not in (0, 1, n):
+            raise OptionError(f'parameter {name}: {len(items)} values for {n} joints '
+                              f'({", ".join(known)}); give one for all or one per joint')
     if isinstance(joints, tuple) and len(joints) > 10:
         raise OptionError(f'parameter joints: {len(joints)} joints; a model takes at most 10')
     if 0.0 in (values['effort_scale'] or ()):  # type: ignore[operator]
@@ -271,6 +297,12 @@ def check_together(values: Mapping[str, Value], n_joints: int | None = None) -> 
     if values['full_samples'] > values['capacity']:  # type: ignore[operator]
         raise OptionError(f'parameter full_samples: {values["full_samples"]} is more than '
                           f'capacity, {values["capacity"]}')
+
+
+def payload_limits(values: Mapping[str, Value]) -> PayloadLimits:
+    """Return what a payload can be from the parameters."""
+    return PayloadLimits(cast(float, values['max_payload']),
+                         cast(float, values['max_payload_reach']))
 
 
 def markdown() -> str:

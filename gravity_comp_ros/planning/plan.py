@@ -111,8 +111,9 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     tell('plan', 0.5)
     chosen = chooser.choose()
     if not chosen:
-        raise OptionError(f'plan: no part fits into {options.duration:g} s and helps: raise '
-                          f'--duration or the limits')
+        raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
+                          f'much to the recordings: raise the duration, the speed or the reach, '
+                          f'or widen the position limits')
     motion, stretches = chooser.assemble(chosen)
     before, after = chooser.answers_before(), chooser.answers_after(motion)
     t, (q, qd, qdd) = sampled(motion, options.rate)

@@ -1,0 +1,152 @@
+"""Faults by name: what the arm does, and what the node must say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from broken_effort import KINDS
+from client import Player
+from gravity_comp_ros.simulation.arms import Payload
+import numpy as np
+
+LENGTHS = (60, 120, 320)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """
+    One fault: `play` does it and returns what is wrong with the node's answer, empty if nothing.
+
+    `parameters` are those of the node beside the usual ones; faults with the same ones share a
+    process.
+    """
+
+    name: str
+    play: Callable[[Player], str]
+    parameters: Mapping[str, object]
+    ramps: bool = False
+
+
+def broken(kind: str, n: int, seed: int) -> Fault:
+    """Return broken effort for n samples after a payload change."""
+    def play(player: Player) -> str:
+        player.rng = np.random.default_rng(100 + seed)
+        player.jump(2000.0 + 137.0 * seed)
+        player.carry(Payload(2.0))
+        before = player.model_in_use()
+        player.probe.call('payload_changed')
+        for part in np.diff([0, *(m for m in (60, 120, 220, 320) if m <= n)]):
+            player.move(int(part), KINDS[kind])
+            player.settle()
+        # A wrong model that was taken would speak up now, with effort that is right again.
+        player.move(20)
+        player.settle()
+        after = player.model_in_use()
+        return '' if before == after or 'epoch' not in after else f'model taken: {after}'
+    return Fault(f'{kind}, {n} samples, seed {seed}', play, {})
+
+
+def real(mass: float, centre: tuple[float, float, float]) -> Fault:
+    """Return a real payload, which must be learned within 20 s of motion."""
+    def play(player: Player) -> str:
+        player.jump(4000.0 + 50.0 * mass)
+        player.carry(Payload(mass, centre))
+        player.probe.call('payload_changed')
+        before = player.model_in_use()
+        for _ in range(2):
+            player.move(50)
+            player.settle()
+        after = player.model_in_use()
+        return '' if after != before else f'no model: {player.probe.status["learning"].message}'
+    return Fault(f'real payload of {mass:g} kg at {centre}', play, {})
+
+
+def pause(seconds: float, action: str) -> Fault:
+    """Return input that stops, and comes again while the arm is elsewhere."""
+    def play(player: Player) -> str:
+        player.jump(6000.0)
+        player.move(60)
+        player.probe.spin(seconds)
+        before = np.array(player.probe.torques[-1].effort)
+        # Elsewhere, for a minute that is played as fast as the others.
+        player.t += 20.0
+        count = len(player.probe.torques)
+        player.move(100)
+        steps = np.abs(np.diff([before, *(message.effort for message in
+                                          player.probe.torques[count:])], axis=0))
+        # Torque is on its way to another pose: only its steps are judged.
+        player.probe.torques.clear()
+        # At 500 N·m/s, with messages that are up to 15 ms apart on a busy machine.
+        most = 500.0 * 2.0 * 0.015
+        return '' if steps.max() <= most else f'a step of {steps.max():.1f} N·m'
+    return Fault(f'{seconds:g} s without input, {action}', play,
+                 {'stale_after': 0.2, 'stale_action': action, 'hold_time': 0.1, 'fade_time': 0.2,
+                  'max_torque_rate': '[500.0]', 'ramp_time': 0.5}, ramps=True)
+
+
+def silent(name: str, expected: str, status: str, parameters: Mapping[str, object],
+           **change) -> Fault:
+    """Return messages that are not to be answered by torque."""
+    def play(player: Player) -> str:
+        player.settle()
+        player.probe.torques.clear()
+        player.move(40, **change)
+        player.probe.report(status)
+        text = player.probe.report(status).message
+        if player.probe.torques:
+            return f'{len(player.probe.torques)} torques published'
+        return '' if expected in text else f'status {status}: {text}'
+    return Fault(name, play, parameters)
+
+
+def answered(name: str, expected: str, **change) -> Fault:
+    """Return messages that differ from the usual ones, and are answered all the same."""
+    def play(player: Player) -> str:
+        # The torque lags the pose after a jump between two parts of the motion.
+        player.jump(5000.0)
+        player.move(60, **change)
+        player.settle()
+        count = len(player.probe.torques)
+        text = ' '.join(status.message for status in player.probe.status.values())
+        if count < 30:
+            return f'{count} of 60 answered'
+        return '' if expected in text else f'nothing about {expected}: {text}'
+    return Fault(name, play, {})
+
+
+def floating(seed: int) -> Fault:
+    """Return an arm that floats on the published torque, led by hand, after a payload change."""
+    def play(player: Player) -> str:
+        player.carry(Payload(2.0))
+        player.jump(3000.0 + 77.0 * seed)
+        before = player.model_in_use()
+        player.move(5)
+        player.probe.call('payload_changed')
+        for _ in range(3):
+            player.lead(10.0)
+            player.settle()
+        after = player.model_in_use()
+        text = player.probe.report('learning').message
+        if after != before:
+            return f'model taken: {after}'
+        return '' if 'published' in text else f'status learning: {text}'
+    return Fault(f'led by hand on the published torque, seed {seed}', play, {})
+
+
+def every_fault(seeds: int) -> list[Fault]:
+    """Return the campaign."""
+    return [
+        *(broken(kind, n, seed) for kind in KINDS for n in LENGTHS for seed in range(seeds)),
+        *(real(mass, centre) for mass in (0.5, 2.0, 5.0)
+          for centre in ((0.0, 0.0, 0.1), (0.08, -0.06, 0.1))),
+        *(floating(seed) for seed in range(3)),
+        *(pause(seconds, action) for seconds in (0.15, 0.3, 1.0, 3.0)
+          for action in ('hold', 'fade')),
+        silent('angles in degrees', 'position_absurd', 'input', {}, scale=180.0 / np.pi),
+        silent('no clock', 'use_sim_time', 'clock', {'use_sim_time': True}),
+        silent('no bound of the torque', 'max_torque', 'feed-forward', {'max_torque': '[]'}),
+        answered('all joints turned once', '', turn=2.0 * np.pi),
+        answered('all joints turned back', '', turn=-2.0 * np.pi),
+        answered('velocity 0 while the arm moves', 'velocity_wrong', velocity=np.zeros(7)),
+    ]

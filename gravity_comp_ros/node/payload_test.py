@@ -1,0 +1,251 @@
+"""
+Whether what changed since the last payload is what a body on the last link can do.
+
+A body of mass m at the end of an arm adds m times a fixed length to the moment of each link. All
+joints then change together. A dead sensor, a wrong sign or another unit changes one joint, or all
+of them by one factor. These tests need a chain of the arm before the change (`base_chain`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
+import numpy as np
+
+# A residual of so many times the noise of earlier epochs is no noise. Real payloads reached 1.6
+# after 100 samples, broken joints 3 and more (bench/node_acceptance.py).
+RESIDUAL = 2.5
+# A common factor closer to 1 than this may be a payload.
+SAME_FACTOR = 0.1
+# The links beyond the elbow change by at least this part of the most changed one.
+OUTER_PART = 0.05
+# Standard deviations by which a mass may miss its bound.
+_SURE = 3.0
+
+
+@dataclass(frozen=True)
+class PayloadLimits:
+    """
+    What a payload can be: up to `mass` kg put on or taken off, `reach` m away.
+
+    Without known axes `reach` bounds the distance between two neighbouring joints as well.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    mass: float = 20.0
+    reach: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.mass < np.inf and 0.0 < self.reach < np.inf):
+            raise OptionError('payload limits: mass and reach must be positive')
+
+    @property
+    def moment(self) -> float:
+        """The largest change of one link's moment, N·m."""
+        return STANDARD_GRAVITY * self.mass * self.reach
+
+
+@dataclass(frozen=True)
+class PayloadEvidence:
+    """
+    What is tested: the arm before (`base`) and after (`loaded`) a sparse change of its moments.
+
+    `train` taught the change and `held` did not; their torque is gravity. `noise` (N,) in N·m is
+    that of earlier epochs.
+    """
+
+    base: GravityModel
+    loaded: GravityModel
+    train: JointSamples
+    held: JointSamples
+    noise: FloatArray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return self.train.names
+
+    @property
+    def q(self) -> FloatArray:
+        return np.concatenate((self.train.q, self.held.q))
+
+    @property
+    def tau(self) -> FloatArray:
+        return np.concatenate((self.train.tau, self.held.tau))
+
+
+def objections(evidence: PayloadEvidence, limits: PayloadLimits,
+               geometry: Geometry | None = None) -> Iterator[str]:
+    """Yield why the change is none that a payload makes, the plainest reason first."""
+    before = evidence.base.predict(evidence.q)
+    if geometry is not None and _lies_on(evidence.base, geometry):
+        yield from _known_body(evidence, before, limits, geometry)
+    else:
+        yield from _contradiction(evidence)
+        yield from _size(evidence, limits)
+        yield from _inner_links_alone(evidence)
+    yield from _common_factor(evidence, before)
+
+
+def _lies_on(model: GravityModel, geometry: Geometry) -> bool:
+    """Return whether a chain has the axes of a geometry, so that its moments are in its frames."""
+    return model.chain is not None and model.joints == geometry.joints and bool(
+        np.abs(model.chain.axes[1:] - geometry.rotations[1:]).max(initial=0.0) < 1e-6)
+
+
+def _contradiction(evidence: PayloadEvidence) -> Iterator[str]:
+    """Object where the joints do not change as one body on the last link makes them."""
+    residual = _residual(evidence)
+    ratio = residual / evidence.noise
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > RESIDUAL:
+        joint, what = _suspect(evidence)
+        yield (f'no payload explains the effort of {evidence.names[worst]}: residual '
+               f'{residual[worst]:.3g} N·m, noise of earlier epochs {evidence.noise[worst]:.3g}; '
+               f'most likely {evidence.names[joint]} {what}')
+
+
+def _size(evidence: PayloadEvidence, limits: PayloadLimits) -> Iterator[str]:
+    change = np.hypot(*_moment_change(evidence).T)
+    worst = int(np.argmax(change))
+    if change[worst] > limits.moment:
+        yield (f'the change at {evidence.names[worst]} is {change[worst]:.3g} N·m; max_payload '
+               f'{limits.mass:g} kg at max_payload_reach {limits.reach:g} m makes '
+               f'{limits.moment:.3g} N·m at most')
+
+
+def _inner_links_alone(evidence: PayloadEvidence) -> Iterator[str]:
+    """Object where no link beyond the elbow changes, which a body on the last link does."""
+    n = len(evidence.names)
+    moments = _moment_change(evidence)
+    outer = moments.copy()
+    outer[:(n - 1) // 2] = 0.0
+    columns = ForwardKinematics(evidence.loaded.chain.axes,  # type: ignore[union-attr]
+                                evidence.q).moment_columns()
+    every, beyond = (np.abs(np.tensordot(part.ravel(), columns, axes=(0, 0)).T)
+                     / evidence.noise for part in (moments, outer))
+    if n > 2 and _rms(every).max() > 4.0 * RESIDUAL and (
+            _rms(beyond).max() < OUTER_PART * _rms(every).max()):
+        joint = int(np.argmax(np.hypot(*moments.T)))
+        yield (f'only the moment at {evidence.names[joint]} changed; a body on the last link '
+               'changes the links beyond the elbow too: a gain of that joint?')
+
+
+def _common_factor(evidence: PayloadEvidence, before: FloatArray) -> Iterator[str]:
+    """Object to one factor for all joints, which no payload makes."""
+    factor = _factor(evidence, before)
+    if abs(factor - 1.0) < SAME_FACTOR:
+        return
+    left = _rms(evidence.tau - factor * before) / evidence.noise
+    loaded_joints = _rms(before) * abs(factor - 1.0) > 4.0 * evidence.noise
+    if left.max() < 1.5 and loaded_joints.sum() > 1:
+        yield (f'the effort of all joints is {factor:.3g} times what it was: another unit or '
+               'gain, no payload')
+
+
+def _known_body(evidence: PayloadEvidence, before: FloatArray, limits: PayloadLimits,
+                geometry: Geometry) -> Iterator[str]:
+    """Weigh the change on known axes: four numbers, a mass and its first moment."""
+    chain = evidence.base.chain
+    assert chain is not None
+    columns = np.tensordot(geometry.tool_moments(), ForwardKinematics(
+        chain.axes, evidence.q).moment_columns(), axes=(1, 0)) / evidence.noise[:, None]
+    design = columns.reshape(4, -1)
+    target = ((evidence.tau - before) / evidence.noise).T.ravel()
+    # A body no heavier and no further away than allowed, before any data.
+    prior = np.diag([1.0, *3 * [1.0 / limits.reach ** 2]]) / limits.mass ** 2
+    spread = np.linalg.inv(design @ design.T + prior)
+    body = spread @ (design @ target)
+    left = (target - body @ design).reshape(len(evidence.names), -1)
+    ratio = np.sqrt((left ** 2).mean(axis=1))
+    worst = int(np.argmax(ratio))
+    if ratio[worst] > RESIDUAL:
+        joint, what = _suspect(evidence)
+        yield (f'no body on {geometry.link} explains the effort of {evidence.names[worst]}: '
+               f'residual {ratio[worst] * evidence.noise[worst]:.3g} N·m, noise of earlier '
+               f'epochs {evidence.noise[worst]:.3g}; most likely {evidence.names[joint]} {what}')
+        return
+    mass, sigma = float(body[0]), float(np.sqrt(spread[0, 0]))
+    if abs(mass) > limits.mass + _SURE * sigma:
+        yield f'the change is a body of {mass:.3g} kg; max_payload is {limits.mass:g} kg'
+    elif abs(mass) > 10.0 * sigma and (
+            float(np.linalg.norm(body[1:] / mass)) > limits.reach * (1.0 + _SURE * sigma)):
+        yield (f'the change is a body of {mass:.3g} kg at '
+               f'{np.linalg.norm(body[1:] / mass):.3g} m from the last joint; '
+               f'max_payload_reach is {limits.reach:g} m')
+
+
+def _suspect(evidence: PayloadEvidence) -> tuple[int, str]:
+    """
+    Return the joint without whose effort a payload explains the others best, and what it does.
+
+    What a payload does to that joint, going by the others, is compared with its own effort.
+    """
+    chain = evidence.loaded.chain
+    assert chain is not None
+    n, m = len(evidence.names), len(evidence.q)
+    columns = chain.jacobian(evidence.q) / evidence.noise[:, None]
+    target = ((evidence.tau - chain.torque(evidence.q)) / evidence.noise).T
+    prior = _step_prior(evidence)
+    costs, expected = np.full(n, np.inf), np.zeros((n, m))
+    for joint in range(n):
+        others = np.arange(n) != joint
+        design, residual = columns[:, others].reshape(4 * n, -1), target[others].ravel()
+        step = np.linalg.solve(np.eye(4 * n) + prior @ (design @ design.T),
+                               prior @ (design @ residual))
+        left = residual - step @ design
+        costs[joint] = float(left @ left)
+        expected[joint] = step @ columns[:, joint] * evidence.noise[joint]
+    joint = int(np.argmin(costs))
+    torque = chain.torque(evidence.q)[:, joint] + expected[joint]
+    return joint, _what(evidence.tau[:, joint], torque)
+
+
+def _what(measured: FloatArray, expected: FloatArray) -> str:
+    power = float((expected ** 2).sum())
+    slope = float((measured * expected).sum()) / power if power > 0.0 else 1.0
+    if slope < -0.5:
+        return 'has the wrong sign'
+    if measured.std() < 0.25 * expected.std():
+        return 'is dead or frozen'
+    return 'does not measure its own torque, or with another gain'
+
+
+def _step_prior(evidence: PayloadEvidence) -> FloatArray:
+    """Return what is known of a step from the loaded chain before the samples (4N, 4N)."""
+    uncertainty = evidence.base.uncertainty
+    assert uncertainty is not None
+    prior = uncertainty.covariance.copy()
+    half = len(prior) // 2
+    size = float(np.abs(evidence.tau - evidence.base.predict(evidence.q)).max())
+    prior[half:, half:] += np.eye(half) * size ** 2
+    return prior
+
+
+def _factor(evidence: PayloadEvidence, before: FloatArray) -> float:
+    """Return by which one factor the effort of all joints follows the old gravity."""
+    weighted, measured = before / evidence.noise, evidence.tau / evidence.noise
+    return float((weighted * measured).sum() / max(float((weighted ** 2).sum()), 1e-30))
+
+
+def _residual(evidence: PayloadEvidence) -> FloatArray:
+    """Return the larger RMS residual (N,) of both sets, N·m."""
+    return np.maximum(*(_rms(part.tau - evidence.loaded.predict(part.q))
+                        for part in (evidence.train, evidence.held)))
+
+
+def _moment_change(evidence: PayloadEvidence) -> FloatArray:
+    old, new = evidence.base.chain, evidence.loaded.chain
+    assert old is not None and new is not None
+    # An axis that nothing showed before turns as a load appears beyond it; lengths do not.
+    return new.moments - old.moments
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.sqrt(np.mean(np.square(values), axis=0))

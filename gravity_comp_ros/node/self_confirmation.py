@@ -1,0 +1,94 @@
+"""
+Effort that is the node's own output.
+
+An arm that floats on the published torque and is led by hand measures what was sent, whatever it
+carries. A model confirms itself on such samples. So the torque that was published around every
+sample is kept, and a new model is taken only if it explains the effort better than that does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+import numpy as np
+
+# How long a driver may take from a command to the effort that it reports, s.
+DELAYS = (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
+_KEPT = 0.3
+_MOST = 2000
+# This part of the samples must have been taken while torque was published.
+_MOSTLY = 0.5
+# Published torque below this RMS over all joints, N·m, supports no arm.
+_NOTHING = 0.05
+# A model must leave less than this part of what the published torque leaves.
+_BETTER = 0.9
+# Joints whose published torque hardly varied say nothing, as a part of the one that varied most.
+_VARIED = 0.02
+
+
+class SentTorque:
+    """What was published in the last moments."""
+
+    def __init__(self, n_joints: int) -> None:
+        self._past: deque[tuple[float, FloatArray]] = deque(maxlen=_MOST)
+        self._none = np.full(n_joints, np.nan)
+
+    def published(self, now: float, tau: FloatArray) -> None:
+        """Note a torque (N,) that leaves the node."""
+        past = self._past
+        if past and now < past[-1][0]:
+            past.clear()
+        past.append((now, tau))
+        while past[0][0] < now - _KEPT:
+            past.popleft()
+
+    def around(self, now: float) -> FloatArray:
+        """Return the torque that held at each of `DELAYS` before now (D, N); NaN for none."""
+        found = [self._none] * len(DELAYS)
+        due = 0
+        for t, tau in reversed(self._past):
+            while due < len(DELAYS) and t <= now - DELAYS[due]:
+                found[due] = tau
+                due += 1
+        return np.array(found)
+
+
+@dataclass(frozen=True)
+class Sent:
+    """The published torque of the samples of a job, (M, D, N) each, NaN where there was none."""
+
+    train: FloatArray
+    held: FloatArray
+
+
+def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_train: FloatArray,
+                   new_held: FloatArray) -> str | None:
+    """
+    Return why these samples only repeat what the node sent, None if they do not.
+
+    :param new_train: torque of the new model at the samples (M, N), N·m; `new_held` likewise.
+    """
+    torque = np.concatenate((sent.train, sent.held))
+    tau = np.concatenate((train.tau, held.tau))
+    there = np.isfinite(torque).all(axis=(1, 2))
+    if there.mean() < _MOSTLY or there.sum() < 5:
+        return None
+    torque, tau = torque[there], tau[there]
+    if float(np.sqrt((torque ** 2).mean())) < _NOTHING:
+        return None
+    error = tau - np.concatenate((new_train, new_held))[there]
+    left = np.sqrt(((tau[:, None] - torque) ** 2).mean(axis=0))
+    spread = torque[:, 0].std(axis=0)
+    counts = spread > _VARIED * float(spread.max(initial=0.0))
+    best = int(np.argmin(np.sqrt((left[:, counts] ** 2).mean(axis=1))))
+    echo = float(np.sqrt((left[best, counts] ** 2).mean()))
+    new = float(np.sqrt((error[:, counts] ** 2).mean()))
+    if new < _BETTER * echo:
+        return None
+    return ('the effort is the torque that this node published '
+            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, and the new '
+            f'model leaves {new:.3g}. Either the model in use is right already, or the arm floats '
+            'on that torque and is led by hand, which shows nothing new: move it by its own '
+            'controller')

@@ -1,0 +1,43 @@
+"""A few faults of bench/node_faults against the running node; the campaign itself is there."""
+
+from importlib import import_module
+from pathlib import Path
+import sys
+
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.recordings.bag import read_bag
+import pytest
+from ros_harness import ROOT, running
+
+sys.path.insert(0, str(ROOT / 'bench' / 'node_faults'))
+pytest.importorskip('pinocchio')
+client, faults = import_module('client'), import_module('faults')
+FAULTS = {fault.name: fault for fault in faults.every_fault(1)}
+
+
+@pytest.fixture(scope='module')
+def model_file(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp('faults') / 'model.json'
+    bare = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
+    save_model(path, fit(bare, FitOptions(formulation='chain')).model)
+    return path
+
+
+@pytest.mark.parametrize('name', ['dead elbow, 60 samples, seed 0', 'no clock',
+                                  'no bound of the torque', '0.3 s without input, fade'])
+def test_no_wrong_torque_goes_out(name, model_file):
+    fault = FAULTS[name]
+    with running({**client.PARAMETERS, 'model_file': model_file, **fault.parameters}) as (
+            node, probe):
+        player = client.Player(probe, load_model(model_file))
+        problem = fault.play(player)
+        player.judge(name, fault.ramps)
+        assert node.process.poll() is None
+    assert not problem and not player.wrong
+
+
+def test_the_campaign_is_as_large_as_it_says():
+    every = faults.every_fault(3)
+    assert len(every) >= 80
+    assert len(faults.KINDS) >= 12 and len(faults.LENGTHS) == 3
