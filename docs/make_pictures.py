@@ -25,6 +25,7 @@ MOTION = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '20', '--dur
 _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
 _WAIT = 300
 _TALLEST, _COLOURS = 860, 200
+_NARROW, _DRAWN = {'width': 400, 'height': 860}, 2000
 
 
 def _gravity_comp(folder: Path, *argv: str) -> None:
@@ -36,6 +37,11 @@ def _report(folder: Path) -> None:
     page = folder / 'report.html'
     _gravity_comp(folder, 'diagnose', 'run1.mcap', 'run2.mcap', '--model', 'arm.json', '--html',
                   page.name)
+    with watched(page.as_uri(), color_scheme='dark') as tab:
+        tab.page.set_viewport_size(_NARROW)
+        tab.open(page.as_uri())
+        tab.page.wait_for_timeout(_DRAWN)
+        tab.page.screenshot(path=PICTURES / 'report-narrow.png')
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.screenshot(path=PICTURES / 'report-top.png')
@@ -46,7 +52,8 @@ def _report(folder: Path) -> None:
 
 def _workbench(folder: Path) -> None:
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'run1.mcap', 'run2.mcap', '--port', '0',
-                                '--no-browser'], cwd=folder, stdout=subprocess.PIPE, text=True)
+                                '--no-browser', '--forget'], cwd=folder,
+                               stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
         found = re.search(r'http://\S+/', process.stdout.readline())
@@ -59,12 +66,18 @@ def _workbench(folder: Path) -> None:
             add.click()
             tab.page.locator('.fall').wait_for(timeout=_WAIT * 1000)
             tab.page.locator('#idle').wait_for(timeout=_WAIT * 1000)
+            tab.page.wait_for_timeout(_DRAWN)
             tab.page.screenshot(path=PICTURES / 'workbench-added.png')
             tab.page.get_by_role('button', name='Dark').click()
             tab.page.get_by_role('button', name='Two models').click()
-            tab.page.get_by_role('heading', name='against gravity').wait_for()
-            tab.page.wait_for_timeout(1500)
+            tab.page.get_by_role('heading', name='against 1. gravity').wait_for()
+            tab.page.wait_for_timeout(_DRAWN)
             tab.page.screenshot(path=PICTURES / 'workbench-dark.png')
+            tab.page.get_by_role('button', name='Light').click()
+            tab.page.set_viewport_size(_NARROW)
+            tab.page.get_by_role('button', name='Answer').click()
+            tab.page.wait_for_timeout(_DRAWN)
+            tab.page.locator('#views').screenshot(path=PICTURES / 'workbench-narrow.png')
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(_WAIT)

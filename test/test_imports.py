@@ -134,3 +134,14 @@ def test_the_core_loads_without_the_rest():
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                           cwd=ROOT, timeout=60)
     assert done.stdout == 'loaded\n', done.stderr
+
+
+def test_programs_start_without_the_slow_half_of_scipy():
+    # These three take longer to import than all else together; few runs need them.
+    program = ('import sys, gravity_comp_ros.api.loop, gravity_comp_ros.commands.fit, '
+               'gravity_comp_ros.node.fit_job, gravity_comp_ros.workbench.jobs\n'
+               'print(sorted({"scipy.stats", "scipy.signal", "scipy.optimize"} '
+               '& set(sys.modules)))')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=120)
+    assert done.stdout == '[]\n', done.stdout + done.stderr

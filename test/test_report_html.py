@@ -145,10 +145,24 @@ def test_the_report_in_a_browser(diagnosed, watched):
         rows, glyphs = tab.selected()
         # One table behind every plot, so what is selected is marked in all of them.
         assert 20 < rows < 1200 and glyphs >= 2 * (2 + 4)
+        told = page.evaluate(_selection)
+        assert f'<b>{rows} selected</b>: run1.mcap, ' in told
+        assert re.search(r'[\d.]+ to [\d.]+ s. RMSE, N·m: shoulder [\d.]+, elbow [\d.]+</p>', told)
         marked = page.evaluate(_chosen_cells)
         assert 0 < marked[0] < marked[1], marked
         tab.picture('report')
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
+
+
+def test_a_narrow_dark_page_has_all_its_plots_within_it(diagnosed, watched):
+    with watched(diagnosed.as_uri(), color_scheme='dark') as tab:
+        tab.page.set_viewport_size({'width': 400, 'height': 860})
+        tab.open(diagnosed.as_uri())
+        tab.page.wait_for_selector('html.dark')
+        assert tab.page.evaluate('document.documentElement.scrollWidth') <= 400
+        assert all(60 < width < 400 for _, width, _ in tab.plots())
+        assert set(tab.page.evaluate(_grounds)) == {'#14181d'}
+        assert tab.complaints == []
 
 
 def test_names_that_are_markup_or_formulas_stay_text(folder, watched):
@@ -213,6 +227,16 @@ _selected_count = """(() => {
     if (model.type == 'ColumnDataSource' && model.get_column('q0') != null)
       return model.selected.indices.length
 })()"""
+_selection = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.name == 'selection') return model.text
+}"""
+_grounds = """() => {
+  const found = []
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'Figure') found.push(model.background_fill_color)
+  return found
+}"""
 _chosen_cells = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.type == 'ColumnDataSource' && model.get_column('e0') != null)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.stats import norm
+from scipy import special
 
 # Standard errors that a diagnosis asks for before it calls an effect established: it tests many
 # effects on many joints.
@@ -42,7 +42,7 @@ class Answer:
     @property
     def chance(self) -> float:
         """The chance that a diagnosis settles the question."""
-        return float(norm.cdf(self.separation - SURE))
+        return float(special.ndtr(self.separation - SURE))
 
     @property
     def value(self) -> float:

@@ -62,9 +62,12 @@ a { color: var(--strong) }
 .plots { margin: .6rem 0 }
 """ + CONTENT + """
 @media print {
+  @page { size: A4 landscape; margin: 12mm }
   main { max-width: none; padding: 0 }
-  nav, .bk-Toolbar { display: none }
-  section { break-inside: auto }
+  nav, .copy { display: none }
+  .wide, pre { overflow: visible }
+  .plots { max-width: 100%; overflow: hidden }
+  details > *:not(summary) { display: none }
   h2, h3 { break-after: avoid }
   body { font-size: 11px }
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+import json
 import re
 import secrets
 
@@ -13,7 +15,7 @@ from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.sections import all_sections
-from gravity_comp_ros.report.style import LIGHT
+from gravity_comp_ros.report.style import DARK, LIGHT
 
 # Nothing may be fetched: what the page needs is in it. Only scripts with the nonce of the page
 # run, so that a name from a recording never becomes a script, a handler or a `javascript:` link.
@@ -23,6 +25,35 @@ _POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
  font-src data:"""
 # Without MathJax, text in $$ is text: MathJax would make links of \href in a joint's name.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
+# Who prefers dark pages gets one: every colour of the light style becomes that of the dark one.
+# Paper stays light.
+_DARKEN = """
+const colours = new Map(%s)
+const turned = (value) => {
+  if (typeof value == 'string') return colours.get(value) || value
+  if (Array.isArray(value) && value.every(each => typeof each == 'string'))
+    return value.some(each => colours.has(each)) ? value.map(turned) : value
+  if (value && Object.getPrototypeOf(value) == Object.prototype && colours.has(value.value))
+    return {...value, value: turned(value.value)}
+  return value
+}
+const darken = () => {
+  document.documentElement.classList.add('dark')
+  for (const spot of document.querySelectorAll('.key i'))
+    spot.style.background = turned(spot.getAttribute('style').replace('background:', ''))
+  for (const each of Bokeh.documents)
+    for (const model of each._all_models.values())
+      for (const name of Object.keys(model.properties)) {
+        if (!/color|palette/.test(name)) continue
+        const old = model[name], now = turned(old)
+        if (now !== old) model[name] = now
+      }
+}
+if (matchMedia('(prefers-color-scheme: dark)').matches) {
+  const wait = () => document.documentElement.dataset.ready ? darken() : setTimeout(wait, 50)
+  wait()
+}
+"""
 # Bokeh's own mark of a page that is drawn, for people who wait and for tests.
 _READY = """
 window.addEventListener('load', () => {
@@ -52,8 +83,9 @@ def report_html(contents: Contents) -> str:
             f'{markup.text(contents.origin.when)}</p>'
             f'<h1 class="verdict" id="verdict">'
             f'{markup.text(markup.units(headline(contents)))}</h1>')
+    scripts = [*_bokeh(), _inside(script), _READY, _DARKEN % _pairs()] if plots else []
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
-                 [*_bokeh(), _inside(script), _READY, markup.COPY] if plots else [markup.COPY])
+                 [*scripts, markup.COPY])
 
 
 def message_html(title: str, message: str) -> str:
@@ -64,6 +96,12 @@ def message_html(title: str, message: str) -> str:
 def _bokeh() -> list[str]:
     """Return the scripts of Bokeh."""
     return list(Resources(mode='inline', components=list(_COMPONENTS)).js_raw)
+
+
+def _pairs() -> str:
+    """Return the colours of the light style with those of the dark one, as JSON."""
+    return json.dumps([[getattr(LIGHT, field.name), getattr(DARK, field.name)]
+                       for field in fields(LIGHT) if field.name != 'name'])
 
 
 def _inside(element: str) -> str:

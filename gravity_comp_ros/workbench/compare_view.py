@@ -45,6 +45,7 @@ def _bars(joints: list[str], here: Comparison, other: Comparison, name: str, oth
               source=source, color=style.after, legend_label=canvas_text(printable(name)))
     made.x_range.start = 0.0
     made.ygrid.visible = False
+    made.yaxis.major_tick_line_color = made.yaxis.separator_line_color = None
     made.hover.tooltips = [('first', '@other{0.0000} N·m'), ('second', '@here{0.0000} N·m')]
     made.add_layout(made.legend[0], 'above')
     made.legend.orientation = 'horizontal'

@@ -22,6 +22,7 @@ INSIDE = """
 .bk-btn-primary, .bk-btn-primary:hover, .bk-btn-primary:focus, .bk-btn.bk-active:hover,
 .bk-btn.bk-active:focus { background: var(--strong); color: var(--ground);
   border-color: var(--strong) }
+.bk-btn-group { flex-wrap: wrap }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 1px }
 """ + css.CONTENT + """
 h1, h2, h3 { margin-top: .5rem }

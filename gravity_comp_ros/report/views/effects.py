@@ -92,7 +92,7 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
               color=style.after, legend_label='with')
     made.x_range.start = 0.0
     made.ygrid.visible = False
-    made.yaxis.major_tick_line_color = None
+    made.yaxis.major_tick_line_color = made.yaxis.separator_line_color = None
     made.hover.tooltips = [('without', '@before{0.00} %'), ('with', '@after{0.00} %')]
     made.add_layout(made.legend[0], 'above')
     made.legend.orientation = 'horizontal'

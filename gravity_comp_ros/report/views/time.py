@@ -2,16 +2,40 @@
 
 from __future__ import annotations
 
-from bokeh.models import HoverTool, Label, Range1d, Span
+from bokeh.layouts import column
+from bokeh.models import CustomJS, Div, HoverTool, Label, Range1d, Span
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, padded, plot, Style
+from gravity_comp_ros.report.style import canvas_text, padded, plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
+# What is selected, in numbers: samples, time in its recording, RMSE of each joint.
+_NUMBERS = """
+const rows = samples.selected.indices
+if (!rows.length) { told.text = ''; return }
+const t = samples.get_column('t')
+let low = Infinity, high = -Infinity
+for (const row of rows) { low = Math.min(low, t[row]); high = Math.max(high, t[row]) }
+const place = (time) => {
+  let run = 0
+  while (run + 1 < starts.length && starts[run + 1] <= time + 1e-9) run++
+  return [run, (time - starts[run]).toFixed(2)]
+}
+const [first, from] = place(low), [last, to] = place(high)
+const where = first == last ? `${runs[first]}, ${from} to ${to} s`
+  : `${runs[first]} at ${from} s to ${runs[last]} at ${to} s`
+const errors = joints.map((name, k) => {
+  const r = samples.get_column('r' + numbers[k])
+  let sum = 0
+  for (const row of rows) sum += r[row] * r[row]
+  return `${name} ${Math.sqrt(sum / rows.length).toFixed(3)}`
+})
+told.text = `<p><b>${rows.length} selected</b>: ${where}. RMSE, N·m: ${errors.join(', ')}</p>`
+"""
 _TALL, _LOW, _AXIS = 150, 112, 42
 _MOST_LABELS = 12
 
@@ -37,7 +61,21 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     if thinned:
         told += (f' {len(table.drawn)} samples are drawn, the largest and smallest of every '
                  'stretch of time among them.')
-    return Section('time', 'Over time', markup.paragraph(told, 'quiet') + lead, grid)
+    numbers = _numbers(contents, table)
+    return Section('time', 'Over time', markup.paragraph(told, 'quiet') + lead,
+                   column(numbers, grid, sizing_mode='stretch_width'))
+
+
+def _numbers(contents: Contents, table: Table) -> Div:
+    """Return a line that says in numbers what is selected."""
+    told = Div(text='', disable_math=True, sizing_mode='stretch_width', name='selection',
+               styles={'color': 'var(--text)', 'font-size': '14px'})
+    runs = [markup.text(short(name, 40)) for _, name in table.starts]
+    told_by = {'samples': table.source, 'told': told, 'runs': runs,
+               'starts': [start for start, _ in table.starts], 'numbers': contents.numbers,
+               'joints': [markup.text(name) for name in contents.joints]}
+    table.source.selected.js_on_change('indices', CustomJS(args=told_by, code=_NUMBERS))
+    return told
 
 
 def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1d,
