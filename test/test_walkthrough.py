@@ -73,7 +73,8 @@ def test_diagnose_names_the_friction_and_its_size(walk):
 def test_adding_it_takes_the_held_out_error_to_the_noise(walk):
     held_out = answers_of(walk, 'add')[0]['held_out'][JOINT]
     assert held_out['rmse_before'] == pytest.approx(FRICTION, rel=0.1)
-    assert held_out['rmse_after'] < 1.3 * NOISE
+    # Each run is predicted by a model of the other one alone.
+    assert held_out['rmse_after'] < 2.0 * NOISE
 
 
 def test_compare_shows_that_the_error_has_fallen(walk):
@@ -88,7 +89,7 @@ def test_the_model_file_tells_what_was_done_and_undone(walk):
     model = load_model(folder / 'with_effect.json')
     assert [effect.target for effect in model.applied.effects] == [f'coulomb_friction:{JOINT}']
     step = model.history[-1]
-    assert step.action == 'added' and step.after[JOINT] < 0.2 * step.before[JOINT]
+    assert step.action == 'added' and step.after[JOINT] < 0.25 * step.before[JOINT]
     back = load_model(folder / 'arm.json')
     assert not back.applied.effects
     assert [step.action for step in back.history] == ['added', 'removed']

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy import special
+from scipy.linalg import cho_factor, cho_solve
 
 # Standard errors that a diagnosis asks for before it calls an effect established: it tests many
 # effects on many joints.
