@@ -1,0 +1,61 @@
+"""Designs beside nuisance columns: the same optimum as with the columns written out."""
+
+from gravity_comp_ros.models.sparse.lasso import LassoProblem
+from gravity_comp_ros.models.sparse.projected import orthonormal_basis, ProjectedDesign
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
+from hypothesis import given, settings, strategies as st
+import numpy as np
+
+
+def problem(seed, kind, n=3, m=40):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.5, 1.5, (m, n))
+    weights = rng.uniform(0.5, 2.0, (m, n if kind is EnergyDesign else 1))
+    design = kind(q, weights)
+    nuisance = rng.normal(size=(design.n_rows, 4))
+    nuisance[:, 3] = 1e6 * nuisance[:, 0]    # dependent, and in other units
+    return design, nuisance, rng
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10 ** 6), st.sampled_from([EnergyDesign, TorqueDesign]))
+def test_products_are_those_of_the_projected_matrix(seed, kind):
+    design, nuisance, rng = problem(seed, kind)
+    every = np.arange(design.n_columns)
+    q, _ = np.linalg.qr(nuisance[:, :3])
+    dense = design.columns(every)
+    dense = dense - q @ (q.T @ dense)
+    projected = ProjectedDesign(design, nuisance)
+    r = rng.normal(size=design.n_rows)
+    np.testing.assert_allclose(projected.columns(every), dense, atol=1e-9)
+    np.testing.assert_allclose(projected.correlate(r), dense.T @ r, atol=1e-8)
+    np.testing.assert_allclose(projected.squared_norms(), (dense ** 2).sum(axis=0), atol=1e-7)
+    assert orthonormal_basis(nuisance).shape[1] == 3
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10 ** 6))
+def test_l1_solutions_are_optimal_with_free_nuisance_coefficients(seed):
+    design, nuisance, rng = problem(seed, EnergyDesign)
+    x = np.zeros(design.n_columns)
+    x[rng.choice(np.arange(1, design.n_columns), 3, replace=False)] = 5.0
+    b = design.columns(np.arange(design.n_columns)) @ x + nuisance[:, :3] @ [9.0, -4.0, 2.0]
+    b = b + 0.1 * rng.normal(size=len(b))
+    projected = ProjectedDesign(design, nuisance)
+    lam = 2.0
+    found = LassoProblem(projected, projected.project(b),
+                         np.ones(design.n_columns, dtype=bool)).solve(lam)
+    assert found.converged and found.certificate.violation < 1e-6
+    # The optimality conditions of the whole problem, nuisance coefficients written out.
+    columns = design.columns(np.arange(design.n_columns))
+    weights = np.zeros(design.n_columns)
+    weights[found.indices] = found.x
+    c = np.linalg.lstsq(nuisance[:, :3], b - columns @ weights, rcond=None)[0]
+    residual = b - columns @ weights - nuisance[:, :3] @ c
+    lengths = np.sqrt(projected.squared_norms())
+    score = columns.T @ residual
+    used = lengths > 1e-6 * lengths.max()
+    assert (np.abs(score[used]) <= lam * lengths[used] * (1 + 1e-4) + 1e-6).all()
+    np.testing.assert_allclose(score[found.indices],
+                               lam * lengths[found.indices] * np.sign(found.x), rtol=1e-3)
+    np.testing.assert_allclose(nuisance[:, :3].T @ residual, 0.0, atol=1e-6)
