@@ -57,7 +57,8 @@ def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
     qd = samples.qd.copy()
     for run in run_slices(samples):
         slope = np.nan_to_num(differentiate(samples.t[run], samples.q[run]), nan=0.0)
-        qd[run, wrong[:, None].T] = slope[:, wrong]
+        for n in wrong:
+            qd[run, n] = slope[:, n]
     names = ', '.join(f'{samples.names[n]} ({ratio[n]:.2g} times)' for n in wrong)
     return replace(samples, qd=qd), (
         f'velocity contradicts position on {names}: the slope of the positions is used instead. '

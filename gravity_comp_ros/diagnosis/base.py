@@ -20,10 +20,10 @@ from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
+from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
@@ -31,7 +31,7 @@ import numpy as np
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
-_CAUTIOUS = FitOptions('potential', SparseOptions(inflation=4.0))
+_CAUTIOUS = SparseOptions(inflation=4.0)
 # Directions of the base that this motion excites less, next to the most excited, are left out.
 _EXCITED = 1e-3
 # Another base must take this part off some joint's error, or it is the same.
@@ -62,16 +62,31 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     """
     few = _thin(samples, _SAMPLES)
     known = model is not None and model.energy is not None
-    rough = model if model is not None and known else fit(samples.select(few), _CAUTIOUS).model
+    rough = model if model is not None and known else _potential(samples.select(few))
     motion = build_motion(samples, rough)
     cleaned = replace(samples, tau=samples.tau - _nuisance(motion, rough))
     kept = cleaned.select(few)
-    chosen = rough if known else fit(kept, _CAUTIOUS).model
+    chosen = rough if known else _potential(kept)
     chosen = levelled(chosen, samples.q)
     motion = build_motion(samples, chosen)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
     return Base(chosen, motion, _columns(chosen, motion, cleaned), given)
+
+
+def _potential(samples: JointSamples) -> GravityModel:
+    """
+    Return the sparse energy that explains the torques.
+
+    Nuisance terms were taken off before (`_nuisance`), or are what the first fit is to show.
+    """
+    energy, _ = fit_potential(samples, _CAUTIOUS)
+    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
+                        samples.n_runs)
+    model = GravityModel.from_energy(samples.names, 'potential', energy,
+                                     np.zeros(samples.n_joints), coverage, {})
+    left = samples.tau - model.predict(samples.q)
+    return replace(model, noise=np.sqrt((left ** 2).mean(axis=0)))
 
 
 def refined(base: Base, effects: FloatArray) -> Base | None:

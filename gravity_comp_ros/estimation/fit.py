@@ -155,9 +155,13 @@ def estimate_gravity(regression: Regression, options: FitOptions,
         choice = Choice(estimate_chain(regression, known, start, warm), 'it was asked for', {},
                         known is not None)
     else:
+        settled = regression.qdd is not None and formulation == 'potential'
+        if settled:
+            # Inertia has N columns a joint: the chain tells which of them matter.
+            regression = estimate_chain(regression, start=start).regression
         before = None if usable is None or usable.formulation != formulation else (
             usable.energy if formulation == 'potential' else usable.torques)
-        choice = Choice(estimate_sparse(regression, formulation, options.sparse, before),
+        choice = Choice(estimate_sparse(regression, formulation, options.sparse, before, settled),
                         'it was asked for')
     found, k = choice.estimate, regression.n_effects
     if isinstance(found, ChainEstimate):

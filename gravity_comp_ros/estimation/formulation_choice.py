@@ -23,6 +23,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.nuisance import OFFSET
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
@@ -39,6 +40,8 @@ _CAUTIOUS = 4.0
 _WORTHWHILE, _OF_LARGEST = 0.03, 0.003
 # Samples that the comparison is made on, and joints beyond which the potential is too dear to try.
 _COMPARED, _MOST_JOINTS = 300, 9
+# With so few joints the potential costs next to nothing.
+_CHEAP_JOINTS = 4
 # Known axes are another arm's if a free chain takes this share off some joint's RMSE.
 _OTHER_ARM = 0.3
 
@@ -111,13 +114,29 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
 
 
 def _is_structured(chain: ChainEstimate) -> bool:
-    """Return whether some joint's residual holds more than noise, on the scale of gravity."""
+    """
+    Return whether some joint's residual holds more than noise, on the scale of gravity.
+
+    An offset counts as residual: a wrong chain may leave a constant that is gravity.
+    """
     residual, samples = chain.residual(), chain.regression.samples
+    if samples.n_joints <= _CHEAP_JOINTS:
+        return True
     power = np.maximum((residual ** 2).sum(axis=0), 1e-300)
     likeness = np.maximum((residual[1:] * residual[:-1]).sum(axis=0) / power, 0.0)
-    repeats = np.sqrt(likeness) * _rms(residual)
+    repeats = np.sqrt(likeness) * _rms(residual) + _offsets(chain)
     gravity = _rms(chain.chain.torque(samples.q))
     return bool((repeats > _WORTHWHILE * gravity + _OF_LARGEST * gravity.max()).any())
+
+
+def _offsets(chain: ChainEstimate) -> FloatArray:
+    """Return the size of each joint's offset (N,), N·m."""
+    found = np.zeros(chain.regression.samples.n_joints)
+    first = chain.regression.n_effects
+    for k, column in enumerate(chain.regression.nuisance.columns, first):
+        if column.kind == OFFSET:
+            found[column.joint] = abs(chain.fit.nuisance[k])
+    return found
 
 
 def _chain(regression: Regression, known: FloatArray | None,

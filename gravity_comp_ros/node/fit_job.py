@@ -155,11 +155,31 @@ def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, Gra
     if base is not None:
         yield CHANGE, changed(base, job.train)
     if base is None:
-        yield WHOLE, whole(job)
+        yield from _wholes(job)
     elif len(job.train) >= FROM_NOTHING:
         # There is a result already; samples that show too little for a whole one do no harm.
         with suppress(FitError, DataError):
-            yield WHOLE, whole(job)
+            yield from _wholes(job)
+
+
+def _wholes(job: Job) -> Iterator[tuple[str, GravityModel]]:
+    """
+    Yield models fitted to the samples alone: the one that is asked for.
+
+    With `auto` the sparse potential by ADMM comes first, and the chain beside it; known axes are
+    tested against the samples (`estimation.formulation_choice`).
+    """
+    if job.options.formulation != 'auto':
+        yield WHOLE, whole(job)
+        return
+    known = job.geometry is not None and job.geometry.joints == job.train.names
+    for name, options in (
+            ('potential', replace(job.options, formulation='potential')),
+            ('chain', replace(job.options, formulation='auto', geometry=job.geometry) if known
+             else replace(job.options, formulation='chain'))):
+        # The sparse fit must succeed; the chain beside it may fail.
+        with suppress(*((FitError, DataError) if name == 'chain' else ())):
+            yield f'{WHOLE}, {name}', whole(replace(job, options=options))
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,

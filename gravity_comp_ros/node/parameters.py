@@ -146,11 +146,11 @@ TABLE: tuple[Parameter, ...] = (
         'auto_fit', 'bool', True,
         'In an open epoch, fit by itself as samples come. If false, only `~/refit` fits.'),
     Parameter(
-        'formulation', 'string', 'potential',
-        'The model: one energy for all joints; the same with the structure of a serial arm '
-        '(`chain`); whichever of the two predicts held-out samples better (`auto`); or a '
-        'separate sum per joint as in the paper.',
-        choices=('potential', 'chain', 'auto', 'per_joint')),
+        'formulation', 'string', 'auto',
+        'The model: one sparse energy for all joints (`potential`); the same with the structure '
+        'of a serial arm (`chain`); whichever of the two predicts held-out samples better '
+        '(`auto`); or a separate sum per joint as in the paper.',
+        choices=('auto', 'potential', 'chain', 'per_joint')),
     Parameter(
         'effects', 'string[]', (),
         'Effects that fits of a whole model tell apart from gravity, `NAME` or `NAME:JOINT`; '
