@@ -35,7 +35,7 @@ def test_defaults_are_allowed_by_the_table_itself():
     ('max_speed', -1.0, 'must lie in 0.001 to 10'), ('max_speed', 'fast', 'of type double'),
     ('max_speed', float('nan'), 'must be finite'), ('max_speed', True, 'of type double'),
     ('capacity', 10.5, 'whole number'), ('capacity', 1, 'must lie in 50 to 20000'),
-    ('formulation', 'magic', 'one of potential, chain'), ('auto_fit', 1, 'true or false'),
+    ('formulation', 'magic', 'one of auto, potential, chain'), ('auto_fit', 1, 'true or false'),
     ('max_torque', 5.0, 'must be a list'), ('max_torque', [1.0, -1.0], 'must lie in 0'),
     ('max_torque', [1.0, float('inf')], 'must be finite'), ('joints', ['a', 'a'], 'differ'),
     ('joints', 'a', 'must be a list'), ('model_file', 3, 'must be text'),

@@ -204,7 +204,7 @@ def test_bad_parameters_are_refused_with_the_reason(model_file):
     with running({'model_file': model_file}) as (_, probe):
         for name, value, why in [
                 ('max_speed', -1.0, '0.001'), ('max_speed', 'fast', 'of type double'),
-                ('formulation', 'magic', 'one of potential, chain'),
+                ('formulation', 'magic', 'one of auto, potential, chain'),
                 ('max_torque', [1.0, 2.0], '2 values for 7 joints'),
                 ('max_torque', [float('nan')], 'finite'), ('joints', ['a'], 'read-only'),
                 ('full_samples', 5000, 'more than capacity'),
@@ -219,7 +219,7 @@ def test_bad_parameters_are_refused_with_the_reason(model_file):
 
 
 @pytest.mark.parametrize('parameters, why', [
-    ({'max_speed': -3.0}, 'max_speed'), ({'formulation': 'magic'}, 'one of potential'),
+    ({'max_speed': -3.0}, 'max_speed'), ({'formulation': 'magic'}, 'one of auto, potential'),
     ({'joints': '[a,b]', 'max_torque': '[1.0,2.0,3.0]'}, '3 values for 2 joints')])
 def test_bad_parameters_at_the_start_end_it_with_one_line(parameters, why):
     with running(parameters, wait=False) as (node, _):

@@ -13,6 +13,7 @@ from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
+from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
@@ -96,11 +97,12 @@ def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
     Return the recording, ungated if too little of it is slow, and a note that says so.
 
     Few slow samples of a fast recording lie in few poses, and a model of them is wrong in all
-    others. Friction and inertia are fitted beside gravity, so that fast samples serve as well.
+    others. Friction and inertia are fitted beside gravity, so that fast samples serve as well. A
+    gate that somebody has set is left as it is.
 
     :raises DataError: if there are no samples at all.
     """
-    if recording.gate is None or recording.gated_before is not None:
+    if recording.gate != GateOptions() or recording.gated_before is not None:
         return recording, ''
     try:
         n_slow = recording.slow.n_samples

@@ -186,7 +186,7 @@ def _show_next_step(args: argparse.Namespace) -> None:
                        next_step.command('diagnose', args, model=args.output))
     else:
         next_step.show('what the model lacks, by the recordings that it was fitted to and any '
-                       'others of this arm (`compare` wants others: errors on these flatter it)',
+                       'others of this arm (`compare` needs others: errors on these are small)',
                        next_step.command('diagnose', args, model=args.output))
 
 

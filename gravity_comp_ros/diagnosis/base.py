@@ -17,7 +17,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.effects.predict import installed, joint_number
+from gravity_comp_ros.effects.predict import effect_torque, installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -61,12 +61,21 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     :param model: the user's model if there is one, and if it has an energy; else one is fitted.
     """
     few = _thin(samples, _SAMPLES)
-    known = model is not None and model.energy is not None
-    rough = model if model is not None and known else _potential(samples.select(few))
+    known = model is not None and model.energy is not None and model.chain is None
+    taken = np.zeros(samples.q.shape)
+    if model is not None and model.chain is not None:
+        # A chain is fitted anew as an energy: the diagnosis must not depend on the formulation.
+        taken = effect_torque(model, samples)
+    if model is not None and known:
+        rough = model
+    else:
+        rough = _potential(replace(samples, tau=samples.tau - taken).select(few))
     motion = build_motion(samples, rough)
     cleaned = replace(samples, tau=samples.tau - _nuisance(motion, rough))
-    kept = cleaned.select(few)
+    kept = replace(cleaned, tau=cleaned.tau - taken).select(few)
     chosen = rough if known else _potential(kept)
+    if model is not None and model.chain is not None:
+        chosen = replace(chosen, applied=model.applied, history=model.history)
     chosen = levelled(chosen, samples.q)
     motion = build_motion(samples, chosen)
     given = frozenset((applied.name, None if applied.joint is None else

@@ -13,7 +13,7 @@ which.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -35,6 +35,8 @@ _LONGEST_TURN = 0.5
 _STAYS = 0.05
 # A moment that acts less than this share of the most effective one cannot be seen to change.
 _VISIBLE = 1e-3
+# By how much (chi^2) a change of all moments must fit better than a sparse one to be taken.
+_MUCH = 40.0
 
 
 @dataclass(frozen=True)
@@ -71,8 +73,34 @@ def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples) -> Chain
     :param covariance: of a step from the chain (4N, 4N).
     """
     found = [_Hypothesis(start, prior, new) for start, prior in _hypotheses(chain, covariance)]
-    best = max(found, key=lambda each: each.log_evidence)
-    return best.averaged()
+    best = max(found, key=lambda each: each.log_evidence).averaged()
+    return _all_moments(chain, covariance, new, best)
+
+
+def _all_moments(chain: Chain, covariance: FloatArray, new: NewSamples,
+                 best: ChainChange) -> ChainChange:
+    """
+    Return the change of all moments on the same axes where a sparse one explains much less.
+
+    The moments are a ridge regression about the old ones; the prior is as wide as the change of
+    the torques. Each of the 2N moments costs ln(M) of chi^2, as in BIC.
+    """
+    n = chain.n_joints
+    columns, residual = new.columns(chain)[2 * n:], new.residual(chain)
+    size = max(float(np.abs(new.tau - chain.torque(new.q)).max()), 1e-9)
+    precision = columns @ columns.T + np.diag(np.full(2 * n, size ** -2))
+    inverse = np.asarray(np.linalg.inv(precision))
+    step = np.concatenate([np.zeros(2 * n), inverse @ (columns @ residual)])
+    moved = chain.moved(step)
+    left, sparse = new.residual(moved), new.residual(best.chain)
+    price = 2 * n * np.log(max(len(new.q), 2)) + _MUCH
+    if float(left @ left) + price >= float(sparse @ sparse):
+        return best
+    spread = covariance.copy()
+    spread[2 * n:], spread[:, 2 * n:] = 0.0, 0.0
+    spread[2 * n:, 2 * n:] = inverse
+    support = 2 * n + np.flatnonzero(np.abs(step[2 * n:]) > 0.0)
+    return ChainChange(moved, spread, replace(best.change, support=support))
 
 
 def _hypotheses(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, FloatArray]]:

@@ -79,6 +79,11 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     chain, warning = _chain(regression, known, start, warm)
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
+    if not uses_known and n <= _MOST_JOINTS and _offsets(chain).any():
+        plain = _without_offset(chain, options)
+        if plain is not None:
+            return Choice(plain, 'it explains the torque without the offset that the chain needs',
+                          {}, False, warning)
     if chain.fit.clean and m >= _ENOUGH and (chain.fit.inflation == 1.0).all():
         return Choice(chain, 'the dictionary explains no more of the residual of the chain than '
                       'of white noise', {}, uses_known, warning)
@@ -111,6 +116,28 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     full = sparse if few is chain.regression else estimate_sparse(
         chain.regression, 'potential', options, sparse.energy, settled=True)
     return Choice(full, why, held_out, False, warning)
+
+
+def _without_offset(chain: ChainEstimate, options: SparseOptions) -> SparseEstimate | None:
+    """
+    Return the potential if it explains as much with less than half of the chain's offsets.
+
+    A wrong chain may need a constant torque that gravity has no part in.
+    """
+    few = chain.regression.thinned(_COMPARED)
+    if options.inflation is None:
+        options = replace(options, inflation=max(1.0, float(np.median(chain.fit.inflation))))
+    sparse = estimate_sparse(few, 'potential', options)
+    left = _rms(residual_of(_refit(chain, few), few))
+    if (_rms(sparse.residual()) > (1.0 + _MORE) * left + floor(few.samples.tau)).any():
+        return None
+    first, found = sparse.regression.n_effects, 0.0
+    for k, column in enumerate(sparse.regression.nuisance.columns, first):
+        found += abs(float(sparse.beside[k])) if column.kind == OFFSET else 0.0
+    if found > 0.5 * float(_offsets(chain).sum()):
+        return None
+    return sparse if few is chain.regression else estimate_sparse(
+        chain.regression, 'potential', options, sparse.energy)
 
 
 def _is_structured(chain: ChainEstimate) -> bool:

@@ -34,8 +34,9 @@ Progress = Callable[[str, float], None]
 
 _MOST_ROWS = 20000
 _MOST_FOLDS = 4
-# A refit may raise a joint's RMSE by this factor, and by 2 % of the arm's torque, at most.
-_WORSE = 1.1
+# A refit may raise a joint's RMSE by this factor, and by this share of the arm's largest torque:
+# an offset that gravity had imitated is no longer predicted.
+_WORSE, _SHARE = 1.1, 0.1
 # Effects whose coefficients belong to a run or to the time within it.
 _BETWEEN_RUNS = ('payload_change', 'torque_drift', 'friction_drift')
 # What these families add shows in fast motion; the others are as plain in slow motion, where
@@ -161,7 +162,7 @@ def _check_not_worse(before: GravityModel, after: GravityModel, samples: JointSa
     """
     was, now = (np.sqrt(((samples.tau - predict_torque(model, samples))[rows] ** 2).mean(axis=0))
                 for model in (before, after))
-    least = 0.02 * np.sqrt((samples.tau[rows] ** 2).mean(axis=0)).max()
+    least = _SHARE * np.sqrt((samples.tau[rows] ** 2).mean(axis=0)).max()
     worse = np.flatnonzero(now > _WORSE * was + least)
     if worse.size:
         n = int(worse[np.argmax(now[worse] - was[worse])])

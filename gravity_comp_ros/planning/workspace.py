@@ -54,7 +54,17 @@ class Workspace:
     def admits_line(self, a: FloatArray, b: FloatArray) -> bool:
         """Return whether the straight line between two poses is admissible."""
         count = 2 + int(np.abs(b - a).max() / _STEP)
-        return self.admits(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
+        line = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
+        return self.admits(line) and self._near(line)
+
+    def _near(self, line: FloatArray) -> bool:
+        """
+        Return whether a line that was sampled every `_STEP` is near enough between samples too.
+
+        The distance to the nearest recorded pose changes no faster than the pose itself.
+        """
+        return not np.isfinite(self.reach) or bool(
+            (self.distance(line) <= self.reach - 0.5 * _STEP).all())
 
     def extent(self, pose: FloatArray, direction: FloatArray, most: float) -> float:
         """Return how far, at most `most` in rad, a straight line goes on being admissible."""
@@ -62,7 +72,7 @@ class Workspace:
         line = pose + steps[:, None] * direction
         inside = ((line >= self.low - _ROUNDING) & (line <= self.high + _ROUNDING)).all(axis=1)
         if np.isfinite(self.reach) and len(line):
-            inside &= self.distance(line) <= self.reach + _ROUNDING
+            inside &= self.distance(line) <= self.reach - 0.5 * _STEP
         return float(steps[-1]) if inside.all() and len(steps) else float(
             np.argmin(inside) * _STEP if len(steps) else 0.0)
 
