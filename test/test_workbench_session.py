@@ -11,7 +11,8 @@ import sys
 import time
 
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.errors import DataError, GravityCompError, ModelMismatchError
+from gravity_comp_ros.errors import (
+    DataError, FitError, GravityCompError, ModelMismatchError)
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.workbench import store
@@ -177,7 +178,10 @@ def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, ca
     while not isinstance(session.next_job(), Ask):
         do_next(session, bench)
     for target in rng.permutation(_EFFECTS)[:rng.integers(1, 4)].tolist():
-        do_next(session, bench, session.adding((target,)))
+        try:
+            do_next(session, bench, session.adding((target,)))
+        except FitError:
+            continue  # a model that predicts its own data worse is refused, here as by `add`
         if rng.random() < 0.3:
             session.undo()
         session.judge(replace(session.choice, runs=a_random_choice(rng, session).runs))
@@ -191,7 +195,7 @@ def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, ca
     mine = json.loads(store.model_text(session.stage.model))['model']
     # Gravity, effects, noise, range; and what it came from, as `fit` and `add` tell it.
     for model in (same, mine):
-        model['applied'].pop('history')
+        model.get('applied', {}).pop('history', None)
     assert same == mine and mine['provenance']['gate']['total'] > 0
     # And every number of the view of errors is the one that `compare` prints.
     errors = json.loads((tmp_path / 'errors.json').read_text())['joints']
