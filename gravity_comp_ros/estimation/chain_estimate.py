@@ -48,11 +48,7 @@ class ChainEstimate:
 
 def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
     """Return the residual (m, N) in N·m of a fit with its coefficients beside gravity."""
-    left = regression.samples.tau - fit.chain.torque(regression.samples.q)
-    columns = regression.beside().columns
-    if columns is None:
-        return left
-    return np.asarray(left - np.tensordot(fit.nuisance, columns, axes=(0, 0)).T)
+    return regression.residual(fit.chain.torque(regression.samples.q), fit.nuisance)
 
 
 def estimate_chain(regression: Regression, known: FloatArray | None = None,

@@ -197,19 +197,11 @@ def _held_out(regression: Regression, test: BoolArray, chain: ChainEstimate,
     train, unseen = regression.select(~test), regression.select(test)
     refitted = fit_chain(train.samples, _WARM, chain.chain, None, train.beside())
     energy = estimate_sparse(train, 'potential', options, sparse.energy, settled=True)
-    errors = (_error(unseen, refitted.chain.torque(unseen.samples.q), refitted.nuisance),
-              _error(unseen, energy.gravity(unseen.samples.q), energy.beside))
+    errors = (residual_of(refitted, unseen),
+              unseen.residual(energy.gravity(unseen.samples.q), energy.beside))
     weights = unseen.trust
     return (float((weights * (errors[0] / scale) ** 2).mean()),
             float((weights * (errors[1] / scale) ** 2).mean()))
-
-
-def _error(unseen: Regression, gravity: FloatArray, beside: FloatArray) -> FloatArray:
-    columns = unseen.beside().columns
-    left = unseen.samples.tau - gravity
-    if columns is not None:
-        left = left - np.tensordot(beside, columns, axes=(0, 0)).T
-    return np.asarray(left)
 
 
 def _rms(values: FloatArray) -> FloatArray:

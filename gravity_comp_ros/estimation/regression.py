@@ -46,6 +46,14 @@ class Regression:
         columns = np.concatenate(parts) if parts else None
         return Beside(columns, None if (self.trust == 1.0).all() else self.trust)
 
+    def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:
+        """Return what a gravity torque (m, N) and coefficients (K,) beside it leave, N·m."""
+        left = self.samples.tau - gravity
+        columns = self.beside().columns
+        if columns is None:
+            return left
+        return np.asarray(left - np.tensordot(coefficients, columns, axes=(0, 0)).T)
+
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
         """Return the same with other directions of motion; all nuisance columns come back."""
         columns = build_columns(self.recorded, shapes, self.means, self.qdd, self.effects,

@@ -47,11 +47,7 @@ class SparseEstimate:
 
     def residual(self) -> FloatArray:
         """Return what gravity and everything beside it leave, (m, N) in N·m."""
-        left = self.regression.samples.tau - self.gravity(self.regression.samples.q)
-        columns = self.regression.beside().columns
-        if columns is None:
-            return left
-        return np.asarray(left - np.tensordot(self.beside, columns, axes=(0, 0)).T)
+        return self.regression.residual(self.gravity(self.regression.samples.q), self.beside)
 
 
 def estimate_sparse(regression: Regression, formulation: str, options: SparseOptions,
