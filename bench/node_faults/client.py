@@ -35,7 +35,7 @@ JUMP = 20.0
 PARAMETERS: dict[str, object] = {
     'ramp_time': 0.1, 'max_torque': '[176.0]', 'max_torque_rate': f'[{RATE}]',
     'stale_after': 10.0, 'stale_action': 'hold', 'settle_time': 0.0, 'diagnostics_rate': 20.0,
-    'formulation': 'chain'}
+    'formulation': 'auto'}
 
 Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
 

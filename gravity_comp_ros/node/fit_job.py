@@ -12,7 +12,7 @@ from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, FitError
+from gravity_comp_ros.errors import DataError, FitError, GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
@@ -23,6 +23,7 @@ from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
+from gravity_comp_ros.node.payload_evidence import find_payload, PayloadFinding
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
 import numpy as np
@@ -63,7 +64,11 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The best model of a job, how it fared against the one in use, and the time in s."""
+    """
+    The best model of a job, how it fared against the one in use, and the time in s.
+
+    `low` and `high` (N,) in rad are the range of the samples that it was learned from.
+    """
 
     number: int
     epoch: int
@@ -71,6 +76,8 @@ class Outcome:
     verdict: Verdict
     how: str
     seconds: float
+    low: FloatArray
+    high: FloatArray
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,47 @@ class Findings:
 
     number: int
     text: str
+
+
+@dataclass(frozen=True)
+class Look:
+    """Asks whether these samples show another payload than that of `model`; see `Job`."""
+
+    number: int
+    samples: JointSamples
+    model: GravityModel
+    payload: PayloadLimits = PayloadLimits()
+    geometry: Geometry | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The answer to a look, and the stamp of its first sample in s."""
+
+    number: int
+    finding: PayloadFinding
+    since: float
+
+
+def do(job: Job | Question | Look) -> Outcome | Findings | Seen:
+    """Do a job of any kind."""
+    if isinstance(job, Question):
+        return ask(job)
+    return look(job) if isinstance(job, Look) else work(job)
+
+
+def look(job: Look) -> Seen:
+    """Return whether the samples show another payload."""
+    chain = _chains.of(job.model, job.geometry)
+    if chain is None or chain.joints != job.samples.names:
+        found = PayloadFinding(False, True, 'the effort has changed; whether by a payload is not '
+                               'known, because no serial chain explains this arm')
+    else:
+        try:
+            found = find_payload(job.samples, job.model, chain, job.payload, job.geometry)
+        except (GravityCompError, np.linalg.LinAlgError) as problem:
+            found = PayloadFinding(False, False, str(problem))
+    return Seen(job.number, found, float(job.samples.t[0]))
 
 
 def ask(question: Question) -> Findings:
@@ -137,7 +185,8 @@ def work(job: Job) -> Outcome:
             verdict = verdict.refused(echo, is_echo=True)
         elif (broken := _broken(job, chain, change, model)) is not None:
             verdict = verdict.refused(broken)
-    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
+    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
+                   job.train.q.min(axis=0), job.train.q.max(axis=0))
 
 
 def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:

@@ -9,7 +9,7 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.fit_job import ask, Question, work
+from gravity_comp_ros.node.fit_job import do
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1
@@ -24,8 +24,7 @@ def serve(connection: Connection) -> None:
         except EOFError:
             return
         try:
-            done = ask(job) if isinstance(job, Question) else work(job)
-            connection.send(('done', done))
+            connection.send(('done', do(job)))
         except GravityCompError as problem:
             connection.send(('failed', job.number, str(problem)))
         except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError) as problem:
