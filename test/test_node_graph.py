@@ -110,7 +110,8 @@ def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(model_file):
         def two_drivers():
             nonlocal k
             k += 1
-            probe.send(samples.names, 10.0 + samples.t[k], samples.q[k], samples.qd[k], samples.tau[k])
+            probe.send(samples.names, 10.0 + samples.t[k], samples.q[k], samples.qd[k],
+                       samples.tau[k])
             late = JointState(name=list(samples.names), position=samples.q[k].tolist())
             late.header.stamp.sec = int(samples.t[k] + 5.0)
             other.publish(late)
