@@ -143,14 +143,19 @@ def _verb_list() -> str:
 
 
 def _run_verb(verb: str, argv: list[str]) -> int:
-    module = _module(verb)
-    parser = Parser(prog=f'{PROGRAM} {verb}', description=module.HELP, epilog=module.EPILOG)
-    module.add_arguments(parser)
+    usage = _usage(verb)
+    parser = Parser(prog=f'{PROGRAM} {verb}', description=VERBS[verb], epilog=usage.EPILOG)
+    usage.add_arguments(parser)
     parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]))
     # Options may stand between a verb's arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)
-    return int(module.run(args) or 0)
+    # Only now the science: help and wrong usage are answered without it.
+    return int(_module(verb).run(args) or 0)
+
+
+def _usage(verb: str) -> ModuleType:
+    return importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}')
 
 
 def _module(verb: str) -> ModuleType:

@@ -7,9 +7,14 @@ import sys
 from types import SimpleNamespace
 
 from gravity_comp_ros import __version__, cli
+from gravity_comp_ros.commands import arguments
+from gravity_comp_ros.commands.usage import plan as usage_of_plan
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
+from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.printable import printable
+from gravity_comp_ros.recordings.trajectory_files import ENDINGS
 from hypothesis import given, settings, strategies as st
 import pytest
 
@@ -20,9 +25,9 @@ ROOT = Path(__file__).resolve().parent.parent
 def verb(monkeypatch):
     """Return a function that makes `gravity_comp fit` run the given function."""
     def install(run):
-        module = SimpleNamespace(HELP='help', EPILOG='', add_arguments=lambda parser: None,
-                                 run=run)
-        monkeypatch.setattr(cli, '_module', lambda name: module)
+        usage = SimpleNamespace(EPILOG='', add_arguments=lambda parser: None)
+        monkeypatch.setattr(cli, '_usage', lambda name: usage)
+        monkeypatch.setattr(cli, '_module', lambda name: SimpleNamespace(run=run))
     return install
 
 
@@ -48,13 +53,22 @@ def test_every_verb_has_help_with_examples(name, capsys):
     assert f'  gravity_comp {name} ' in shown, 'no example'
 
 
-def test_version_and_overview_load_nothing_large():
-    code = ('import sys; from gravity_comp_ros.cli import main; main(["{}"]); '
+def test_help_and_wrong_usage_load_nothing_large():
+    calls = [['--version'], ['--help'], *([verb, '--help'] for verb in cli.VERBS),
+             ['fit', 'a.mcap', '--terms', '-3'], ['plan', 'a.mcap', '-o', 'x.txt']]
+    code = ('import sys; from gravity_comp_ros.cli import main\n'
+            f'for call in {calls!r}:\n    main(call)\n'
             'print([name for name in ("numpy", "scipy", "rich", "yaml") if name in sys.modules])')
-    for option in ('--version', '--help'):
-        done = subprocess.run([sys.executable, '-c', code.format(option)], cwd=ROOT, timeout=60,
-                              capture_output=True, text=True)
-        assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, timeout=60,
+                          capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.endswith('[]\n'), done.stdout
+
+
+def test_what_the_light_modules_repeat_is_so():
+    assert arguments.FORMULATIONS == CHOICES and CHOICES[0] == FitOptions().formulation
+    assert usage_of_plan.ENDINGS == ENDINGS
+    usual = {name: value for name, _, value, _ in usage_of_plan.LIMITS}
+    assert PlanOptions(**usual, reach=usage_of_plan.REACH) == PlanOptions()
 
 
 @pytest.mark.parametrize('verb', ['info', 'fit', 'compare', 'update'])

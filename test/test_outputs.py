@@ -26,7 +26,7 @@ PLACES = [(verb, place) for verb, call in CALLS.items() for place, word in enume
 def arguments_of(verb):
     """Return the parser's actions of a verb."""
     parser = Parser(prog=verb)
-    importlib.import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+    importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}').add_arguments(parser)
     return parser._actions
 
 

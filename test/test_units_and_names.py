@@ -1,9 +1,8 @@
 """Units, names and the usual troubles of tables: understood, or asked about, never guessed."""
 
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.commands.arguments import _EFFORT_UNITS
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
-from gravity_comp_ros.recordings.bag import EFFORT_UNITS, read_bag, ReadOptions
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
@@ -118,8 +117,7 @@ def test_units_of_effort(tmp_path, unit, size):
     assert report.effort_scale == pytest.approx({'joint_1': -size, 'joint_2': -size})
 
 
-def test_the_command_knows_the_units():
-    assert tuple(EFFORT_UNITS) == _EFFORT_UNITS
+def test_a_current_is_no_torque():
     with pytest.raises(OptionError, match='effort unit'):
         ReadOptions(effort_unit='A')
 

@@ -1,1 +1,1 @@
-"""The verbs of the command line: one module each, with VERB, HELP, EPILOG and `run`."""
+"""The verbs of the command line: one module each, with `run`; `usage` says what they take."""

@@ -9,14 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.recordings.units import TORQUE_UNITS
 
 if TYPE_CHECKING:
     from gravity_comp_ros.data.gate import GateOptions
     from gravity_comp_ros.recordings.bag import ReadOptions
 
 
-# Those of `recordings.bag`, which would have to be loaded for --help; a test compares them.
-_EFFORT_UNITS = ('Nm', 'mNm', 'Ncm', 'kgfcm', 'kgfm', 'lbfft', 'lbfin')
+# Those of `estimation.fit`, the usual one first. It would have to be loaded for --help; a test
+# compares them.
+FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
 
 
 def add_bags(parser: argparse.ArgumentParser, nargs: str | None = '+') -> None:
@@ -45,7 +47,7 @@ def add_reading(parser: argparse.ArgumentParser, joints: bool = True) -> None:
     group.add_argument('--effort-scale', metavar='JOINT=VALUE', type=scales, action='append',
                        default=[], help='N·m per unit of effort, sign included, e.g. '
                        'elbow=-1 or a=0.12,b=0.12; may be repeated (default: 1)')
-    group.add_argument('--effort-unit', choices=_EFFORT_UNITS, default='Nm',
+    group.add_argument('--effort-unit', choices=tuple(TORQUE_UNITS), default='Nm',
                        help='unit of the effort in the bag (default: %(default)s); for a motor '
                        'current give --effort-scale')
     group.add_argument('--degrees', action='store_true',
@@ -115,6 +117,30 @@ def _json_target(text: str) -> str:
         raise argparse.ArgumentTypeError(
             f'{text} does not end in .json: name a .json file, or put --json after the bags')
     return text
+
+
+def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
+    """Add --urdf and --fixed; `known_axes` says what they mean."""
+    group = parser.add_argument_group('robot description')
+    group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
+                       help=f'{use}; masses in it are not used (default: /robot_description in '
+                       'the recording, if it holds one that fits; none for no description)')
+    group.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
+                       default=[], help='a joint of the description that the recording lacks '
+                       'stands here, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
+
+
+def add_html(parser: argparse.ArgumentParser) -> None:
+    """Add --html FILE."""
+    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
+                        help='write a report to look at, one file with everything in it')
+
+
+def _html_file(text: str) -> Path:
+    # `--html BAG` would take the bag for the output and overwrite it.
+    if not text.endswith(('.html', '.htm')):
+        raise argparse.ArgumentTypeError(f'{text} does not end in .html')
+    return Path(text)
 
 
 def recording(text: str) -> Path:
@@ -193,3 +219,22 @@ def names_shown(names: Sequence[str], most: int = 12) -> str:
     """Return joint names in one line, cut after `most`."""
     more = f' and {len(names) - most} more' if len(names) > most else ''
     return ', '.join(names[:most]) + more
+
+
+def mcap_file(text: str) -> Path:
+    """Return the path of an MCAP file to write; another ending is surely a slip."""
+    path = Path(text)
+    if path.suffix != '.mcap':
+        raise argparse.ArgumentTypeError(f'{text} does not end in .mcap')
+    return path
+
+
+def _values(text: str) -> dict[str, float]:
+    """Return the numbers in `JOINT=VALUE,...`; 0 is one of them."""
+    found = {}
+    for part in text.split(','):
+        name, equals, value = part.rpartition('=')
+        if not equals or not name.strip():
+            raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
+        found[name.strip()] = finite(value)
+    return found

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.commands import arguments, html, next_step, reading, terminal
+from gravity_comp_ros.commands import html, next_step, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -24,39 +22,6 @@ from gravity_comp_ros.recordings.topic_choice import named_joints
 from rich.text import Text
 
 _MOST_PLACES = 2
-
-VERB = 'compare'
-HELP = VERBS[VERB]
-EPILOG = """\
-examples:
-  gravity_comp compare run2.mcap --model arm.json
-  gravity_comp compare run1.mcap --model arm.json --holdout      only what `fit` held out of run1
-  gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
-  gravity_comp compare run2.mcap --model arm.json --html report.html      plots to look at
-
-RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
-the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
-"in band" is the share of errors inside the 95 % band that the model itself gives, in its trained
-range; "outside" is the same for poses outside of it. Near 95 % the band is right.
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `compare`."""
-    arguments.add_bags(parser)
-    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
-                        help='a model file, as `fit` writes it')
-    parser.add_argument('--holdout', action='store_true',
-                        help='of the bags that the model was fitted to, use only what '
-                        '`fit --holdout` held out')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
-    html.add_html(parser)
-    parser.add_argument('--previous', metavar='MODEL.json', type=Path, default=None,
-                        help='another model, for its errors beside in the report of --html '
-                        '(default: what the model was before its last addition)')
-    parser.set_defaults(parser=parser)
 
 
 def run(args: argparse.Namespace) -> int:

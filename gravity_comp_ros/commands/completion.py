@@ -8,22 +8,6 @@ import importlib
 from gravity_comp_ros.commands.outputs import INPUTS, OUTPUTS
 from gravity_comp_ros.commands.verbs import VERBS
 
-VERB = 'completion'
-HELP = VERBS[VERB]
-EPILOG = """\
-examples:
-  gravity_comp completion bash > ~/.local/share/bash-completion/completions/gravity_comp
-  gravity_comp completion zsh > ~/.zfunc/_gravity_comp        with ~/.zfunc in fpath
-
-The script knows the options of this release: write it again after an update. The shell reads it
-alone; completing starts no Python.
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `completion`."""
-    parser.add_argument('shell', choices=('bash', 'zsh', 'tcsh'), help='the shell to write for')
-
 
 def run(args: argparse.Namespace) -> int:
     """Print the script."""
@@ -39,7 +23,7 @@ def everything() -> argparse.ArgumentParser:
     verbs = root.add_subparsers(dest='verb')
     for verb, text in VERBS.items():
         parser = verbs.add_parser(verb, help=text, allow_abbrev=False)
-        importlib.import_module(f'gravity_comp_ros.commands.{verb}').add_arguments(parser)
+        importlib.import_module(f'gravity_comp_ros.commands.usage.{verb}').add_arguments(parser)
         for action in parser._actions:
             if action.dest in {**INPUTS, **OUTPUTS}:
                 action.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -3,89 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 import shlex
 
 from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.arguments import add_json, finite, joint_list, names_shown, positive
+from gravity_comp_ros.commands.arguments import names_shown
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
-from gravity_comp_ros.commands.verbs import VERBS
-from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
-from gravity_comp_ros.recordings.table import (
-    ANGLE_UNITS, Converted, EFFORT_UNITS, read_table, TableOptions, TIME_UNITS)
-
-VERB = 'convert'
-HELP = VERBS[VERB]
-EPILOG = """\
-columns (--time, --position, --velocity, --effort):
-  q_{i}      every column with a number in that place, in order: q_0, q_1, ...
-  a,b,c      these, by name
-  2-8        the second to the eighth; numbers count from 1
-  none       no such column, for --time
-  In an NPZ file an array q of M rows and N columns is called q.
-Left out, usual names are looked for: t or time, q_{i}, qd_{i}, tau_{i} and the like.
-Between semicolons or tabs, numbers may have a decimal comma.
-
-examples:
-  gravity_comp convert log.csv -o log.mcap
-  gravity_comp convert lbr.csv --rate 100 --effort-sign -1 -o lbr.mcap
-  gravity_comp convert log.txt --time 1 --position 2-7 --effort 8-13 --time-unit ms \\
-      --angle-unit deg --effort-unit mA --torque-constant 0.06 --gear-ratio 101 -o log.mcap
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('table', metavar='TABLE', type=Path, help='a .csv, .txt or .npz file')
-    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=mcap_file, required=True,
-                        help='file to write; an older one is replaced')
-    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
-    add_json(parser)
-    _add_columns(parser.add_argument_group('columns'))
-    _add_units(parser.add_argument_group('units and signs (one value, or one per joint)'))
-    _add_text(parser.add_argument_group('the file'))
-
-
-def _add_columns(group: argparse._ArgumentGroup) -> None:
-    for what in ('time', 'position', 'velocity', 'effort'):
-        group.add_argument(f'--{what}', metavar='COLUMNS', help=f'columns of {what}')
-    group.add_argument('--rate', metavar='HZ', type=positive,
-                       help='fixed rate, for a table without time (--time none ignores one)')
-    group.add_argument('--joint-names', metavar='A,B,...', type=joint_list,
-                       help='names to record (default: joint_1, joint_2, ...)')
-
-
-def _add_units(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default=None,
-                       help='(default: s, and a question where that cannot be)')
-    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default='rad',
-                       help='of positions and velocities (default: %(default)s)')
-    group.add_argument('--effort-unit', choices=tuple(EFFORT_UNITS), default='Nm',
-                       help='A and mA need --torque-constant (default: %(default)s)')
-    group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),
-                       help='-1 where the file has the torque on the drive, not by it '
-                       '(several: write --effort-sign=-1,1,...)')
-    group.add_argument('--torque-constant', metavar='NM/A,...', type=numbers,
-                       help='of the motor, for efforts in A or mA')
-    group.add_argument('--gear-ratio', metavar='N,...', type=numbers, default=(1.0,),
-                       help='turns of the motor per turn of the joint (default: 1)')
-
-
-def _add_text(group: argparse._ArgumentGroup) -> None:
-    header = group.add_mutually_exclusive_group()
-    header.add_argument('--header', action='store_true', default=None,
-                        help='the first line has names (default: if it has no number)')
-    header.add_argument('--no-header', dest='header', action='store_false',
-                        help='the first line has numbers')
-    group.add_argument('--delimiter', metavar='CHAR', help='(default: found out)')
-    group.add_argument('--skip-bad-rows', action='store_true',
-                       help='leave out rows with empty or not finite cells, or time going back')
-
-
-def numbers(text: str) -> tuple[float, ...]:
-    """Return the numbers in `1,-1,...`."""
-    return tuple(finite(part) for part in text.split(','))
+from gravity_comp_ros.recordings.table import Converted, read_table, TableOptions
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,10 +9,8 @@ import shlex
 import time
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import (
-    arguments, data_check, html, next_step, reading, terminal)
+from gravity_comp_ros.commands import data_check, html, next_step, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
@@ -27,43 +25,11 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
-VERB = 'diagnose'
-HELP = VERBS[VERB]
-EPILOG = """\
-examples:
-  gravity_comp diagnose run1.mcap run2.mcap --model arm.json
-  gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
-  gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
-  gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
-
-verdicts:
-  established   it explains held-out data, in nearly every run, and nothing else does
-  likely        the same, less surely
-  ambiguous     another effect explains as much: both are named, and the motion that settles it
-  weak          perhaps there, too small to be sure
-  untestable    this motion cannot distinguish it from another effect
-  unexplained   something repeats there that no known effect describes
-
-All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
-was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).
-"""
 
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 _RIVALS = 'or rather'
 _MOST_SHOWN = 3
 _ENOUGH_SLOW = 50
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `diagnose`."""
-    arguments.add_bags(parser)
-    parser.add_argument('--model', metavar='MODEL.json', type=Path,
-                        help='the model to judge, as `fit` writes it (default: one is fitted)')
-    parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list, default=None,
-                        help='look for these effects only (default: all that are known)')
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
-    html.add_html(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, replace
 import math
-from pathlib import Path
 import re
 import time
 from typing import Any
@@ -13,58 +12,16 @@ from typing import Any
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, fit_model
-from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.known_axes import add_urdf, known_axes, KnownAxes, urdf_file
+from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import CHOICES, FitOptions, FitResult
+from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_report import nuisance_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
-
-VERB = 'fit'
-HELP = VERBS[VERB]
-EPILOG = """\
-examples:
-  gravity_comp fit run1.mcap run2.mcap -o arm.json
-  gravity_comp fit run1.mcap --holdout -o arm.json      judge on data that is not fitted
-  gravity_comp fit run1.db3 --joints a1,a2,a3 --effort-scale a1=-1,a2=-1,a3=-1 -o arm.json
-  gravity_comp fit run1.mcap --effects coulomb_friction,torque_offset:wrist -o arm.json
-  gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
-  gravity_comp fit run1.mcap --urdf robot.urdf -o arm.json   a chain whose axes are known
-
-Slow samples are used; where they are too few, all are, with inertia fitted beside gravity. With
---holdout the saved model is the one that was judged; `compare --holdout` finds the same data.
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `fit`."""
-    arguments.add_bags(parser)
-    parser.add_argument('-o', '--output', metavar='MODEL.json', type=Path,
-                        help='write the model here (without it, only show what a fit gives)')
-    parser.add_argument('--formulation', choices=CHOICES, default=None,
-                        help='one potential energy for all joints; the same with the structure '
-                        'of a serial arm (chain); whichever of the two predicts held-out data '
-                        'better (auto); or each joint by itself as in Yu 2022 (default: '
-                        f'{FitOptions().formulation}, with --urdf chain, with the '
-                        "recording's own description auto)")
-    parser.add_argument('--holdout', metavar='SHARE', type=arguments.positive, nargs='?',
-                        const=0.2, default=None, help='hold this share of the data out of the '
-                        'fit and judge the model on it: whole runs, or blocks of a single run '
-                        '(0.2 if no number is given)')
-    parser.add_argument('--terms', metavar='N', type=arguments.count, default=8,
-                        help='terms of each equation to show (default: %(default)s)')
-    parser.add_argument('--effects', metavar='A,B:JOINT,...', default=None,
-                        help='learn these effects together with gravity; without a joint, on '
-                        'every joint that can show them (docs/effects.md has them all)')
-    add_urdf(parser, 'take the axes of the chain from here')
-    arguments.add_gate(parser)
-    arguments.add_reading(parser)
-    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, UTC
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.atomic import write_atomically
@@ -20,19 +19,6 @@ from gravity_comp_ros.recordings.bag import ReadReport
 
 if TYPE_CHECKING:
     from gravity_comp_ros.report.contents import Contents
-
-
-def add_html(parser: argparse.ArgumentParser) -> None:
-    """Add --html FILE."""
-    parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
-                        help='write a report to look at, one file with everything in it')
-
-
-def _html_file(text: str) -> Path:
-    # `--html BAG` would take the bag for the output and overwrite it.
-    if not text.endswith(('.html', '.htm')):
-        raise argparse.ArgumentTypeError(f'{text} does not end in .html')
-    return Path(text)
 
 
 @contextmanager

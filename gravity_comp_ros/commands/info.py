@@ -7,38 +7,14 @@ from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.arguments import (
-    add_bags, add_gate, add_json, add_reading, gate_options, read_options)
+from gravity_comp_ros.commands.arguments import gate_options, read_options
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
-from gravity_comp_ros.commands.verbs import VERBS
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import (
     describe, FEW, JointFacts, RecordingFacts)
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
 import numpy as np
-
-VERB = 'info'
-HELP = VERBS[VERB]
-EPILOG = """\
-columns of the table:
-  range      least and greatest angle, in degrees
-  speed      rms and greatest, in rad/s; the gate wants every joint slow at once
-  reversals  changes of direction; they excite friction
-  effort     least and greatest, in N·m (or in the unit of the driver)
-
-examples:
-  gravity_comp info run1.mcap
-  gravity_comp info rosbag2_folder/ old.db3 --max-speed 0.2
-  gravity_comp info run1.mcap --json
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_bags(parser)
-    add_reading(parser)
-    add_gate(parser)
-    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

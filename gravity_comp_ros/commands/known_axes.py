@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.commands.arguments import finite
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 
@@ -45,17 +44,6 @@ class KnownAxes:
                 'link': self.geometry.link, 'left_out': list(self.left_out),
                 'held': {joint.name: {'value': joint.value, 'by': joint.by}
                          for joint in self.geometry.held}}
-
-
-def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf and --fixed; `known_axes` says what they mean."""
-    group = parser.add_argument_group('robot description')
-    group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
-                       help=f'{use}; masses in it are not used (default: /robot_description in '
-                       'the recording, if it holds one that fits; none for no description)')
-    group.add_argument('--fixed', metavar='JOINT=VALUE', type=_values, action='append',
-                       default=[], help='a joint of the description that the recording lacks '
-                       'stands here, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
 
 def urdf_file(args: argparse.Namespace) -> Path | None:
@@ -142,14 +130,3 @@ def _held_at(args: argparse.Namespace, text: str | bytes, joints: Sequence[str],
                             f'name where it stands (--fixed {name}=VALUE)')
         recorded[name] = seen[0].median
     return HeldAt(fixed, recorded)
-
-
-def _values(text: str) -> dict[str, float]:
-    """Return the numbers in `JOINT=VALUE,...`; 0 is one of them."""
-    found = {}
-    for part in text.split(','):
-        name, equals, value = part.rpartition('=')
-        if not equals or not name.strip():
-            raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
-        found[name.strip()] = finite(value)
-    return found

@@ -4,75 +4,17 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import arguments, reading, terminal
-from gravity_comp_ros.commands.verbs import VERBS
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.commands import reading, terminal
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
-from gravity_comp_ros.recordings.trajectory_files import ENDINGS, write_trajectory
+from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
-
-VERB = 'plan'
-HELP = VERBS[VERB]
-EPILOG = """\
-examples:
-  gravity_comp plan run1.mcap --model arm.json -o motion.yaml
-  gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
-  gravity_comp plan run1.mcap --model arm.json --within limits --urdf robot.urdf -o motion.yaml
-  ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
-      trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
-  gravity_comp synth --motion motion.yaml -o new.mcap              plays it on a simulated arm
-  gravity_comp diagnose run1.mcap new.mcap --model arm.json        what is settled now
-
-The motion begins and ends at rest at one recorded pose, and moves one or two joints at a time
-within recorded poses. Bring the arm to the first point before it is played. Nothing here sees
-obstacles, people or the arm's own links: keep clear of them.
-"""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of `plan`."""
-    arguments.add_bags(parser)
-    parser.add_argument('--model', metavar='MODEL.json', type=Path, required=True,
-                        help='the gravity model of the arm (chain or potential)')
-    parser.add_argument('-o', '--output', metavar='MOTION', type=_motion_file, required=True,
-                        help=f'write the motion here ({", ".join(ENDINGS)})')
-    parser.add_argument('--settle', metavar='EFFECT:JOINT,...', default=None,
-                        help='settle these (default: what `diagnose` finds ambiguous, untestable '
-                        'or weak)')
-    usual = PlanOptions()
-    group = parser.add_argument_group('limits')
-    group.add_argument('--within', choices=('recorded', 'limits'), default='recorded',
-                       help='stay near recorded poses, or within the position limits of --urdf '
-                       '(default: recorded)')
-    group.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                       help='the robot description, for --within limits')
-    group.add_argument('--reach', metavar='RAD', type=arguments.positive, default=usual.reach,
-                       help='how far each joint may be from a recorded pose '
-                       '(default: %(default)s)')
-    for name, unit, what in (('duration', 'S', 'longest motion'),
-                             ('max_speed', 'RAD/S', 'of every joint'),
-                             ('max_acceleration', 'RAD/S²', 'of every joint'),
-                             ('max_jerk', 'RAD/S³', 'of every joint')):
-        group.add_argument('--' + name.replace('_', '-'), metavar=unit, type=arguments.positive,
-                           default=getattr(usual, name), help=f'{what} (default: %(default)s)')
-    group.add_argument('--start', metavar='RAD,...', type=_pose, default=None,
-                       help='begin and end at this pose, a value for each joint of the model '
-                       '(default: a recorded pose near the middle)')
-    group = parser.add_argument_group('output')
-    group.add_argument('--goal', action='store_true',
-                       help='write YAML as the goal of a FollowJointTrajectory action')
-    group.add_argument('--effort', action='store_true',
-                       help="add the model's gravity torque as effort")
-    arguments.add_reading(parser, joints=False)
-    arguments.add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -117,8 +59,9 @@ def _options(args: argparse.Namespace, model: GravityModel) -> PlanOptions:
         # A margin of 2 % at either end: a planned motion should not end at a stop.
         low, high = low + 0.02 * (high - low), high - 0.02 * (high - low)
         reach = float('inf')
+    start = None if args.start is None else np.array(args.start)
     return PlanOptions(args.duration, args.max_speed, args.max_acceleration, args.max_jerk, reach,
-                       low=low, high=high, start=args.start)
+                       low=low, high=high, start=start)
 
 
 def _show(args: argparse.Namespace, found: Plan) -> None:
@@ -160,14 +103,3 @@ def _expected_json(e: Expectation) -> dict[str, Any]:
             'chance_before': e.chance_before, 'chance': e.chance,
             'closest_alternative': e.hardest or None, 'assumed': e.assumed,
             'size_is_measured': e.measured, 'half_width': widths}
-
-
-def _motion_file(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in ENDINGS:
-        raise argparse.ArgumentTypeError(f'{text} does not end in {", ".join(ENDINGS)}')
-    return path
-
-
-def _pose(text: str) -> FloatArray:
-    return np.array([arguments.finite(part) for part in text.split(',')])

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
-from gravity_comp_ros.commands.arguments import add_bags, add_json, add_reading, read_options
+from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
-from gravity_comp_ros.commands.verbs import VERBS
-from gravity_comp_ros.commands.writing import mcap_file
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -21,30 +18,9 @@ from gravity_comp_ros.recordings.mcap_writer import (
 import numpy as np
 from numpy.typing import NDArray
 
-VERB = 'replay'
-HELP = VERBS[VERB]
-EPILOG = """\
-topics of the output, all sensor_msgs/JointState:
-  /joint_states              as measured, in N·m
-  /gravity_comp/prediction   effort = what the model says: gravity, and the effects it has
-  /gravity_comp/residual     effort = measured minus predicted
-
-examples:
-  gravity_comp replay run2.mcap --model arm.json -o out.mcap
-"""
 
 PREDICTION = '/gravity_comp/prediction'
 RESIDUAL = '/gravity_comp/residual'
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_bags(parser, nargs=None)
-    parser.add_argument('--model', metavar='M.json', type=Path, required=True,
-                        help='model to predict with')
-    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=mcap_file, required=True,
-                        help='file to write; an older one is replaced')
-    add_reading(parser)
-    add_json(parser)
 
 
 def run(args: argparse.Namespace) -> int:

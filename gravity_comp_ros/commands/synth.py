@@ -6,116 +6,23 @@ import argparse
 from math import radians
 from pathlib import Path
 
-from gravity_comp_ros.commands.arguments import add_json, count, finite, joint_list, positive
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
-from gravity_comp_ros.commands.verbs import VERBS
-from gravity_comp_ros.commands.writing import mcap_file
+from gravity_comp_ros.commands.usage.synth import FILES
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag, WriteOptions
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.hidden import Hidden, hidden
-from gravity_comp_ros.simulation.hidden_sizes import size_table
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
-VERB = 'synth'
-HELP = VERBS[VERB]
-EPILOG = f"""\
-motions:
-  eq15       seven joints, up to 3.1 rad/s: the test motion of Yu 2022 (20 s at 10 Hz)
-  eq17       seven joints, up to 0.11 rad/s: its slow training motion (100 s at 5 Hz)
-  random     poses at rest, uniform within the joint limits, 2 s apart (1000 poses)
-  FILE.yaml  what `gravity_comp plan` has written (50 Hz)
-  multisine  seeded sums of sines within the limits, for any arm (100 s at 50 Hz)
-
-hidden effects and what their SIZE means, in the units of `diagnose`:
-{size_table()}
-  JOINT is a name or a number from 1. The default SIZE stands out of the noise of a usual arm.
-
-examples:
-  gravity_comp synth --motion eq17 --noise 0.1 -o slow.mcap
-  gravity_comp synth --motion eq17 --start 100 --noise 0.1 --seed 1 -o later.mcap
-  gravity_comp synth --motion eq17 --payload 2 --payload-at 50 -o loaded.mcap
-  gravity_comp synth --motion multisine --hidden coulomb_friction:4=0.8 -o rough.mcap
-  gravity_comp synth --motion random --samples 1000 --relative-noise 0.01 -o poses.mcap
-  gravity_comp synth --arm robot.urdf --motion multisine --max-speed 0.1 -o robot.mcap
-"""
-
-_MOTIONS = ('eq15', 'eq17', 'random', 'multisine')
 _FILE_RATE = 50.0
-_FILES = ('.yaml', '.yml', '.csv')
 # Length in s and rate in Hz.
 _DEFAULTS = {'eq15': (20.0, 10.0), 'eq17': (100.0, 5.0), 'random': (2000.0, 0.5),
              'multisine': (100.0, 50.0)}
 _MOST_SAMPLES = 1e6
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('-o', '--output', metavar='OUT.mcap', type=mcap_file, required=True,
-                        help='file to write; an older one is replaced')
-    parser.add_argument('--seed', type=int, default=0,
-                        help='of random motion and noise (default: 0)')
-    parser.add_argument('--topic', default='/joint_states', help='(default: /joint_states)')
-    add_json(parser)
-    _add_arm(parser.add_argument_group('arm'))
-    _add_motion(parser.add_argument_group('motion'))
-    _add_torque(parser.add_argument_group('torque'))
-
-
-def _add_arm(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--arm', metavar='iiwa7|FILE.urdf', default='iiwa7',
-                       help='KUKA LBR iiwa 7 R800, or any arm of revolute joints')
-    group.add_argument('--tilt', metavar=('ROLL', 'PITCH'), nargs=2, type=angle,
-                       default=(0.0, 0.0),
-                       help='of the base, -180 to 180 degrees (default: level)')
-    group.add_argument('--joint-names', metavar='A,B,...', type=joint_list,
-                       help="names to record (default: the model's own)")
-
-
-def _add_motion(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--motion', metavar='NAME|FILE', type=_motion_name, default='eq17',
-                       help=f'{", ".join(_MOTIONS)}, see below, or a motion that `plan` has '
-                       'written (.yaml or .csv) (default: eq17)')
-    group.add_argument('--duration', metavar='S', type=positive, help='length in s')
-    group.add_argument('--rate', metavar='HZ', type=positive, help='samples per second')
-    group.add_argument('--samples', metavar='N', type=count,
-                       help='number of samples, instead of a duration')
-    group.add_argument('--start', metavar='S', type=finite, default=0.0,
-                       help='begin at this time of the motion (default: 0)')
-    group.add_argument('--max-speed', metavar='RAD/S', type=positive,
-                       help='of every joint in a multisine (default: 0.1)')
-
-
-def _add_torque(group: argparse._ArgumentGroup) -> None:
-    group.add_argument('--payload', metavar='KG', type=positive, help='mass on the last link')
-    group.add_argument('--payload-com', metavar=('X', 'Y', 'Z'), nargs=3, type=finite,
-                       help="its centre of mass in the last joint's frame, in m "
-                       '(default: 0 0 0.1)')
-    group.add_argument('--payload-at', metavar='S', type=finite,
-                       help='attach it this long after the beginning (default: at once)')
-    group.add_argument('--hidden', metavar='EFFECT:JOINT[=SIZE]', action='append', default=[],
-                       help='something the arm should not have, simulated by other formulas '
-                       'than the diagnosis uses; may be repeated; effects and the units of their '
-                       'sizes are below')
-    group.add_argument('--noise', metavar='NM', type=finite, default=0.0,
-                       help='standard deviation of the torque noise, N·m (default: 0)')
-    group.add_argument('--relative-noise', metavar='FRACTION', type=finite, default=0.0,
-                       help='the same as a fraction of the torque (default: 0)')
-    group.add_argument('--noise-correlation', metavar='S', type=finite, default=0.0,
-                       help='correlation time of --noise (default: 0, white)')
-    group.add_argument('--static', action='store_true',
-                       help='gravity alone, as though the arm stopped for every sample')
-
-
-def angle(text: str) -> float:
-    """Return an angle within half a turn, in degrees."""
-    value = finite(text)
-    if abs(value) > 180.0:
-        raise argparse.ArgumentTypeError(f'{text!r} is not within -180 to 180 degrees')
-    return value
 
 
 def run(args: argparse.Namespace) -> int:
@@ -159,7 +66,7 @@ def _arm(args: argparse.Namespace) -> arms.Arm:
 def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
     if args.samples is not None and args.duration is not None:
         raise OptionError('give --samples or --duration, not both')
-    if Path(args.motion).suffix in _FILES:
+    if Path(args.motion).suffix in FILES:
         return _played(args, arm)
     if args.max_speed is not None and args.motion != 'multisine':
         raise OptionError(f'--max-speed is for multisines; {args.motion} has its own speed')
@@ -176,13 +83,6 @@ def _motion(args: argparse.Namespace, arm: arms.Arm) -> motions.Motion:
                                  duration, rate, args.start)
     make = motions.eq15 if args.motion == 'eq15' else motions.eq17
     return make(duration, rate, args.start)
-
-
-def _motion_name(text: str) -> str:
-    if text not in _MOTIONS and Path(text).suffix not in _FILES:
-        raise argparse.ArgumentTypeError(f'no motion {text}; give one of {", ".join(_MOTIONS)}, '
-                                         f'or a {" or ".join(_FILES)} file')
-    return text
 
 
 def _check_size(duration: float, rate: float) -> None:

@@ -20,6 +20,7 @@ from gravity_comp_ros.recordings.storage import fingerprint, open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import (
     choose_joints, choose_topic, named_joints, RULE)
+from gravity_comp_ros.recordings.units import TORQUE_UNITS
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -37,9 +38,6 @@ LONELY = 'alone in a gap, no velocity'
 BAD_STAMPS = 0.1
 # A joint that travels further than this moves, rad.
 MOVES = 1e-3
-# N·m per unit of effort that a driver may publish; a current has none of its own.
-EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'Ncm': 1e-2, 'kgfcm': 0.0980665, 'kgfm': 9.80665,
-                'lbfft': 1.3558179483314004, 'lbfin': 0.1129848290276167}
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class ReadOptions:
     A joint is given by its name, or by its number from 1 in the order of the first message.
     `differentiate`: take speeds from positions although there are velocities.
     `degrees`: positions and velocities are in degrees.
-    `effort_unit`: one of `EFFORT_UNITS`; the scale is N·m per unit beside it.
+    `effort_unit`: one of `TORQUE_UNITS`; the scale is N·m per unit beside it.
     `rename`: other names for joints, by the name in the recording; all else goes by these.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, or the unit
@@ -73,9 +71,9 @@ class ReadOptions:
             if not np.isfinite(scale) or scale == 0:
                 raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '
                                   f'and not 0')
-        if self.effort_unit not in EFFORT_UNITS:
+        if self.effort_unit not in TORQUE_UNITS:
             raise OptionError(f'effort unit {self.effort_unit!r} is not one of '
-                              f'{", ".join(EFFORT_UNITS)}')
+                              f'{", ".join(TORQUE_UNITS)}')
         if len(set(self.rename.values())) < len(self.rename):
             raise OptionError(f'two joints get the same name: {", ".join(self.rename.values())}')
         if self.joints is not None:
@@ -86,7 +84,7 @@ class ReadOptions:
 
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
         """Return N·m per unit of effort as recorded, sign included, for each joint."""
-        unit = EFFORT_UNITS[self.effort_unit]
+        unit = TORQUE_UNITS[self.effort_unit]
         return {joint: unit * float(self.effort_scale.get(joint, 1.0)) for joint in joints}
 
 

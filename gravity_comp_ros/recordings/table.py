@@ -9,15 +9,14 @@ from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import find_columns, has_columns
 from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
+from gravity_comp_ros.recordings.units import (
+    ANGLE_UNITS, CURRENT_UNITS, TIME_UNITS, TORQUE_UNITS)
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-TIME_UNITS = {'s': 1.0, 'ms': 1e-3, 'us': 1e-6, 'ns': 1e-9}
-ANGLE_UNITS = {'rad': 1.0, 'deg': np.pi / 180}
-EFFORT_UNITS = {'Nm': 1.0, 'mNm': 1e-3, 'A': 1.0, 'mA': 1e-3}
-CURRENTS = ('A', 'mA')
+EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS}
 NO_TIME = 'none'
 # A joint that travels as far, rad, moves; one that does moves at least so fast on average, rad/s.
 MOVES, SLOWEST = 0.05, 5e-4
@@ -74,7 +73,7 @@ class TableOptions:
             raise OptionError('give a time column or a fixed rate, not both')
         if any(sign not in (-1.0, 1.0) for sign in self.effort_sign):
             raise OptionError('effort signs are 1 or -1')
-        is_current = self.effort_unit in CURRENTS
+        is_current = self.effort_unit in CURRENT_UNITS
         if is_current != (self.torque_constant is not None):
             raise OptionError('effort in A or mA needs a torque constant in N·m/A'
                               if is_current else 'a torque constant is for effort in A or mA')

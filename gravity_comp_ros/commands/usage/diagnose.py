@@ -1,0 +1,39 @@
+"""What `gravity_comp diagnose` takes."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gravity_comp_ros.commands import arguments
+
+EPILOG = """\
+examples:
+  gravity_comp diagnose run1.mcap run2.mcap --model arm.json
+  gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
+  gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
+  gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
+
+verdicts:
+  established   it explains held-out data, in nearly every run, and nothing else does
+  likely        the same, less surely
+  ambiguous     another effect explains as much: both are named, and the motion that settles it
+  weak          perhaps there, too small to be sure
+  untestable    this motion cannot distinguish it from another effect
+  unexplained   something repeats there that no known effect describes
+
+All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
+was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of `diagnose`."""
+    arguments.add_bags(parser)
+    parser.add_argument('--model', metavar='MODEL.json', type=Path,
+                        help='the model to judge, as `fit` writes it (default: one is fitted)')
+    parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list, default=None,
+                        help='look for these effects only (default: all that are known)')
+    arguments.add_reading(parser)
+    arguments.add_json(parser)
+    arguments.add_html(parser)
