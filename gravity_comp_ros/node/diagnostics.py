@@ -96,6 +96,7 @@ class Learning:
     compensated: bool
     broken: bool = False
     faults: str = ''
+    outliers: str = ''
 
 
 def learning_status(learning: Learning) -> Status:
@@ -108,16 +109,22 @@ def learning_status(learning: Learning) -> Status:
     for reason, count in learning.gate.items():
         values[f'gate {reason}'] = str(count)
     if learning.failure:
-        return Status('learning', ERROR, f'{learning.failure}; the old model stays', values)
+        return Status('learning', ERROR, f'{learning.failure}; the old model stays; '
+                      f'{learning.epoch}', values)
     if learning.broken:
-        return Status('learning', ERROR, f'broken effort: {learning.last_fit}', values)
+        return Status('learning', ERROR, f'broken effort: {learning.last_fit}; {learning.epoch}',
+                      values)
     if learning.faults:
         return Status('learning', WARN, f'nothing is learned from broken effort: '
                       f'{learning.faults}; {learning.epoch}', values)
     if learning.compensated:
-        return Status('learning', WARN, learning.last_fit, values)
+        return Status('learning', WARN, f'{learning.last_fit}; {learning.epoch}', values)
     if learning.kept_old:
         return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
+                      f'{learning.epoch}', values)
+    if learning.outliers:
+        return Status('learning', WARN, f'samples left out as outliers: {learning.outliers}; does '
+                      'a brake grip now and then, or does something touch the arm? '
                       f'{learning.epoch}', values)
     return Status('learning', OK, learning.epoch, values)
 

@@ -1,29 +1,26 @@
-"""What the fit process does: fit and judge the result on held-out samples, or diagnose."""
+"""What the fit process does: fit, judge the result on held-out samples, and test it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import time
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, FitError, GravityCompError
+from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
-from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
-from gravity_comp_ros.node.payload_evidence import find_payload, PayloadFinding
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
 import numpy as np
@@ -67,7 +64,8 @@ class Outcome:
     """
     The best model of a job, how it fared against the one in use, and the time in s.
 
-    `low` and `high` (N,) in rad are the range of the samples that it was learned from.
+    `low` and `high` (N,) in rad are the range of the samples that it was learned from, and
+    `outliers` counts the samples of each joint that were left out.
     """
 
     number: int
@@ -78,80 +76,7 @@ class Outcome:
     seconds: float
     low: FloatArray
     high: FloatArray
-
-
-@dataclass(frozen=True)
-class Question:
-    """Asks which effect is missing in `model`, going by these samples."""
-
-    number: int
-    samples: JointSamples
-    model: GravityModel | None
-
-
-@dataclass(frozen=True)
-class Findings:
-    """The answer to a question, in a line."""
-
-    number: int
-    text: str
-
-
-@dataclass(frozen=True)
-class Look:
-    """Asks whether these samples show another payload than that of `model`; see `Job`."""
-
-    number: int
-    samples: JointSamples
-    model: GravityModel
-    payload: PayloadLimits = PayloadLimits()
-    geometry: Geometry | None = None
-
-
-@dataclass(frozen=True)
-class Seen:
-    """The answer to a look, and the stamp of its first sample in s."""
-
-    number: int
-    finding: PayloadFinding
-    since: float
-
-
-def do(job: Job | Question | Look) -> Outcome | Findings | Seen:
-    """Do a job of any kind."""
-    if isinstance(job, Question):
-        return ask(job)
-    return look(job) if isinstance(job, Look) else work(job)
-
-
-def look(job: Look) -> Seen:
-    """Return whether the samples show another payload."""
-    chain = _chains.of(job.model, job.geometry)
-    if chain is None or chain.joints != job.samples.names:
-        found = PayloadFinding(False, True, 'the effort has changed; whether by a payload is not '
-                               'known, because no serial chain explains this arm')
-    else:
-        try:
-            found = find_payload(job.samples, job.model, chain, job.payload, job.geometry)
-        except (GravityCompError, np.linalg.LinAlgError) as problem:
-            found = PayloadFinding(False, False, str(problem))
-    return Seen(job.number, found, float(job.samples.t[0]))
-
-
-def ask(question: Question) -> Findings:
-    """
-    Diagnose, and put the findings into words.
-
-    :raises DataError: if there are too few samples.
-    """
-    start = time.monotonic()
-    found = diagnose(question.samples, question.model)
-    # Named as `gravity_comp add` and the parameter `effects` take them.
-    ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
-                        for item in found.findings)
-    lines = [wording.verdict(found), *([ranking] if ranking else []),
-             f'{len(question.samples)} slow samples, {time.monotonic() - start:.1f} s']
-    return Findings(question.number, ' | '.join(lines))
+    outliers: Mapping[str, int] = field(default_factory=dict)
 
 
 def work(job: Job) -> Outcome:
@@ -167,6 +92,7 @@ def work(job: Job) -> Outcome:
     """
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
+    job, left_out = _without_outliers(job, chain)
     found = list(_candidates(job, chain))
     how, model = found[0]
     here = predicted(model, job)
@@ -186,7 +112,27 @@ def work(job: Job) -> Outcome:
         elif (broken := _broken(job, chain, change, model)) is not None:
             verdict = verdict.refused(broken)
     return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
-                   job.train.q.min(axis=0), job.train.q.max(axis=0))
+                   job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
+
+
+def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mapping[str, int]]:
+    """Return the job without samples at which something else than gravity acted for a moment."""
+    every, names = outliers.both(job.train, job.held), job.train.names
+    if chain is not None and chain.joints == names:
+        found = outliers.outliers_of_change(_gravity(job.base or chain, every), chain)
+    else:
+        try:
+            model = next(_wholes(replace(job, effects=())))[1]
+        except (FitError, DataError):
+            return job, {}
+        found = outliers.outliers_of_fit(every.tau - model.predict(every.q), every.tau)
+    if not found.any():
+        return job, {}
+    train, held = found[:len(job.train)], found[len(job.train):]
+    return replace(job, train=outliers.without(job.train, train),
+                   held=outliers.without(job.held, held),
+                   sent=outliers.sent_without(job.sent, train, held)), outliers.counts(
+                       names, found)
 
 
 def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:

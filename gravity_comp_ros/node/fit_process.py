@@ -12,7 +12,8 @@ import subprocess
 import sys
 from threading import Thread
 
-from gravity_comp_ros.node.fit_job import Findings, Job, Look, Outcome, Question, Seen
+from gravity_comp_ros.node.fit_job import Job, Outcome
+from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 
 STARTING = 'starting'
 READY = 'ready'

@@ -9,7 +9,9 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.fit_job import do
+from gravity_comp_ros.node.fit_job import Outcome, work
+from gravity_comp_ros.node.fit_process import AnyJob
+from gravity_comp_ros.node.fit_questions import ask, Findings, look, Look, Question, Seen
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1
@@ -30,6 +32,13 @@ def serve(connection: Connection) -> None:
         except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError) as problem:
             # A fault of one fit is no reason to lose the warm process.
             connection.send(('failed', job.number, f'{type(problem).__name__}: {problem}'))
+
+
+def do(job: AnyJob) -> Outcome | Findings | Seen:
+    """Do a job of any kind."""
+    if isinstance(job, Question):
+        return ask(job)
+    return look(job) if isinstance(job, Look) else work(job)
 
 
 def main() -> None:

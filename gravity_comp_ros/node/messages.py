@@ -47,6 +47,8 @@ RISING_TO_BELIEVE = 5
 # Velocity is the mean slope over this time where the message brings none.
 SLOPE_WINDOW = 0.1
 SLOPE_LIMIT = 0.5
+# Stamps of 10 Hz are a rounding error less than the window apart.
+_SHORTEST = SLOPE_WINDOW - 1e-6
 # Positions contradict velocity where they move faster than this many times it, and this, rad/s.
 SLOPE_FACTOR, SLOPE_LEAST = 1.5, 0.05
 
@@ -160,7 +162,7 @@ class Reader:
         return Reading(t, q, qd, self._effort(message.effort), new_run, self._before(t))
 
     def _before(self, t: float) -> tuple[float, FloatArray] | None:
-        if not self._past or not SLOPE_WINDOW <= t - self._past[0][0] <= SLOPE_LIMIT:
+        if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:
             return None
         return self._past[0][0], self._past[0][2]
 
@@ -228,7 +230,7 @@ class Reader:
         while len(past) > 1 and past[1][0] <= t - SLOPE_WINDOW:
             past.popleft()
         then, q_then, qd_then = past[0]
-        if not SLOPE_WINDOW <= t - then <= SLOPE_LIMIT:
+        if not _SHORTEST <= t - then <= SLOPE_LIMIT:
             return None, qd_then
         return (q - q_then) / (t - then), qd_then
 

@@ -15,8 +15,9 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.fit_job import Findings, Job, Look, Outcome, Question, Seen
+from gravity_comp_ros.node.fit_job import Job, Outcome
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
+from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, Models
@@ -67,6 +68,8 @@ class Live:
         # The model in use when the epoch began: what a new payload changes.
         self._base: GravityModel | None = None
         self._last_fit = 'none'
+        # Samples that the last fit left out because something acted for a moment, in words.
+        self._outliers = ''
         self._kept_old = self._compensated = self._broken = False
         self._unnamed: Counter[str] = Counter()
         joints = cast(tuple[str, ...], settings['joints'])
@@ -302,8 +305,10 @@ class Live:
         self._compensated, self._broken = verdict.compensated, bool(verdict.broken)
         self._kept_old = not verdict.better
         self.fits.last_failure = ''
-        self._last_fit = (f'{outcome.how}, {len_text(outcome)}, {outcome.seconds:.2f} s: '
-                          f'{verdict.reason}')
+        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items())
+        left_out = f' (without outliers: {self._outliers})' if self._outliers else ''
+        self._last_fit = (f'{outcome.how}, {len_text(outcome)}{left_out}, '
+                          f'{outcome.seconds:.2f} s: {verdict.reason}')
         if verdict.better:
             self._take(arm, outcome, now)
             return
@@ -365,6 +370,7 @@ class Live:
         self._outdated = self._jobs
         self._base = self.models.model
         self._kept_old = self._compensated = self._broken = False
+        self._outliers = ''
         model = 'no model yet' if self.models.model is None else 'the old model stays in use'
         return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
                       'a better one is learned: move the arm slowly through its range')
@@ -462,7 +468,8 @@ class Live:
         return diagnostics.Learning(
             epoch.describe(), epoch.n_samples, epoch.n_held, epoch.lacking(), arm.gate_counts,
             fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
-            self._kept_old, self._compensated, self._broken, arm.fresh_faults())
+            self._kept_old, self._compensated, self._broken, arm.fresh_faults(),
+            self._outliers)
 
 
 def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:

@@ -25,9 +25,9 @@ WINDOWS = (75, 50, 30)
 _MOVED = 0.005
 # A mean acceleration above this is inertia, not gravity, rad/s^2.
 CALM = 0.25
-# The residual of a part exceeds the noise so many times where a look is worth it, and is normal
-# again below that.
-_LARGE, _NORMAL = 3.0, 2.0
+# This share of the samples of each part has a joint whose residual exceeds the noise so many times
+# where a look is worth it. The residual is normal again below the other number, RMS.
+_MOSTLY, _LARGE, _NORMAL = 0.75, 3.0, 2.5
 # New samples before the next look.
 _AGAIN = 5
 
@@ -79,8 +79,8 @@ class PayloadWatch:
         rows.append((t, q, qd, tau, ratio))
         self._wait = max(0, self._wait - 1)
         if self.suspicion is not None or self.other:
-            recent = self._largest(WINDOWS[-1])
-            if recent is not None and recent.max() < _NORMAL:
+            recent = self._ratios(WINDOWS[-1])
+            if recent is not None and np.sqrt((recent ** 2).mean(axis=0)).max() < _NORMAL:
                 self.suspicion, self.other = None, ''
 
     def is_due(self) -> bool:
@@ -105,15 +105,15 @@ class PayloadWatch:
     def _long(self) -> int | None:
         """Return the length of the longest window with a large residual in each part."""
         for length in WINDOWS:
-            largest = self._largest(length)
-            if largest is not None and largest.min() > _LARGE:
+            ratios = self._ratios(length)
+            if ratios is not None and all(
+                    np.quantile(part, 1.0 - _MOSTLY) > _LARGE
+                    for part in np.array_split(ratios.max(axis=1), PARTS)):
                 return length
         return None
 
-    def _largest(self, length: int) -> FloatArray | None:
-        """Return the RMS ratio of the worst joint in each part of the last samples."""
+    def _ratios(self, length: int) -> FloatArray | None:
+        """Return the absolute residual of the last samples in multiples of the noise (M, N)."""
         if len(self._rows) < length:
             return None
-        squares = np.array([row[4] for row in list(self._rows)[-length:]]) ** 2
-        return np.array([np.sqrt(part.mean(axis=0)).max()
-                         for part in np.array_split(squares, PARTS)])
+        return np.abs([row[4] for row in list(self._rows)[-length:]])
