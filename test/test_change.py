@@ -109,7 +109,7 @@ def test_intervals_hold_what_they_promise():
         rng = np.random.default_rng(1000 + seed)
         jumps = np.where(rng.random(8) < 0.4, rng.normal(scale=2.0, size=8), 0.0)
         given = problem(jumps, seed, rows=16)
-        found = average_change(given, seed)
+        found = average_change(given, seed=seed)
         # `problem` moved the numbers by their old uncertainty too; regenerate what it drew.
         again = np.random.default_rng(seed)
         again.normal(size=given.columns.shape)

@@ -20,8 +20,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept, TOLERANCE
 from gravity_comp_ros.models.sparse.sparse_change import (
-    average_change, Change, ChangeProblem, find_change)
+    average_change, Change, ChangeProblem, find_change, full_evidence)
 import numpy as np
+from scipy.special import softmax
 
 # An axis that is less sure than this (rad) was not seen.
 _UNSEEN = 0.3
@@ -37,44 +38,99 @@ _STAYS = 0.05
 _VISIBLE = 1e-3
 # By how much (chi^2) a change of all moments must fit better than a sparse one to be taken.
 _MUCH = 40.0
+# Directions of unseen axes that are followed to the end: those of the most evidence at first.
+_FOLLOWED = 5
+# Poses that the predictions of nearly equal hypotheses are compared at.
+_COMPARED = 100
+# By how much (chi^2) the average over supports may fit worse than the likeliest one.
+_STRAIGHT = 10.0
 
 
 @dataclass(frozen=True)
 class NewSamples:
-    """Poses `q` (M, N) in rad, torques `tau` (M, N) and their noise `sigma` (N,) in N·m."""
+    """
+    Poses `q` (M, N) in rad, torques `tau` (M, N) and their noise `sigma` (N,) in N·m.
+
+    `trust` (M, N) weighs squared residuals: outliers count for less, or for nothing.
+    """
 
     q: FloatArray
     tau: FloatArray
     sigma: FloatArray
+    trust: FloatArray
+
+    @property
+    def row_weights(self) -> FloatArray:
+        """Return one over the standard deviation of each torque, (M, N) in 1/(N·m)."""
+        return np.asarray(np.sqrt(self.trust) / self.sigma)
 
     def residual(self, chain: Chain) -> FloatArray:
-        """Return what a chain leaves over, in units of the noise, shape (N M,)."""
-        return np.asarray(((self.tau - chain.torque(self.q)) / self.sigma).T.ravel())
+        """Return the residual of a chain in units of the noise, shape (N M,)."""
+        return np.asarray(((self.tau - chain.torque(self.q)) * self.row_weights).T.ravel())
+
+    def largest(self, chain: Chain) -> float:
+        """Return the largest residual of a chain among trusted samples, in N·m."""
+        return float(np.abs((self.tau - chain.torque(self.q))[self.trust > 0.0]).max(initial=0.0))
 
     def columns(self, chain: Chain) -> FloatArray:
         """Return d torque / d step, in units of the noise, shape (4N, N M)."""
-        jacobian = chain.jacobian(self.q) / self.sigma[:, None]
+        jacobian = chain.jacobian(self.q) * self.row_weights.T
         return np.asarray(jacobian.reshape(len(jacobian), -1))
 
 
 @dataclass(frozen=True)
 class ChainChange:
-    """The chain with its new moments, the covariance of a step from it, and what changed."""
+    """
+    The chain with its new moments, the covariance of a step from it, and what changed.
+
+    `start` is the chain with its unseen axes as they were tried, and the prior of a step from it.
+    """
 
     chain: Chain
     covariance: FloatArray
     change: Change
+    start: tuple[Chain, FloatArray]
 
 
-def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples) -> ChainChange:
+def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: FloatArray,
+                 start: tuple[Chain, FloatArray] | None = None) -> ChainChange:
     """
     Return the chain that a sparse change of moments makes of `chain`.
 
     :param covariance: of a step from the chain (4N, 4N).
+    :param box: lower and upper ends (2, N) in rad of the poses that it is to predict.
+    :param start: that of a change found before; no others are tried then.
     """
-    found = [_Hypothesis(start, prior, new) for start, prior in _hypotheses(chain, covariance)]
-    best = max(found, key=lambda each: each.log_evidence).averaged()
+    trials = _hypotheses(chain, covariance) if start is None else [start]
+    if len(trials) > _FOLLOWED:
+        scores = np.array([_first_evidence(*trial, new) for trial in trials])
+        trials = [trials[k] for k in np.argsort(-scores)[:_FOLLOWED]]
+    found = [_Hypothesis(*trial, new) for trial in trials]
+    best = found[_central(found, box)].averaged()
     return _all_moments(chain, covariance, new, best)
+
+
+def _first_evidence(chain: Chain, prior: FloatArray, new: NewSamples) -> float:
+    """Return the evidence of a change of all moments, linearised at a chain."""
+    n = chain.n_joints
+    return full_evidence(ChangeProblem(new.columns(chain), new.residual(chain), prior,
+                                       np.arange(2 * n, 4 * n), new.largest(chain)))
+
+
+def _central(found: list[_Hypothesis], box: FloatArray) -> int:
+    """
+    Return which hypothesis predicts most like all of them, each weighed by its evidence.
+
+    Few samples often leave several directions of an axis almost equally likely. The one in their
+    middle is nearer to the truth than the likeliest at the rim.
+    """
+    if len(found) == 1:
+        return 0
+    weights = softmax([each.log_evidence for each in found])
+    q = np.random.default_rng(0).uniform(*box, (_COMPARED, box.shape[1]))
+    torques = np.array([each.here.torque(q) for each in found])
+    distance = ((torques - np.tensordot(weights, torques, axes=1)) ** 2).sum(axis=(1, 2))
+    return int(np.argmin(distance + 1e300 * (weights < 0.01 * weights.max())))
 
 
 def _all_moments(chain: Chain, covariance: FloatArray, new: NewSamples,
@@ -87,7 +143,7 @@ def _all_moments(chain: Chain, covariance: FloatArray, new: NewSamples,
     """
     n = chain.n_joints
     columns, residual = new.columns(chain)[2 * n:], new.residual(chain)
-    size = max(float(np.abs(new.tau - chain.torque(new.q)).max()), 1e-9)
+    size = max(new.largest(chain), 1e-9)
     precision = columns @ columns.T + np.diag(np.full(2 * n, size ** -2))
     inverse = np.asarray(np.linalg.inv(precision))
     step = np.concatenate([np.zeros(2 * n), inverse @ (columns @ residual)])
@@ -100,7 +156,7 @@ def _all_moments(chain: Chain, covariance: FloatArray, new: NewSamples,
     spread[2 * n:], spread[:, 2 * n:] = 0.0, 0.0
     spread[2 * n:, 2 * n:] = inverse
     support = 2 * n + np.flatnonzero(np.abs(step[2 * n:]) > 0.0)
-    return ChainChange(moved, spread, replace(best.change, support=support))
+    return ChainChange(moved, spread, replace(best.change, support=support), best.start)
 
 
 def _hypotheses(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, FloatArray]]:
@@ -133,27 +189,37 @@ class _Hypothesis:
         self.step = np.zeros(4 * chain.n_joints)
         self.here, self.left = chain, new.residual(chain)
         # A moment acts with its full size in some pose: it jumps by about what torques did.
-        self.size = float(np.abs(new.tau - chain.torque(new.q)).max())
+        self.size = new.largest(chain)
         change = None
         for _ in range(_ROUNDS):
             problem = self._problem()
-            change = find_change(problem)
+            change = find_change(problem, change)
             if self._moved(self._kept(change), problem):
                 break
         assert change is not None
         # Where the rounds ran out before the chain was straight enough, the evidence is of a
         # line that the chain does not follow; the true misfit counts.
+        self.change = change
         mean = self._kept(change)
         straight = problem.residual - mean @ problem.columns
         bent = new.residual(chain.moved(mean))
         self.log_evidence = change.log_evidence - 0.5 * float(bent @ bent - straight @ straight)
 
     def averaged(self) -> ChainChange:
-        """Return the chain of the average over supports."""
+        """
+        Return the chain of the average over supports.
+
+        An average far from the likeliest support is no step that a chain follows: where it fits
+        worse, the likeliest one is returned, with the covariance of the average.
+        """
         problem = self._problem()
-        change = average_change(problem)
+        likeliest, left = self.here, self.left
+        change = average_change(problem, self.change)
         self._moved(self._kept(change), problem)
-        return ChainChange(self.here, change.covariance, change)
+        here = self.here
+        if float(self.left @ self.left) > float(left @ left) + _STRAIGHT:
+            here = likeliest
+        return ChainChange(here, change.covariance, change, (self.chain, self.prior))
 
     def _kept(self, change: Change) -> FloatArray:
         return right_angles_kept(change.mean, change.covariance, self.prior)

@@ -23,6 +23,10 @@ _MEDIAN = 0.6745
 _MOST = 0.25
 
 
+# Rounds of the regression whose residual shows outliers before anything else is fitted.
+_ROUNDS = 4
+
+
 @dataclass(frozen=True)
 class SetAside:
     """Samples of one joint that were set aside: how many, and the first and last time in s."""
@@ -44,6 +48,33 @@ def trust(residual: FloatArray, least: float) -> FloatArray:
     weights = np.where(z <= _FULL, 1.0, np.where(z <= _NONE, _FULL / np.maximum(z, 1e-300), 0.0))
     weights[:, (z > _FULL).mean(axis=0) > _MOST] = 1.0
     return np.asarray(weights)
+
+
+def trust_beside(residual: FloatArray, columns: FloatArray, least: float) -> FloatArray:
+    """
+    Return the weights (M, N) of a residual that linear terms explain but for outliers.
+
+    The terms are a ridge regression, reweighted until outliers stand out.
+
+    :param residual: (M, N) in N·m, before the terms are fitted.
+    :param columns: torque per unit of each term (K, N, M); in N·m for a coefficient in N·m.
+    :param least: the smallest standard deviation that is believed, N·m.
+    """
+    weights = np.ones(residual.shape)
+    rows = columns.reshape(len(columns), -1)
+    target, size = residual.T.ravel(), max(float(np.abs(residual).max()), least)
+    for _ in range(_ROUNDS):
+        left = target - _ridge(rows, target, weights.T.ravel(), least / size) @ rows
+        weights, last = trust(left.reshape(residual.shape[::-1]).T, least), weights
+        if np.array_equal(weights, last):
+            break
+    return weights
+
+
+def _ridge(rows: FloatArray, target: FloatArray, weights: FloatArray, part: float) -> FloatArray:
+    """Return coefficients (K,); the prior counts as `part` of what the noise does."""
+    gram = (rows * weights) @ rows.T + part ** 2 * np.eye(len(rows))
+    return np.asarray(np.linalg.solve(gram, rows @ (weights * target)))
 
 
 def set_aside(samples: JointSamples, weights: FloatArray) -> Mapping[str, SetAside]:

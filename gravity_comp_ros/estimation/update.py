@@ -14,12 +14,14 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
+from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.payload_estimate import on_known_axes, PayloadEstimate, weigh
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
+from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerms
@@ -101,10 +103,11 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
     sigma = np.maximum(model.nuisance.noise if model.nuisance.noise.size else model.noise,
                        noise.floor(samples.tau))
-    found = _step(model, samples, sigma, geometry)
-    old_sigma, sigma = sigma, _noise(found.model, samples, sigma, options)
-    if not np.allclose(sigma, old_sigma, rtol=_SAME_NOISE):
-        found = _step(model, samples, sigma, geometry)
+    new = NewSamples(samples.q, samples.tau, sigma, _trust(model, samples))
+    found = _step(model, new, geometry)
+    sigma = _noise(found.model, samples, new, options)
+    if not np.allclose(sigma, new.sigma, rtol=_SAME_NOISE):
+        found = _step(model, replace(new, sigma=sigma), geometry, found.start)
     # Errors are those of the model as it predicts, friction that it does not predict included.
     rmse = np.sqrt(((measured.tau - found.model.predict(measured.q)) ** 2).mean(axis=0))
     report = _report(model, found, measured, rmse, sigma)
@@ -116,6 +119,19 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     updated = replace(found.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
                       coverage=_coverage(model, samples), provenance=provenance)
     return UpdateResult(updated, report)
+
+
+def _trust(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """Return how far each torque is trusted (M, N): transients and pushes are no tool."""
+    residual = samples.tau - model.predict(samples.q)
+    if model.chain is not None:
+        columns = model.chain.jacobian(samples.q)[2 * model.n_joints:]
+    else:
+        assert model.energy is not None
+        design = EnergyDesign(samples.q, np.ones(samples.tau.shape))
+        columns = design.columns(model.energy.indices).T
+    return robust.trust_beside(residual, columns.reshape(len(columns), *residual.T.shape),
+                               noise.floor(samples.tau))
 
 
 def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
@@ -138,6 +154,7 @@ class _Step:
     A changed model, what changed by name and in N·m, and how it was found.
 
     `tool` is what was weighed, None without lengths; `is_tool` says that the model changed by it.
+    `start` is where the search for a chain ended up beginning, for another with other noise.
     """
 
     model: GravityModel
@@ -145,22 +162,21 @@ class _Step:
     change: Change
     tool: PayloadEstimate | None = None
     is_tool: bool = False
+    start: tuple[Chain, FloatArray] | None = None
 
 
-def _step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
-          geometry: Geometry | None) -> _Step:
+def _step(model: GravityModel, new: NewSamples, geometry: Geometry | None,
+          start: tuple[Chain, FloatArray] | None = None) -> _Step:
     if model.chain is None:
-        return _energy_step(model, samples, sigma)
-    free = _chain_step(model, samples, sigma)
-    return free if geometry is None else _tool_step(model, samples, sigma, geometry, free)
+        return _energy_step(model, new)
+    free = _chain_step(model, new, start)
+    return free if geometry is None else _tool_step(model, new, geometry, free)
 
 
-def _tool_step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
-               geometry: Geometry, free: _Step) -> _Step:
+def _tool_step(model: GravityModel, new: NewSamples, geometry: Geometry, free: _Step) -> _Step:
     """Return the change by a tool, or the free one if that explains much more."""
     assert model.chain is not None and model.uncertainty is not None
     assert free.model.chain is not None
-    new = NewSamples(samples.q, samples.tau, sigma)
     tool = weigh(model.chain, model.uncertainty.covariance, new, geometry)
     left = new.residual(free.model.chain)
     if tool.chi2 - float(left @ left) > _NO_TOOL:
@@ -169,38 +185,40 @@ def _tool_step(model: GravityModel, samples: JointSamples, sigma: FloatArray,
     changed = (tool.chain.moments - model.chain.moments).ravel()
     return _Step(_with_energy(model, expand(tool.chain), tool.chain, spread),
                  {name: float(x) for name, x in zip(_moment_names(model), changed)},
-                 free.change, tool.weighed, True)
+                 free.change, tool.weighed, True, free.start)
 
 
 def _moment_names(model: GravityModel) -> list[str]:
     return [f'{name} {axis}' for name in model.joints for axis in 'xy']
 
 
-def _chain_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -> _Step:
+def _chain_step(model: GravityModel, new: NewSamples,
+                start: tuple[Chain, FloatArray] | None) -> _Step:
     assert model.chain is not None
     n = model.n_joints
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
         else model.uncertainty.covariance
-    found = update_chain(model.chain, covariance, NewSamples(samples.q, samples.tau, sigma))
+    found = update_chain(model.chain, covariance, new, np.stack(
+        [model.coverage.q_min, model.coverage.q_max]), start)
     names, moments = _moment_names(model), found.chain.moments - model.chain.moments
     changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
     energy = expand(found.chain)
     return _Step(_with_energy(model, energy, found.chain,
                               ChainUncertainty(found.chain, found.covariance)),
-                 changed, found.change)
+                 changed, found.change, start=found.start)
 
 
-def _energy_step(model: GravityModel, samples: JointSamples, sigma: FloatArray) -> _Step:
+def _energy_step(model: GravityModel, new: NewSamples) -> _Step:
     """Let the weights of the energy change; a tool brings no new features to an old chain."""
     old = model.energy
     assert old is not None
     count = len(old.indices)
     covariance = np.zeros((count, count)) if model.uncertainty is None \
         else model.uncertainty.covariance
-    design = EnergyDesign(samples.q, np.broadcast_to(1.0 / sigma, samples.tau.shape))
-    columns = design.columns(old.indices)
-    left = samples.tau - model.predict(samples.q)
-    residual, size = (left / sigma).T.ravel(), float(np.abs(left).max())
+    columns = EnergyDesign(new.q, new.row_weights).columns(old.indices)
+    left = new.tau - model.predict(new.q)
+    residual = (left * new.row_weights).T.ravel()
+    size = float(np.abs(left[new.trust > 0.0]).max())
     change = average_change(ChangeProblem(columns.T, residual, covariance, np.arange(count),
                                           size))
     energy = Expansion(old.indices, old.weights + change.mean)
@@ -218,15 +236,15 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
                    nuisance=model.nuisance)
 
 
-def _noise(fitted: GravityModel, samples: JointSamples, sigma: FloatArray,
+def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
            options: UpdateOptions) -> FloatArray:
     """Return each joint's noise (N,), from training and from the residual of the new samples."""
-    residual = samples.tau - fitted.predict(samples.q)
+    residual = np.sqrt(new.trust) * (new.tau - fitted.predict(new.q))
     times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
     inflation = np.where(times < _WHITE, 1.0, times)
     squares = inflation * (residual ** 2).sum(axis=0)
-    return np.asarray(np.sqrt((options.old_noise * sigma ** 2 + squares)
-                              / (options.old_noise + samples.n_samples)))
+    return np.asarray(np.sqrt((options.old_noise * new.sigma ** 2 + squares)
+                              / (options.old_noise + new.trust.sum(axis=0))))
 
 
 def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:

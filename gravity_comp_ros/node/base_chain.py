@@ -83,7 +83,7 @@ def _made(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityM
     made = GravityModel.from_energy(
         model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
-    return replace(made, applied=model.applied, history=model.history)
+    return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance)
 
 
 def _key(model: GravityModel, geometry: Geometry | None) -> bytes:

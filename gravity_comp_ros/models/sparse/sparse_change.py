@@ -54,29 +54,45 @@ class ChangeProblem:
 
 @dataclass(frozen=True)
 class Change:
-    """The posterior of p (P,) on the most likely support, its log evidence; ADMM's run."""
+    """
+    The posterior of p (P,) on the most likely support, its log evidence; ADMM's run.
+
+    `share` is the likeliest size of a jump, as a share of the largest.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     support: IntArray
     log_evidence: float
     lasso: admm.AdmmResult
+    share: float
 
 
-def find_change(problem: ChangeProblem) -> Change:
-    """Return the posterior of p on the support and the size that are likeliest."""
-    lasso, support, best = _likeliest(problem)
+def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
+    """
+    Return the posterior of p on the support and the size that are likeliest.
+
+    :param near: the change of a problem that differs little; the search starts from it.
+    """
+    lasso, support, best = _likeliest(problem, near)
     mean, covariance = best.posterior(support)
     log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
-    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso)
+    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso, best.share)
 
 
-def average_change(problem: ChangeProblem, seed: int = 0) -> Change:
+def average_change(problem: ChangeProblem, near: Change | None = None, seed: int = 0) -> Change:
     """Return the posterior of p over all supports and sizes, with the likeliest support."""
-    lasso, support, best = _likeliest(problem)
+    lasso, support, best = _likeliest(problem, near)
     log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
     mean, covariance = _sample(problem, support, best, np.random.default_rng(seed))
-    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso)
+    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso, best.share)
+
+
+def full_evidence(problem: ChangeProblem) -> float:
+    """Return the log evidence of a change of all numbers that may change, of the largest size."""
+    every = _Evidence(problem, _SIZES[0])
+    return every.score(np.ones(len(problem.may_change), dtype=bool)) - 0.5 * float(
+        problem.residual @ problem.residual)
 
 
 def propose(problem: ChangeProblem) -> tuple[admm.AdmmResult, BoolArray]:
@@ -94,7 +110,11 @@ def propose(problem: ChangeProblem) -> tuple[admm.AdmmResult, BoolArray]:
     return found, moved
 
 
-def _likeliest(problem: ChangeProblem) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
+def _likeliest(problem: ChangeProblem, near: Change | None = None
+               ) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
+    if near is not None:
+        best = _Evidence(problem, near.share)
+        return near.lasso, best.settle(np.isin(problem.may_change, near.support)), best
     lasso, proposed = propose(problem)
     best = _Evidence(problem, _SIZES[0])
     support = max((best.settle(start) for start in (proposed, np.ones_like(proposed))),
