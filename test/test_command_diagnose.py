@@ -1,11 +1,13 @@
 """`diagnose`: what it says for people and for machines, and what it says cannot be known."""
 
+from argparse import Namespace
 import json
 from pathlib import Path
 import shlex
 
 from gravity_comp_ros.cli import main
-from gravity_comp_ros.diagnosis.findings import VERDICTS
+from gravity_comp_ros.commands import follow_up
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, VERDICTS
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 import pytest
 from rough_links import COULOMB, JOINTS, NOISE, OFFSET, two_links
@@ -143,3 +145,34 @@ def test_what_was_added_may_change_its_size_beside_what_is_found(capsys, tmp_pat
     found = run_json(capsys, 'one.mcap', 'two.mcap', '--model', str(model))['findings']
     named = {(f['joint'], f['effect']) for f in found if f['verdict'] == 'established'}
     assert named == {('shoulder', 'viscous_friction'), ('elbow', 'torque_offset')}
+
+
+def finding(effect, verdict, rivals=(), next_step='move it'):
+    return Finding('shoulder', effect, verdict, rivals, {}, 0.2, 0.1, 0.0, 1.0, 'why', next_step)
+
+
+@pytest.mark.parametrize('model', ['arm.json', None])
+def test_what_is_sure_is_added_and_what_is_not_is_planned(capsys, folder, model):
+    args = Namespace(bags=[Path('one.mcap')], model=model and Path(model), topic=None, joints=None,
+                     effort_scale=[], effort_unit='Nm', rename=[], degrees=False,
+                     differentiate=False)
+    found = (finding('coulomb_friction', 'established'),
+             finding('torque_offset', 'ambiguous', ('joint_spring',)),
+             finding('inertia', 'weak'), finding(None, 'unexplained'))
+    follow_up.show(args, Diagnosis(found, {}))
+    shown = capsys.readouterr().out
+    commands = [shlex.split(line)[1:] for line in shown.splitlines()
+                if line.startswith('  gravity_comp ')]
+    verbs = [command[0] for command in commands]
+    assert verbs == (['add', 'plan'] if model else ['fit', 'add', 'fit', 'plan'])
+    add, plan = (next(c for c in commands if c[0] == verb) for verb in ('add', 'plan'))
+    assert add[1] == 'coulomb_friction:shoulder' and plan[-1] == 'motion.yaml'
+    assert 'open: 3 findings not to be added yet' in shown
+    assert 'or rather joint_spring' in shown and 'at most one of them' in shown
+    assert 'there is nothing to add' in shown
+
+
+def test_recordings_of_the_training_and_new_ones_are_told_apart(capsys):
+    out, _ = shown(capsys, 'one.mcap', 'clean.mcap', '--model', 'arm.json', '--effects',
+                   'torque_offset')
+    assert 'the model was fitted to one.mcap and has not seen clean.mcap' in out

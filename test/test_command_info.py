@@ -85,3 +85,16 @@ def test_one_line_for_bad_recordings(tmp_path, slow, capsys):
         assert main(['info', *map(str, arguments), '--json']) == 1
         printed = capsys.readouterr()
         assert says in printed.err and printed.err.count('\n') == 1 and printed.out == ''
+
+
+def test_the_fit_that_follows_turns_efforts_that_point_against_the_motion(tmp_path, capsys):
+    path = tmp_path / 'x.mcap'
+    t = np.arange(600) / 10
+    q = np.column_stack([np.sin(0.12 * t), np.sin(0.1 * t + 1.0)])
+    qd = np.gradient(q, t, axis=0)
+    tau = 5 * np.sin(q) + np.tanh(qd / 0.005)
+    write_bag(path, [JointTopic('/joint_states', ('a', 'b'), t, q, qd, -1000 * tau)])
+    last = info(capsys, path, '--effort-unit', 'mNm', '--effort-scale', '2=0.5').splitlines()[-1]
+    assert last.split()[:3] == ['gravity_comp', 'fit', str(path)]
+    assert '--effort-scale a=-1,b=-0.5 --effort-unit mNm' in last
+    assert 'sign' not in info(capsys, path, '--effort-scale', 'a=-1,b=-1')

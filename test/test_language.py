@@ -38,7 +38,8 @@ CLEAN = (
     'docs/json.md', 'docs/performance.md', 'docs/report.md', 'docs/solver.md', 'docs/workbench.md',
     'docs/walkthrough.md', 'docs/make_*.py', 'examples/*.py',
     'gravity_comp_ros/__init__.py', 'gravity_comp_ros/api/*', 'gravity_comp_ros/cli.py',
-    'gravity_comp_ros/commands/*', 'gravity_comp_ros/display.py', 'gravity_comp_ros/errors.py')
+    'gravity_comp_ros/commands/*', 'gravity_comp_ros/commands/usage/*',
+    'gravity_comp_ros/display.py', 'gravity_comp_ros/errors.py')
 LEFT = 150
 
 

@@ -22,6 +22,10 @@ from gravity_comp_ros.recordings.topic_choice import named_joints
 from rich.text import Text
 
 _MOST_PLACES = 2
+# Fewer samples than this judge nothing.
+_FEW = 50
+# Shares of errors inside a 95 % band that are no reason for doubt.
+_FAIR = (0.85, 0.99)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,6 +45,7 @@ def _run(args: argparse.Namespace) -> int:
         loaded = reading.load(args, report)
     part, fitted = _unseen(args, model, loaded)
     samples = part.slow
+    few = _few(args, samples)
     comparison = compare_model(model, part)
     joints = {name: comparison.joints[name] for name in chosen}
     if args.html:
@@ -52,10 +57,14 @@ def _run(args: argparse.Namespace) -> int:
         for line in reading.lines(loaded):
             terminal.show(terminal.safe(line))
         terminal.show('', _table(model, joints, samples))
-        for line in [*_failures(joints, comparison.share_outside), *_band(comparison.band)]:
+        for line in _failures(joints, comparison.share_outside):
+            terminal.show(line)
+        for line in _band(comparison.band):
             terminal.show(terminal.safe(line))
+        if few:
+            next_step.show('judge it by fast samples as well', f'{args.command} --all-samples')
         next_step.show('name what the model lacks', _diagnosing(args))
-    for line in reading.scale_warnings(model, loaded.reports):
+    for line in [*reading.scale_warnings(model, loaded.reports), *few]:
         terminal.warn(line)
     for name in fitted:
         terminal.warn(f'the model was fitted to {name}: its errors there are too small (fit and '
@@ -66,6 +75,13 @@ def _run(args: argparse.Namespace) -> int:
             {**document, 'joints': {name: document['joints'][name] for name in chosen},
              'model': args.model.name, 'fitted_to': fitted, **loaded.to_json()}, args.json)
     return 0
+
+
+def _few(args: argparse.Namespace, samples: JointSamples) -> list[str]:
+    if args.all_samples or samples.n_samples >= _FEW:
+        return []
+    return [f'{counted(samples.n_samples, "slow sample")} judge little; the torque of fast ones '
+            f'holds friction and inertia as well (--all-samples)']
 
 
 def _judged(samples: JointSamples, loaded: Recording) -> str:
@@ -101,8 +117,8 @@ def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
 def _unseen(args: argparse.Namespace, model: GravityModel,
             loaded: Recording) -> tuple[Recording, list[str]]:
     """Return the part to judge on, and the bags in it that the model was fitted to."""
-    known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
-    seen = [run for run, report in enumerate(loaded.reports) if report.sha256 in known]
+    known = reading.fitted_names(model, loaded.reports)
+    seen = [run for run, report in enumerate(loaded.reports) if report.path.name in known]
     blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
     if not args.holdout:
         return loaded, [loaded.reports[run].path.name for run in seen]
@@ -134,13 +150,14 @@ def _table(model: GravityModel, joints: dict[str, JointComparison],
 
 
 def _failures(joints: dict[str, JointComparison], outside: float) -> list[str]:
-    """Return lines on the worst joint and on where each joint fails."""
+    """Return lines of markup on the worst joint and on where each joint fails."""
     worst = _worst(joints)
-    lines = [f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m']
+    lines = [terminal.safe(f'worst joint: {worst}, RMSE {joints[worst].rmse:.4g} N·m')]
     if outside > 0.0:
         lines.append(f'{100 * outside:.1f} % of the samples lie outside the poses of the training')
     for name, found in joints.items():
-        lines += [f'  {name} {place.words}' for place in found.where[:_MOST_PLACES]]
+        lines += [f'  {terminal.safe(f"{name} {place.words}")}'
+                  for place in found.where[:_MOST_PLACES]]
     return lines
 
 
@@ -155,7 +172,18 @@ def _band(band: Calibration | None) -> list[str]:
     parts = [f'{100 * share.share:.1f} % {where}'
              for share, where in ((band.trained, 'in the trained range'),
                                   (band.outside, 'outside of it')) if share.share is not None]
-    return [f'the 95 % band of the model holds {" and ".join(parts)}']
+    return [f'"in band", "outside": of the errors, {" and ".join(parts)} lie in the 95 % band '
+            f'that the model gives; {_meaning([s.share for s in (band.trained, band.outside)])}']
+
+
+def _meaning(shares: list[float | None]) -> str:
+    """Return in words what shares of errors inside a 95 % band mean."""
+    least, most = (end((s for s in shares if s is not None), default=0.95) for end in (min, max))
+    if least < _FAIR[0]:
+        return ('far below 95 %: the model errs by more than it says, so an effect or a payload '
+                'is missing')
+    return 'near 95 %, as it should be' if most <= _FAIR[1] else \
+        'above 95 %: the model errs by less than it says'
 
 
 def _worst(joints: dict[str, JointComparison]) -> str:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 import shlex
 import time
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import data_check, html, next_step, reading, terminal
+from gravity_comp_ros.commands import data_check, follow_up, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
@@ -27,7 +26,6 @@ from gravity_comp_ros.recordings.bag import ReadReport
 
 
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
-_RIVALS = 'or rather'
 _MOST_SHOWN = 3
 _ENOUGH_SLOW = 50
 
@@ -60,7 +58,7 @@ def _run(args: argparse.Namespace) -> int:
         _write_page(args, samples, model, diagnosis, reports)
     if args.json != '-':
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
-        for line in reading.bag_lines(reports):
+        for line in [*reading.bag_lines(reports), *reading.fitted_lines(model, reports)]:
             terminal.show(terminal.safe(line))
         _show(args, diagnosis, check, model)
         terminal.show(f'diagnosed in {seconds:.1f} s')
@@ -85,7 +83,7 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
     judged = f'all {samples.n_samples} samples, fast ones too'
     html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
                                    reports, diagnosis, notes=notes,
-                                   next_command='\n'.join(_commands(args, diagnosis))))
+                                   next_command='\n'.join(follow_up.adding(args, diagnosis))))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
@@ -117,7 +115,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         terminal.show(_table(diagnosis))
     for line in _laws(diagnosis):
         terminal.show(line)
-    _show_next_steps(args, diagnosis)
+    follow_up.show(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
     unseen = check.unseen()
@@ -130,15 +128,12 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 def _table(diagnosis: Diagnosis) -> ScreenTable:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
-             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}',
-             ', '.join(f.rivals)] for f in diagnosis.findings]
-    columns = [*_FINDINGS, _RIVALS]
-    if not any(f.rivals for f in diagnosis.findings):
-        columns, rows = columns[:-1], [row[:-1] for row in rows]
-    # Names are copied from here, so they stay whole; coefficients and alternatives may be folded.
-    return terminal.table('what is missing', columns, rows, keys=2,
-                          left=('effect', 'verdict', 'coefficient, 95 %', _RIVALS),
-                          folds=('coefficient, 95 %', _RIVALS))
+             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}']
+            for f in diagnosis.findings]
+    # Names are copied from here, so they stay whole; coefficients may be folded.
+    return terminal.table('what is missing', _FINDINGS, rows, keys=2,
+                          left=('effect', 'verdict', 'coefficient, 95 %'),
+                          folds=('coefficient, 95 %',))
 
 
 def _coefficients(finding: Finding) -> str:
@@ -158,31 +153,3 @@ def _laws(diagnosis: Diagnosis) -> list[str]:
             f'not made up for; look for {", ".join(law.suspects)}')
         lines.append(f'  {terminal.safe(f"{law.words}; {end}")}')
     return [*lines, '']
-
-
-def _commands(args: argparse.Namespace, diagnosis: Diagnosis) -> list[str]:
-    """Return the command lines that add what was found, a fit before them without a model."""
-    targets = wording.targets(diagnosis.findings)
-    if not targets:
-        return []
-    model = args.model or next_step.new_model()
-    bags = [Path(','.join(targets)), *args.bags]   # effects come before the bags
-    add = next_step.command('add', args, bags=bags, model=model)
-    if args.model is not None:
-        return [add]
-    return [next_step.command('fit', args, '-o', str(model)), add]
-
-
-def _show_next_steps(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
-    """Show the commands that follow, with this call's file names, and what findings lack."""
-    commands = _commands(args, diagnosis)
-    open_ = [f for f in diagnosis.findings if f.verdict not in wording.FOUND and f.next_step]
-    if not commands and not open_:
-        return
-    terminal.show('[bold]next step[/bold]')
-    for command in commands:
-        terminal.show_command(command)
-    for finding in open_:
-        place = f'{finding.effect or "unknown"} on {wording.where(finding)}'
-        terminal.show(f'  {terminal.safe(f"{place}: {finding.next_step}")}')
-    terminal.show('')

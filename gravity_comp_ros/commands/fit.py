@@ -116,7 +116,8 @@ def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: J
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
     beside = nuisance_sentence(result.model.nuisance)
     if beside:
-        terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'))
+        terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'),
+                      'RMSE is the error of gravity alone; noise is what remains with these')
     if 'choice' in result.report:
         choice = result.report['choice']
         terminal.show(terminal.safe(f'{choice["formulation"]} was chosen: {choice["why"]}'))

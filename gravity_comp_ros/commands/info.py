@@ -6,14 +6,16 @@ import argparse
 from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
+from gravity_comp_ros.api.steps import FEW_SLOW
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import gate_options, read_options
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import (
-    describe, FEW, JointFacts, RecordingFacts)
+    describe, JointFacts, RecordingFacts)
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import read_bag, ReadReport
+from gravity_comp_ros.recordings.units import TORQUE_UNITS
 import numpy as np
 
 
@@ -34,10 +36,28 @@ def run(args: argparse.Namespace) -> int:
         return 0
     for recording_report, fact in found:
         _show(recording_report, fact)
-    if all(fact.kept >= FEW for fact in facts):
-        next_step.show('learn gravity from it', next_step.command(
-            'fit', args, '-o', next_step.new_model()))
+    _show_next_step(args, found)
     return 0
+
+
+def _show_next_step(args: argparse.Namespace,
+                    found: list[tuple[ReadReport, RecordingFacts]]) -> None:
+    """Show the fit that follows, with efforts turned round where friction says so."""
+    turned = {name for _, facts in found for name in facts.reversed_joints}
+    why = 'learn gravity from it' + ', with the sign of the effort turned' * bool(turned)
+    if sum(facts.kept for _, facts in found) < FEW_SLOW:
+        why += '; little of it is slow, so `fit` takes fast samples as well'
+    if turned:
+        args = argparse.Namespace(**{**vars(args), 'effort_scale': [
+            _scales(found[0][0], TORQUE_UNITS[args.effort_unit], turned)]})
+    next_step.show(why, next_step.command('fit', args, '-o', next_step.new_model()))
+
+
+def _scales(report: ReadReport, unit: float, turned: set[str]) -> dict[str, float]:
+    """Return --effort-scale by name as it was given, of the other sign for `turned` joints."""
+    names = list(dict.fromkeys([*report.effort_scale, *sorted(turned)]))
+    return {name: report.effort_scale.get(name, unit) / unit * (-1.0 if name in turned else 1.0)
+            for name in names}
 
 
 def _show(report: ReadReport, facts: RecordingFacts) -> None:

@@ -9,8 +9,6 @@ import shlex
 
 from gravity_comp_ros.commands import terminal
 
-_NAMES = ('arm.json', *(f'arm_{n}.json' for n in range(2, 100)))
-
 
 def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path] | None = None,
             model: Path | str | None = None) -> str:
@@ -29,7 +27,13 @@ def command(verb: str, args: argparse.Namespace, *more: str, bags: Sequence[Path
 
 def new_model() -> str:
     """Return a name for a model that is no file yet."""
-    return next((name for name in _NAMES if not Path(name).exists()), _NAMES[0])
+    return new_name('arm', 'json')
+
+
+def new_name(stem: str, ending: str) -> str:
+    """Return a name that is no file yet: `stem.ending`, or with a number from 2."""
+    names = [f'{stem}.{ending}', *(f'{stem}_{n}.{ending}' for n in range(2, 100))]
+    return next((name for name in names if not Path(name).exists()), names[0])
 
 
 def reading_words(args: argparse.Namespace, joints: bool) -> list[str]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -68,7 +69,7 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
     length = f'{found.trajectory.duration:.1f} s'
     terminal.show(f'[bold]{len(found.parts)} parts, {length}[/bold]')
     for part in found.parts:
-        terminal.show(terminal.safe('  ' + part.sentence))
+        terminal.show(f'  {terminal.safe(part.sentence)}')
     rows = [[e.target.name, f'{100 * e.chance_before:.0f} %', f'{100 * e.chance:.0f} %',
              _widths(e), e.hardest or '–'] for e in found.expectations]
     columns = ['to settle', 'chance now', 'chance then', 'coefficient, 95 %',
@@ -78,6 +79,13 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
     terminal.show('', terminal.safe(f'bring the arm to {start} rad first'),
                   'obstacles are not known here: keep the space around the arm clear',
                   terminal.safe(f'written to {args.output}'))
+    # The recording of the motion has no name yet.
+    bags = [*args.bags, Path(args.output).with_suffix('.mcap')]
+    if bags[-1] == args.output:
+        bags[-1] = bags[-1].with_stem(f'{bags[-1].stem}_played')
+    next_step.show(f'play it on the arm (`gravity_comp plan --help` shows how), record it as '
+                   f'{bags[-1]}, and diagnose all together',
+                   next_step.command('diagnose', args, bags=bags, model=args.model))
 
 
 def _widths(expected: Expectation) -> str:

@@ -83,6 +83,24 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
     return found
 
 
+def fitted_names(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
+    """Return the names of the recordings here that the model was fitted to."""
+    known = {bag['sha256'] for bag in model.provenance.get('bags', ())} if model else set()
+    return [report.path.name for report in reports if report.sha256 in known]
+
+
+def fitted_lines(model: GravityModel | None, reports: Sequence[ReadReport]) -> list[str]:
+    """Return a plain line on which recordings the model was fitted to."""
+    if model is None:
+        return ['no --model: judged beside a gravity model that is fitted on the spot']
+    old = fitted_names(model, reports)
+    new = [report.path.name for report in reports if report.path.name not in old]
+    parts = [f'was fitted to {", ".join(old)}'] if old else []
+    parts += [f'has not seen {", ".join(new)}'] if new else []
+    return [f'the model {" and ".join(parts)}; errors are of blocks left out in turn, so both '
+            'kinds of recording serve']
+
+
 def scale_warnings(model: GravityModel, reports: Sequence[ReadReport]) -> list[str]:
     """Return a line if efforts are read with other scales than the model was fitted with."""
     fitted: dict[str, float] = {}

@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
                 zip(samples.names, rms, np.abs(residual).max(axis=0))]))
     show(f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
          f'{PREDICTION} and {RESIDUAL}')
+    show('open it in PlotJuggler or Foxglove; config/layouts has layouts for both')
     if outside > 0:
         warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
              f'trained on')

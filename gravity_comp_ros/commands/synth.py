@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from math import radians
 from pathlib import Path
+import shlex
 
+from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.commands.usage.synth import FILES
 from gravity_comp_ros.data.samples import JointSamples
@@ -47,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
         show(f'hidden: {safe(effect)}')
     for note in notes:
         warn(note)
+    next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
 from typing import Any
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import update_model, Updated
-from gravity_comp_ros.commands import reading, terminal
+from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
@@ -96,8 +97,16 @@ def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
     for line in [*reading.lines(loaded), *axes.notes]:
         terminal.show(terminal.safe(line))
     terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
-    done = 'nothing written (--dry-run)' if args.dry_run else f'written to {target}'
-    terminal.show('', terminal.safe(done))
+    if args.dry_run:
+        terminal.show('', 'nothing written (--dry-run)')
+        return
+    terminal.show('', terminal.safe(f'written to {target}'))
+    if target == args.model:
+        terminal.show('this takes it back:')
+        terminal.show_command(shlex.join(
+            ['gravity_comp', 'update', '--undo', '--model', str(target)]))
+    next_step.show('errors with the new payload, best by a further recording of it',
+                   next_step.command('compare', args, model=target))
 
 
 def _joint_table(result: UpdateResult) -> ScreenTable:

@@ -157,7 +157,7 @@ EFFECTS = (
                       Coefficient('m_b', 'N·m', 'the same across it')),
         columns=_tilt,
         confounders=('encoder_offset', 'joint_spring', 'payload_change'),
-        experiment='put a spirit level on the base; turn joint {joint} through its whole range '
+        experiment='put a spirit level on the base; turn the first joint through its whole range '
                    'with the arm stretched out level',
         signature='position of joint 1',
         source='R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (gravity as an '

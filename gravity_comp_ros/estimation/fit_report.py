@@ -17,6 +17,7 @@ from gravity_comp_ros.models.noise import NoiseModel
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerms, VISCOUS
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
+from gravity_comp_ros.printable import counted
 import numpy as np
 
 
@@ -111,7 +112,7 @@ def _warnings(samples: JointSamples, model: GravityModel, choice: Choice,
         lines.append('no torque differs from noise: the model is 0 everywhere. If gravity does '
                      'load the arm, record more poses')
     for name, gone in report['set_aside'].items():
-        lines.append(f'{gone["n"]} samples of {name} were set aside as outliers, from '
+        lines.append(f'set aside as outliers: {counted(gone["n"], "sample")} of {name}, from '
                      f'{gone["first"]:.1f} to {gone["last"]:.1f} s of {gone["label"]}')
     if chain:
         lines += _structure(model, chain) + _unsure(samples, model, chain)

@@ -67,6 +67,7 @@ class RecordingFacts:
     `slow_share` is the part of the samples in which every joint is slow; `kept` the number
     that the gate keeps of them after reducing their rate. `at_rest` says that every velocity
     is 0, as in a series of poses. `remarks` say in words what cannot be judged and why.
+    `reversed_joints` are those whose effort should be read with the opposite sign.
     """
 
     joints: dict[str, JointFacts]
@@ -75,6 +76,7 @@ class RecordingFacts:
     kept: int
     at_rest: bool
     remarks: tuple[str, ...]
+    reversed_joints: tuple[str, ...] = ()
 
 
 def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> RecordingFacts:
@@ -87,7 +89,8 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
     remarks = (*_speed_remarks(joints, slow_share, gate.kept, len(samples), options),
                *_slow_remarks(joints, slow_share), *_motion_remarks(joints, at_rest),
                *_effort_remarks(joints))
-    return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, remarks)
+    return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, remarks,
+                          _to_turn(joints))
 
 
 def count_reversals(q: FloatArray, turn: float = _TURN) -> int:
@@ -152,7 +155,8 @@ def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, 
         return [f'too fast: every joint is under {shown} in only {100 * slow_share:.1f} % of the '
                 f'samples ({kept} kept by the gate), {fastest} reaches '
                 f'{joints[fastest].max_speed:.2f} rad/s; torque here is gravity, friction and '
-                f'inertia together, so record slow motion, or fit with --all-samples knowing that']
+                f'inertia together; `fit` can take it, with friction and inertia beside gravity, '
+                f'but slow motion shows gravity better']
     if kept < FEW:
         return [f'short: the gate keeps {kept} of {total} samples, too few to judge a model']
     return []
@@ -200,6 +204,13 @@ def _reversed(joints: dict[str, JointFacts]) -> list[str]:
     return [name for name, share in shares.items() if share < -_DIRECTION_ALONE]
 
 
+def _to_turn(joints: dict[str, JointFacts]) -> tuple[str, ...]:
+    """Return the joints to read with the opposite sign."""
+    found = _reversed(joints)
+    # One joint may be wired the other way round; several mean another convention.
+    return tuple(joints) if len(found) > 1 else tuple(found)
+
+
 def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:
     remarks = []
     constant = [name for name, facts in joints.items() if facts.tau_std < 1e-9]
@@ -207,9 +218,7 @@ def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:
         remarks.append(f'effort never changes: {", ".join(constant)}')
     reversed_ = _reversed(joints)
     if reversed_:
-        # One joint may be wired the other way round; several mean another convention.
-        turned = joints if len(reversed_) > 1 else reversed_
-        scales = ','.join(f'{name}=-1' for name in turned)
+        scales = ','.join(f'{name}=-1' for name in _to_turn(joints))
         remarks.append(f'effort points against the motion on {", ".join(reversed_)}, which '
                        f'friction never does: its sign looks reversed; try '
                        f'--effort-scale {scales}')

@@ -29,6 +29,9 @@ import numpy as np
 # next. What changed of an old model takes a fraction of them; see docs/node.md.
 FROM_NOTHING = 100
 CHANGE, WHOLE = 'change of the old model', 'fit from nothing'
+SPARSE = f'{WHOLE}, potential'
+# By this share a sparse potential must predict better than a chain to be taken.
+_CLEARLY = 0.1
 # Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
 WITH_EFFECTS = 2.0
 _chains = BaseChains()
@@ -94,15 +97,12 @@ def work(job: Job) -> Outcome:
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out = _without_outliers(job, chain)
     found = list(_candidates(job, chain))
-    how, model = found[0]
-    here = predicted(model, job)
-    for name, other in found[1:]:
-        there = predicted(other, job)
-        if judge(there, here, job.train, job.held).better:
-            how, model, here = name, other, there
+    how, model, here = _best(found, job)
     more = job.old is not None and len(job.train) > job.old.coverage.n_samples
     verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
                     job.held, more)
+    if len(found) > 1:
+        verdict = replace(verdict, reason=f'{verdict.reason}; tried: {_tried(found, job)}')
     if not verdict.compensated:
         change = next((other for name, other in found if name == CHANGE), None)
         echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
@@ -135,6 +135,29 @@ def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mappin
                        names, found)
 
 
+def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, GravityModel, Prediction]:
+    """
+    Return the first model unless a later one predicts the held-out samples clearly better.
+
+    A chain extrapolates and a potential does not, so chance must not decide between them.
+    """
+    (how, model), *others = found
+    here = predicted(model, job)
+    for name, other in others:
+        there = predicted(other, job)
+        looser = name == SPARSE and len(found) > 1
+        if judge(there, here, job.train, job.held, margin=_CLEARLY if looser else 0.0).better:
+            how, model, here = name, other, there
+    return how, model, here
+
+
+def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
+    """Return the held-out RMSE of every model that was fitted, over all joints."""
+    errors = [job.held.tau - predicted(model, job).held for _, model in found]
+    return ', '.join(f'{name} {np.sqrt((error ** 2).mean()):.3g} N·m'
+                     for (name, _), error in zip(found, errors))
+
+
 def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:
     base = chain or job.base
     if base is not None and (base.energy is None or base.joints != job.train.names):
@@ -161,20 +184,19 @@ def _wholes(job: Job) -> Iterator[tuple[str, GravityModel]]:
     """
     Yield models fitted to the samples alone: the one that is asked for.
 
-    With `auto` the sparse potential by ADMM comes first, and the chain beside it; known axes are
+    With `auto` the chain comes first, and the sparse potential by ADMM beside it; known axes are
     tested against the samples (`estimation.formulation_choice`).
     """
     if job.options.formulation != 'auto':
         yield WHOLE, whole(job)
         return
     known = job.geometry is not None and job.geometry.joints == job.train.names
-    for name, options in (
-            ('potential', replace(job.options, formulation='potential')),
-            ('chain', replace(job.options, formulation='auto', geometry=job.geometry) if known
-             else replace(job.options, formulation='chain'))):
-        # The sparse fit must succeed; the chain beside it may fail.
-        with suppress(*((FitError, DataError) if name == 'chain' else ())):
-            yield f'{WHOLE}, {name}', whole(replace(job, options=options))
+    options = replace(job.options, formulation='auto', geometry=job.geometry) if known \
+        else replace(job.options, formulation='chain')
+    # The sparse fit must succeed; the chain beside it may fail.
+    with suppress(FitError, DataError):
+        yield f'{WHOLE}, chain', whole(replace(job, options=options))
+    yield SPARSE, whole(replace(job, options=replace(job.options, formulation='potential')))
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,

@@ -14,10 +14,15 @@ examples:
   gravity_comp compare fast.mcap --model arm.json --all-samples --json errors.json
   gravity_comp compare run2.mcap --model arm.json --html report.html      plots to look at
 
+which recordings: others than those of the fit, with the payload of the model. Errors on recordings
+of the fit are too small; `fit --holdout` and then --holdout here judge on a part kept aside.
+
 RMSE, std and max are of the error, measured minus predicted. nRMSE is RMSE over the range of
 the measured torque (Yu 2022, Eq. 16); joints that carry no gravity have a meaningless one.
 "in band" is the share of errors inside the 95 % band that the model itself gives, in its trained
-range; "outside" is the same for poses outside of it. Near 95 % the band is right.
+range; "outside" is the same for poses outside of it. Near 95 % the band is right. Far below, the
+model errs by more than it says: a payload has changed, or an effect is missing. 100 % says that
+it errs by less than it says, as often where few samples lie.
 """
 
 

@@ -14,13 +14,18 @@ examples:
   gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
   gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
 
+which recordings: those of the fit and any others of the same arm with the same payload, fast ones
+too. More runs settle more; errors are always of blocks that were left out.
+
 verdicts:
-  established   it explains held-out data, in nearly every run, and nothing else does
-  likely        the same, less surely
-  ambiguous     another effect explains as much: both are named, and the motion that settles it
-  weak          perhaps there, too small to be sure
-  untestable    this motion cannot distinguish it from another effect
+  established   it explains held-out data, in nearly every run, and nothing else does: add it
+  likely        the same, less surely: add it
+  ambiguous     another effect explains as much: both are named, and the motion that settles it.
+                Add none before; never both
+  weak          perhaps there, too small to be sure: leave it out
+  untestable    this motion cannot distinguish it from another effect: leave it out
   unexplained   something repeats there that no known effect describes
+What is established or likely was chosen together, so add it all at once, by the printed command.
 
 All samples are used, fast ones too: inertia is an effect like any other. Errors are of data that
 was not fitted, as a share of the range of the measured torque (Yu 2022, Eq. 16).

@@ -16,6 +16,9 @@ examples:
   gravity_comp fit run1.mcap --formulation per_joint --json report.json -o paper.json
   gravity_comp fit run1.mcap --urdf robot.urdf -o arm.json   a chain whose axes are known
 
+which recordings: slow motion (every joint under 0.15 rad/s) through the poses of the task, every
+joint to and fro, the payload the same throughout; a minute or more, better two runs than one.
+
 Slow samples are used; where they are too few, all are, with inertia fitted beside gravity. With
 --holdout the saved model is the one that was judged; `compare --holdout` finds the same data.
 """

@@ -15,6 +15,7 @@ examples:
   gravity_comp update tool.mcap --model arm.json        changes arm.json itself
   gravity_comp update --undo --model arm.json           takes that back
 
+which recordings: ten seconds or more of slow motion that turns every joint by tens of degrees.
 The recordings hold the arm with its new payload and nothing else. The model must be a chain or a
 potential; a chain (`fit --formulation chain`) needs far fewer samples. With --urdf the new
 model is a chain whatever the old one was. Effects of the model stay as they are.
