@@ -11,7 +11,7 @@ import sys
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.fit_job import Outcome, work
 from gravity_comp_ros.node.fit_process import AnyJob
-from gravity_comp_ros.node.fit_questions import ask, Findings, look, Look, Question, Seen
+from gravity_comp_ros.node.fit_questions import ask, Findings, Look, look, Question, Seen
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1
