@@ -100,7 +100,8 @@ def lost_stamps() -> Fault:
         text = player.probe.report('input').message
         if (error := player.error()) > 1.0:
             return f'{error:.1f} N·m off'
-        return '' if 'stamp_lost' in str(player.probe.values('input')) else f'input: {text}'
+        values = str(player.probe.values('input'))
+        return '' if 'stamp_lost' in values else f'input: {text} {values}'
     return Fault('stamps become 0', play, {})
 
 
@@ -135,7 +136,7 @@ def silent(name: str, expected: str, status: str, parameters: Mapping[str, objec
         player.probe.torques.clear()
         player.move(40, **change)
         player.probe.report(status)
-        text = player.probe.report(status).message
+        text = f'{player.probe.report(status).message} {player.probe.values(status)}'
         if player.probe.torques:
             return f'{len(player.probe.torques)} torques published'
         return '' if expected in text else f'status {status}: {text}'
@@ -151,6 +152,7 @@ def answered(name: str, expected: str, **change) -> Fault:
         player.settle()
         count = len(player.probe.torques)
         text = ' '.join(status.message for status in player.probe.status.values())
+        text += str(player.probe.values('input'))
         if count < 30:
             return f'{count} of 60 answered'
         return '' if expected in text else f'nothing about {expected}: {text}'

@@ -13,13 +13,15 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
-from gravity_comp_ros.node.base_chain import BaseChains
+from gravity_comp_ros.node.base_chain import BaseChains, without_friction
+from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
@@ -105,8 +107,9 @@ def work(job: Job) -> Outcome:
         verdict = replace(verdict, reason=f'{verdict.reason}; tried: {_tried(found, job)}')
     if not verdict.compensated:
         change = next((other for name, other in found if name == CHANGE), None)
-        echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
-                                                            here.train, here.held)
+        echo = None if job.sent is None else echo_objection(
+            job.sent, job.train, job.held, here.train, here.held,
+            job.base is not None and _targets(model) != _targets(job.base))
         if echo is not None:
             verdict = verdict.refused(echo, is_echo=True)
         elif (broken := _broken(job, chain, change, model)) is not None:
@@ -119,7 +122,8 @@ def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mappin
     """Return the job without samples at which something else than gravity acted for a moment."""
     every, names = outliers.both(job.train, job.held), job.train.names
     if chain is not None and chain.joints == names:
-        found = outliers.outliers_of_change(_gravity(job.base or chain, every), chain)
+        found = outliers.outliers_of_change(
+            _beside_friction(job.base or chain, every), chain)
     else:
         try:
             model = next(_wholes(replace(job, effects=())))[1]
@@ -207,7 +211,8 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
     here = predicted(model, job)
-    residual = np.maximum(_rms(job.train.tau - here.train), _rms(job.held.tau - here.held))
+    residual = np.maximum(_rms(job.train.tau - here.train - here.beside_train),
+                          _rms(job.held.tau - here.held - here.beside_held))
     base = job.base
     if base is None or base.joints != job.train.names:
         return first_model_objection(job.train, residual)
@@ -216,16 +221,16 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if _targets(model) != _targets(base):
         # Effects that were asked for are no payload, and gravity no longer imitates them.
         change, source, allowance = None, model, WITH_EFFECTS
-    gravity = _gravity(source, concatenate((job.train, job.held)))
-    noise = allowance * reference_noise(base.noise, gravity, base.predict(gravity.q))
+    train, held = _beside_friction(source, job.train), _beside_friction(source, job.held)
+    gravity = concatenate((train, held))
+    noise = allowance * reference_noise(usual_residual(base), gravity, base.predict(gravity.q))
     if (lost := lost_gravity(gravity, base.predict(gravity.q), noise)) is not None:
         return lost
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                _rms(here.train - predict_torque(base, job.train)))
-    train = _gravity(source, job.train)
-    evidence = PayloadEvidence(chain, change or update(chain, train).model, train,
-                               _gravity(source, job.held), noise)
+    evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
+                               train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)
 
 
@@ -235,6 +240,12 @@ def _targets(model: GravityModel) -> set[str]:
 
 def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
     return replace(samples, tau=samples.tau - effect_torque(base, samples))
+
+
+def _beside_friction(model: GravityModel, samples: JointSamples) -> JointSamples:
+    """Return the samples without the effects, friction and offset of a model."""
+    gravity = _gravity(model, samples)
+    return replace(gravity, tau=gravity.tau - nuisance_torque(model.nuisance, samples))
 
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
@@ -256,7 +267,8 @@ def whole(job: Job) -> GravityModel:
 def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
-                      model.noise)
+                      residual_noise(model), nuisance_torque(model.nuisance, job.train),
+                      nuisance_torque(model.nuisance, job.held))
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -27,6 +27,14 @@ def residual_noise(model: GravityModel) -> FloatArray:
     return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
 
 
+def usual_residual(model: GravityModel) -> FloatArray:
+    """Return what a model leaves beside friction where friction drifts as it may (N,), N·m."""
+    coulomb = model.nuisance.of(COULOMB)
+    size = np.array([abs(coulomb[name].value) if name in coulomb else 0.0
+                     for name in model.joints])
+    return np.hypot(residual_noise(model), DRIFT * size)
+
+
 class LiveFriction:
     """
     The friction and offset that a model was fitted with.
@@ -46,11 +54,6 @@ class LiveFriction:
         self._hold = np.where(self._holds, hold, 1.0)
         self._direction = np.zeros(n)
         self._q: FloatArray | None = None
-
-    @property
-    def drift(self) -> FloatArray:
-        """By how much the friction may have changed since the training (N,), N·m."""
-        return DRIFT * np.abs(self._size[COULOMB])
 
     def torque(self, q: FloatArray, qd: FloatArray) -> FloatArray:
         """Return friction and offset (N,) in N·m at pose q (N,) and speed qd (N,)."""
