@@ -14,6 +14,7 @@ from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import as_chain
 from gravity_comp_ros.node.fit_job import work
+from gravity_comp_ros.node.outliers import outliers_of_change
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 import numpy as np
 import pytest
@@ -58,6 +59,35 @@ def test_a_real_payload_is_taken_within_twenty_seconds(mass, centre, base, geome
     outcome = work(job_of(case, base, geometry))
     assert outcome.verdict.better, outcome.verdict.reason
     assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
+
+
+def gripped(tau, rng):
+    """Return effort with a brake that grips for half a second, about every eight seconds."""
+    found, k = tau.copy(), int(rng.integers(5, 15))
+    while k < len(found):
+        found[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
+        k += int(rng.integers(20, 60))
+    return found
+
+
+@pytest.mark.parametrize('seconds, seed', [(8.0, 2), (20.0, 1), (20.0, 4)])
+def test_a_brake_now_and_then_is_left_out_and_the_payload_learned(seconds, seed, base):
+    rng = np.random.default_rng(seed)
+    case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
+    samples = replace(case.samples, tau=gripped(case.samples.tau, rng))
+    found = work(job_of(replace(case, samples=samples), base))
+    assert found.verdict.better, found.verdict.reason
+    assert found.outliers and sum(found.outliers.values()) < 0.2 * len(samples)
+    assert np.abs(found.model.predict(case.later) - case.truth).max() < 0.5
+    clean = work(job_of(case, base))
+    assert not clean.outliers
+
+
+def test_a_joint_that_is_broken_for_long_is_no_outlier(base):
+    samples = recorded('eq17', 0, 20.0, 80.0, Payload(2.0), '', np.random.default_rng(2)).samples
+    tau = samples.tau.copy()
+    tau[40:, 1] = 0.0
+    assert not outliers_of_change(replace(samples, tau=tau), base).any()
 
 
 def evidence(base, change, noise=0.1):

@@ -272,7 +272,7 @@ WRONG_PARAMETERS = [
     ('stale_action', 'drop'), ('joints', ['a']), ('model_file', '/etc/passwd'),
     ('effects', ['gremlins']), ('compensate', ['inertia']), ('no_such_parameter', 1)]
 STORMS = ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model')
-CALLS = 1000
+CALLS = 400
 
 
 def test_calls_and_parameters_that_make_no_sense(recording, model_file):

@@ -125,7 +125,8 @@ def test_effects_stay_when_the_payload_changes(node):
     change(node, effects=('coulomb_friction:a',))
     assert refit(node)[0]
     node.payload_changed(t)
-    t, _ = feed(node, t, 60, mass=LOADED)
+    # Sixteen seconds: the first joint passes through half of its range.
+    t, _ = feed(node, t, 80, mass=LOADED)
     success, text = refit(node)
     assert success and 'change of the old model' in text, text
     applied = node.models.model.applied.effects

@@ -61,6 +61,38 @@ def test_a_swap_within_a_swap_starts_from_the_present_torque():
     assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(13.5)
 
 
+def test_a_swap_within_a_swap_follows_the_pose():
+    """The arm moves while torque is blended: no torque of an earlier pose goes out."""
+    feed = FeedForward(1, FREE)
+    feed.use(linear())
+    q = np.zeros(1)
+    for k in range(26):
+        feed.update(0.1 * k, q)
+    slopes = 10.0, 11.0, 12.0
+    for swap, slope in enumerate(slopes[1:]):
+        feed.use(Source(lambda q, slope=slope: slope * q, np.array([-9.0]), np.array([9.0])))
+        for k in range(4):
+            q = q + 0.1
+            tau = float(feed.update(2.6 + 0.1 * (4 * swap + k), q)[0])
+            # 0.1 for what the first swap has not made up for where the second one began.
+            assert 10.0 * q[0] - 0.1 <= tau <= 12.0 * q[0] + 0.1
+
+
+def test_a_share_of_a_change_is_used_and_goes_over_slowly():
+    feed, t = started(torque=10.0)
+    changed = replace(constant(20.0), before=constant(10.0).predict)
+    feed.use(changed, np.array([0.5]))
+    for k in range(12):
+        tau = feed.update(t + 0.1 * k, Q)
+    assert float(tau[0]) == pytest.approx(15.0)
+    t += 1.1
+    feed.set_share(np.array([1.0]))
+    assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(16.0)
+    # A swap begins from the share of that moment.
+    feed.use(constant(0.0))
+    assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(16.0)
+
+
 def test_stale_input_holds_then_fades_to_zero_then_falls_silent():
     feed, t = started()
     assert feed.watch(t + 0.3) is None

@@ -6,7 +6,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, WARN
+from gravity_comp_ros.node.diagnostics import (
+    ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
 from gravity_comp_ros.node.node_core import Live
 from gravity_comp_ros.node.parameters import defaults
 import numpy as np
@@ -152,6 +153,33 @@ def test_another_payload_is_suspected_from_the_residual(live, model_file):
     assert status(node, 'joint a', now).level == OK
     feed(node, 40, now + 0.2, mass=1.5)
     assert 'another payload' in status(node, 'joint a', now + 8.0).message
+
+
+def test_friction_in_the_arm_is_no_other_payload_and_does_not_hide_one():
+    shown = np.array([[1.2], [0.1]])
+    noise = np.array([[1.1], [0.12]])
+    span, none = np.ones(1), np.zeros(1)
+    quiet, = joint_statuses(('a',), span, shown, noise, none, True)
+    assert quiet.level == OK and quiet.values['residual beside friction [Nm]'] == '0.1000'
+    loud, = joint_statuses(('a',), span, np.array([[1.6], [1.0]]), noise, none, True)
+    assert loud.level == WARN and 'another payload' in loud.message
+
+
+TOLD = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held': 15, 'lacking': (), 'gate': {},
+        'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
+        'kept_old': False, 'compensated': False}
+
+
+def test_samples_that_were_left_out_are_a_warning():
+    assert learning_status(Learning(**TOLD)).level == OK
+    found = learning_status(Learning(**TOLD, outliers='3 of elbow'))
+    assert found.level == WARN and '3 of elbow' in found.message and 'brake' in found.message
+
+
+@pytest.mark.parametrize('change', [{'failure': 'it died'}, {'broken': True}, {'kept_old': True},
+                                    {'compensated': True}, {'outliers': '3 of a'}, {}])
+def test_learning_says_whether_it_is_closed_whatever_else_it_says(change):
+    assert 'epoch 1 open' in learning_status(Learning(**{**TOLD, **change})).message
 
 
 def test_close_answers_those_who_wait(live, model_file):

@@ -35,7 +35,7 @@ JUMP = 20.0
 PARAMETERS: dict[str, object] = {
     'ramp_time': 0.1, 'max_torque': '[176.0]', 'max_torque_rate': f'[{RATE}]',
     'stale_after': 10.0, 'stale_action': 'hold', 'settle_time': 0.0, 'diagnostics_rate': 20.0,
-    'formulation': 'chain'}
+    'formulation': 'auto'}
 
 Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
 
@@ -68,7 +68,7 @@ class Player:
 
         :param spoil: what is reported instead of the true torque.
         :param change: fields of every message that are replaced: `velocity`, `turn` (rad added
-            to all positions), `scale` (of positions).
+            to all positions), `scale` (of positions), `stamp`.
         """
         part = eq17(n * STEP, 1.0 / STEP, self.t)
         tau = gravity_torque(self.arm, part.q) + NOISE * self.rng.standard_normal(part.q.shape)
@@ -79,10 +79,17 @@ class Player:
             q = part.q[k]
             self.poses[int(t), round((t - int(t)) * 1e9)] = q
             sent = q * change.get('scale', 1.0) + change.get('turn', 0.0)
-            self.probe.send(ARM.joints, t, sent, change.get('velocity', part.qd[k]), effort[k])
+            self.probe.send(ARM.joints, change.get('stamp', t), sent,
+                            change.get('velocity', part.qd[k]), effort[k])
             due += period
             self.probe.spin(max(1e-4, due - time.monotonic()))
         self.t += STEP * n
+
+    def error(self) -> float:
+        """Return how far the last torque is from the truth of the last pose, N·m."""
+        pose = list(self.poses.values())[-1]
+        truth = gravity_torque(self.arm, pose[None])[0]
+        return float(np.abs(np.array(self.probe.torques[-1].effort) - truth).max())
 
     def jump(self, t: float) -> None:
         """Go to another part of the motion; what is published on the way is not judged."""

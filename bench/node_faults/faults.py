@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from broken_effort import KINDS
-from client import Player
+from broken_effort import Break, KINDS
+from client import healthy, Player
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Payload
 import numpy as np
 
 LENGTHS = (60, 120, 320)
+MASSES = (0.3, 0.5, 1.0, 2.0, 3.0, 5.0)
 
 
 @dataclass(frozen=True)
@@ -47,19 +49,59 @@ def broken(kind: str, n: int, seed: int) -> Fault:
     return Fault(f'{kind}, {n} samples, seed {seed}', play, {})
 
 
-def real(mass: float, centre: tuple[float, float, float]) -> Fault:
+def drawn(seed: int, is_off_axis: bool) -> Payload:
+    """Return a payload of 0.3 to 5 kg."""
+    rng = np.random.default_rng(seed)
+    side = rng.uniform(-0.15, 0.15, 2) if is_off_axis else (0.0, 0.0)
+    return Payload(MASSES[seed % len(MASSES)], (*side, rng.uniform(0.05, 0.2)))
+
+
+def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
     """Return a real payload, which must be learned within 20 s of motion."""
+    payload = drawn(seed, is_off_axis)
+    centre = ', '.join(f'{x:.2f}' for x in payload.com)
+
     def play(player: Player) -> str:
-        player.jump(4000.0 + 50.0 * mass)
-        player.carry(Payload(mass, centre))
+        player.rng = np.random.default_rng(300 + seed)
+        player.jump(4000.0 + 53.0 * seed)
+        player.carry(payload)
         player.probe.call('payload_changed')
         before = player.model_in_use()
         for _ in range(2):
-            player.move(50)
+            player.move(50, spoil)
             player.settle()
         after = player.model_in_use()
-        return '' if after != before else f'no model: {player.probe.status["learning"].message}'
-    return Fault(f'real payload of {mass:g} kg at {centre}', play, {})
+        told = player.probe.status['learning'].message
+        if after == before:
+            return f'no model: {told}'
+        if spoil is not healthy and 'outliers' not in told:
+            return f'nothing about outliers: {told}'
+        return ''
+    what = 'real payload' if spoil is healthy else 'brakes now and then, payload'
+    return Fault(f'{what} of {payload.mass:g} kg at {centre} m, seed {seed}', play, {})
+
+
+def brakes(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return effort with a brake that grips for half a second, every few seconds."""
+    found, k = tau.copy(), int(rng.integers(5, 15))
+    while k < len(found):
+        found[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
+        k += int(rng.integers(20, 60))
+    return found
+
+
+def lost_stamps() -> Fault:
+    """Return stamps that become 0: the poses go on, and so must the torque."""
+    def play(player: Player) -> str:
+        player.jump(5500.0)
+        player.move(40)
+        player.move(60, stamp=0.0)
+        player.probe.spin(0.3)
+        text = player.probe.report('input').message
+        if (error := player.error()) > 1.0:
+            return f'{error:.1f} N·m off'
+        return '' if 'stamp_lost' in str(player.probe.values('input')) else f'input: {text}'
+    return Fault('stamps become 0', play, {})
 
 
 def pause(seconds: float, action: str) -> Fault:
@@ -138,8 +180,8 @@ def every_fault(seeds: int) -> list[Fault]:
     """Return the campaign."""
     return [
         *(broken(kind, n, seed) for kind in KINDS for n in LENGTHS for seed in range(seeds)),
-        *(real(mass, centre) for mass in (0.5, 2.0, 5.0)
-          for centre in ((0.0, 0.0, 0.1), (0.08, -0.06, 0.1))),
+        *(real(seed, is_off_axis) for seed in range(10) for is_off_axis in (False, True)),
+        *(real(seed, True, brakes) for seed in range(4)),
         *(floating(seed) for seed in range(3)),
         *(pause(seconds, action) for seconds in (0.15, 0.3, 1.0, 3.0)
           for action in ('hold', 'fade')),
@@ -148,5 +190,6 @@ def every_fault(seeds: int) -> list[Fault]:
         silent('no bound of the torque', 'max_torque', 'feed-forward', {'max_torque': '[]'}),
         answered('all joints turned once', '', turn=2.0 * np.pi),
         answered('all joints turned back', '', turn=-2.0 * np.pi),
+        lost_stamps(),
         answered('velocity 0 while the arm moves', 'velocity_wrong', velocity=np.zeros(7)),
     ]

@@ -127,7 +127,7 @@ def _central(found: list[_Hypothesis], box: FloatArray) -> int:
     if len(found) == 1:
         return 0
     weights = softmax([each.log_evidence for each in found])
-    q = np.random.default_rng(0).uniform(*box, (_COMPARED, box.shape[1]))
+    q = np.random.default_rng(0).uniform(box[0], box[1], (_COMPARED, box.shape[1]))
     torques = np.array([each.here.torque(q) for each in found])
     distance = ((torques - np.tensordot(weights, torques, axes=1)) ** 2).sum(axis=(1, 2))
     return int(np.argmin(distance + 1e300 * (weights < 0.01 * weights.max())))

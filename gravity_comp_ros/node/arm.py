@@ -17,17 +17,22 @@ from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise
 from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.parameters import Value
+from gravity_comp_ros.node.payload_watch import CALM, PayloadWatch
 from gravity_comp_ros.node.realtime_effects import (
     compensable, CompensateOptions, InstantEffects)
 from gravity_comp_ros.node.self_confirmation import SentTorque
+from gravity_comp_ros.node.unsure_change import UnsureChange
 import numpy as np
 
 # rad. Torques that share no energy are fitted joint by joint, and go astray at once where nothing
 # was learned: by hundreds of N·m, a radian away.
 PER_JOINT_REACH = 0.1
+# Seconds between two looks at how much of a change is used: each takes a millisecond.
+SHARE_PERIOD = 0.2
 
 
 class Arm:
@@ -49,7 +54,10 @@ class Arm:
         self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
-        self.residual = np.zeros(len(joints))
+        self.payload = PayloadWatch(joints)
+        self._friction: LiveFriction | None = None
+        # Squared residuals since the last report: as they are, and beside friction.
+        self._squares = np.zeros((2, len(joints)))
         self.n_residual = 0
         self.learn_from = 0.0
         self.last_seen: float | None = None
@@ -57,6 +65,8 @@ class Arm:
         self.effects_problem = ''
         self._model: GravityModel | None = None
         self._source: Source | None = None
+        self._change: UnsureChange | None = None
+        self._share_at = -np.inf
         # All effects of the model that a moment tells, and those of them that are sent.
         self._effects: InstantEffects | None = None
         self._sent: InstantEffects | None = None
@@ -109,18 +119,26 @@ class Arm:
         self.epoch.set_options(epoch_options(settings))
         self._find_effects()
 
-    def use(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
+    def use(self, model: GravityModel, before: GravityModel | None, learned: int,
+            change: UnsureChange | None = None) -> None:
         """
         Go over to another model.
 
         :param before: the model to go back to if this one turns out wrong.
         :param learned: the number of samples that it was learned from; 0 for a known one.
+        :param change: from the payload before, where few samples show it.
         """
         self._model = model
         self._watch = ModelWatch(model, before, learned)
-        self._source = source_of(model)
+        self._friction = LiveFriction(model)
+        self.payload.forget()
+        self._source, self._change = source_of(model), change
         self._find_effects()
-        self.feed.use(self._source)
+        if change is None or self.pose is None:
+            self.feed.use(self._source)
+        else:
+            self._source = replace(self._source, before=change.before.predict_one)
+            self.feed.use(self._source, change.share(self._source.nearest(self.pose)))
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
@@ -128,6 +146,14 @@ class Arm:
         if self._sent is not None and self._model is not None and reading.qd is not None:
             effects = self._sent.torque(reading.q, reading.qd, self._model.predict_one(reading.q))
         return self._published(now, self.feed.update(now, reading.q, effects))
+
+    def look_at_change(self, now: float) -> None:
+        """Find how much of a change is used at the present pose, a few times a second."""
+        if self._change is None or self._source is None or self.pose is None or (
+                0.0 <= now - self._share_at < SHARE_PERIOD):
+            return
+        self._share_at = now
+        self.feed.set_share(self._change.share(self._source.nearest(self.pose)))
 
     def watch(self, now: float) -> FloatArray | None:
         """Return the torque (N,) in N·m to publish although no input came, None for nothing."""
@@ -138,14 +164,20 @@ class Arm:
             self.sent.published(now, tau)
         return tau
 
-    def compared(self, q: FloatArray, tau: FloatArray, predicted: FloatArray) -> None:
+    def compared(self, reading: Reading, predicted: FloatArray) -> None:
         """Note how well the model in use predicts a slow sample."""
-        error = tau - predicted
-        self.residual += error * error
+        q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
+        model, error = cast(GravityModel, self._model), tau - predicted
+        beside = error if self._friction is None else error - self._friction.torque(q, qd)
+        self._squares += np.square([error, beside])
         self.n_residual += 1
-        if self._watch is not None and not self.distance(q).any():
-            gravity = cast(GravityModel, self._model).predict_one(q)
-            self._watch.offer(q, tau - (predicted - gravity), gravity)
+        if self._watch is None or self.distance(q).any():
+            return
+        gravity = model.predict_one(q)
+        self._watch.offer(q, tau - (predicted - gravity), gravity)
+        acceleration = reading.acceleration()
+        if acceleration is not None and float(np.abs(acceleration).max()) < CALM:
+            self.payload.offer(reading.t, q, qd, tau, beside / residual_noise(model))
 
     def objection(self) -> str | None:
         """Return why the model before should come back, None if it should not."""
@@ -236,7 +268,8 @@ class Arm:
         self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
                            has_base=has_base)
         self.health.restart()
-        self.residual[:] = 0.0
+        self.payload.forget()
+        self._squares[:] = 0.0
         self.n_residual = 0
 
     def input_status(self, topic: str, now: float, late: int = 0) -> diagnostics.Status:
@@ -256,8 +289,8 @@ class Arm:
         outside = None
         if model is not None and self.pose is not None:
             outside = self.distance(self.pose)
-        residual = np.sqrt(self.residual / self.n_residual) if self.n_residual else None
-        self.residual = np.zeros(len(self.joints))
+        residual = np.sqrt(self._squares / self.n_residual) if self.n_residual else None
+        self._squares[:] = 0.0
         self.n_residual = 0
         return [
             diagnostics.feedforward_status(
@@ -266,8 +299,14 @@ class Arm:
                 self.feed.margin, self._sent.targets if self._sent else (),
                 self.effects_problem),
             *diagnostics.joint_statuses(
-                self.joints, self.epoch.coverage().span, residual,
-                None if model is None else model.noise, outside, not self.epoch.is_open)]
+                self.joints, self.epoch.coverage().span, residual, self._usual(model), outside,
+                not self.epoch.is_open)]
+
+    def _usual(self, model: GravityModel | None) -> FloatArray | None:
+        """Return the residual of the training, and what is usual beside friction (2, N), N·m."""
+        if model is None or self._friction is None:
+            return None
+        return np.array([model.noise, np.hypot(residual_noise(model), self._friction.drift)])
 
 
 def gate_options(settings: Mapping[str, Value]) -> GateOptions:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.node.feedforward import FADED, FADING, HOLDING
 from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
-import numpy as np
 
 OK, WARN, ERROR, STALE = range(4)
 
@@ -97,6 +96,7 @@ class Learning:
     compensated: bool
     broken: bool = False
     faults: str = ''
+    outliers: str = ''
 
 
 def learning_status(learning: Learning) -> Status:
@@ -109,16 +109,22 @@ def learning_status(learning: Learning) -> Status:
     for reason, count in learning.gate.items():
         values[f'gate {reason}'] = str(count)
     if learning.failure:
-        return Status('learning', ERROR, f'{learning.failure}; the old model stays', values)
+        return Status('learning', ERROR, f'{learning.failure}; the old model stays; '
+                      f'{learning.epoch}', values)
     if learning.broken:
-        return Status('learning', ERROR, f'broken effort: {learning.last_fit}', values)
+        return Status('learning', ERROR, f'broken effort: {learning.last_fit}; {learning.epoch}',
+                      values)
     if learning.faults:
         return Status('learning', WARN, f'nothing is learned from broken effort: '
                       f'{learning.faults}; {learning.epoch}', values)
     if learning.compensated:
-        return Status('learning', WARN, learning.last_fit, values)
+        return Status('learning', WARN, f'{learning.last_fit}; {learning.epoch}', values)
     if learning.kept_old:
         return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
+                      f'{learning.epoch}', values)
+    if learning.outliers:
+        return Status('learning', WARN, f'samples left out as outliers: {learning.outliers}; does '
+                      'a brake grip now and then, or does something touch the arm? '
                       f'{learning.epoch}', values)
     return Status('learning', OK, learning.epoch, values)
 
@@ -151,6 +157,18 @@ def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
     return Status('feed-forward', OK, state, values)
 
 
+def payload_status(suspected: str, other: str) -> Status:
+    """
+    Return whether the arm carries what its model was learned with.
+
+    :param suspected: why another payload is suspected; empty if none is.
+    :param other: why the effort is thought to have changed as no payload changes it.
+    """
+    if suspected:
+        return Status('payload', WARN, suspected)
+    return Status('payload', WARN if other else OK, other or 'no other payload is suspected')
+
+
 def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArray | None,
                    noise: FloatArray | None, outside: FloatArray | None,
                    settled: bool) -> list[Status]:
@@ -158,9 +176,10 @@ def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArr
     Return one status per joint.
 
     :param span: range seen in this epoch (N,) in rad.
-    :param residual: RMS of measured minus predicted torque (N,) in N·m over the slow samples
-        since the last report, None if there are none.
-    :param noise: residual of the training (N,) in N·m; None without a model.
+    :param residual: RMS over the slow samples since the last report (2, N) in N·m of measured
+        minus predicted torque, and of the same beside friction and offset; None if there are none.
+    :param noise: residual of the training, and what is usual beside friction with its drift
+        (2, N) in N·m; None without a model.
     :param outside: distance outside the trained range (N,) in rad; None without a model.
     :param settled: whether a large residual is news; while an epoch is open it is not.
     """
@@ -169,17 +188,16 @@ def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArr
         values = {'range in this epoch [rad]': f'{span[k]:.3f}'}
         level, message = OK, 'no model' if noise is None else 'ok'
         if noise is not None and outside is not None:
-            values['training residual [Nm]'] = f'{noise[k]:.4f}'
+            values['training residual [Nm]'] = f'{noise[0, k]:.4f}'
             values['outside trained range [rad]'] = f'{outside[k]:.3f}'
         if residual is not None and noise is not None:
-            values['residual [Nm]'] = f'{residual[k]:.4f}'
-            # Against the loudest joint too: one without gravity may have next to no noise.
-            usual = max(float(noise[k]), 0.05 * float(np.max(noise)), 1e-9)
-            message = f'residual {residual[k]:.3g} N·m'
+            values['residual [Nm]'] = f'{residual[0, k]:.4f}'
+            values['residual beside friction [Nm]'] = f'{residual[1, k]:.4f}'
+            message = f'residual {residual[0, k]:.3g} N·m'
             here = outside is None or not outside.any()
-            if settled and here and residual[k] > CHANGED * usual:
+            if settled and here and residual[1, k] > CHANGED * noise[1, k]:
                 level = WARN
-                message += (f', {residual[k] / usual:.0f} times that of the training: another '
-                            'payload? call payload_changed')
+                message += (f', {residual[1, k] / noise[1, k]:.0f} times that of the training: '
+                            'another payload? call payload_changed')
         statuses.append(Status(f'joint {name}', level, message, values))
     return statuses

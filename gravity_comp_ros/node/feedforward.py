@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -76,12 +76,15 @@ class Source:
     A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
 
     `reach` in rad bounds `extrapolation_margin` for a model that must not be used further out.
+    `before` is the model of the payload before where only a share of the change is used
+    (`unsure_change`).
     """
 
     predict: Predict
     q_min: FloatArray
     q_max: FloatArray
     reach: float = math.inf
+    before: Predict | None = None
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """
@@ -115,7 +118,10 @@ class FeedForward:
         self._blend = 1.0
         self._source: Source | None = None
         self._old: Source | None = None
-        self._frozen: FloatArray | None = None
+        # What the torque was beside that of `_old` as the blend began, N·m.
+        self._offset = np.zeros(n_joints)
+        self._q: FloatArray | None = None
+        self._share, self._share_goal = np.ones(n_joints), np.ones(n_joints)
         self._base = np.zeros(n_joints)
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
@@ -132,17 +138,32 @@ class FeedForward:
         self._limit = _per_joint(options.max_torque, self._n)
         self._rate = _per_joint(options.max_torque_rate, self._n)
 
-    def use(self, source: Source | None) -> None:
-        """Go over to another model, or to none: then nothing is published."""
+    def use(self, source: Source | None, share: FloatArray | None = None) -> None:
+        """
+        Go over to another model, or to none: then nothing is published.
+
+        :param share: of the change from `source.before` (N,), 0 to 1; None for all of it.
+        """
         if source is None or self._source is None:
             self._gain = 0.0 if source is None else self._gain
-            self._old, self._frozen, self._blend = None, None, 1.0
+            self._old, self._blend = None, 1.0
         else:
-            # A swap during a swap starts from the torque of this moment, not from a model.
-            blending = self._blend < 1.0
-            self._frozen = self._base.copy() if blending else None
-            self._old, self._blend = None if blending else self._source, 0.0
+            # A swap during a swap starts from the torque of this moment. It goes on with the
+            # pose: the arm moves while it is blended.
+            self._offset = np.zeros(self._n)
+            if self._blend < 1.0 and self._q is not None:
+                self._offset = self._base - self._torque(self._source, self._q)
+            old, share_then = self._source, self._share.copy()
+            if old.before is not None:
+                old = replace(old, predict=_mixed(old, share_then), before=None)
+            self._old, self._blend = old, 0.0
         self._source = source
+        self._share = np.ones(self._n) if share is None else share
+        self._share_goal = self._share
+
+    def set_share(self, share: FloatArray) -> None:
+        """Go over to another share of the change, as slowly as to another model."""
+        self._share_goal = share
 
     def enable(self, enabled: bool) -> None:
         """Allow or forbid torque; it ramps either way."""
@@ -172,10 +193,12 @@ class FeedForward:
         if self._source is None:
             self._fresh = now
             return None
+        step = 1.0 if self.options.ramp_time <= 0.0 else dt / self.options.ramp_time
+        self._share = self._share + np.clip(self._share_goal - self._share, -step, step)
         base = self._blended(self._source, q, dt)
         if not np.isfinite(base).all():
             return None
-        self._fresh, self._base = now, base
+        self._fresh, self._base, self._q = now, base, q
         if effects is not None and self._is_near(self._source, q) and np.isfinite(effects).all():
             self._effects = effects
         else:
@@ -268,24 +291,24 @@ class FeedForward:
             return new
         ramp = self.options.ramp_time
         self._blend = 1.0 if ramp <= 0.0 else min(1.0, self._blend + dt / ramp)
-        if self._old is not None:
-            old = self._torque(self._old, q)
-        else:
-            old = self._base if self._frozen is None else self._frozen
+        if self._old is None:
+            return new
+        old = self._torque(self._old, q) + self._offset
         return old + self._blend * (new - old)
 
     def _torque(self, source: Source, q: FloatArray) -> FloatArray:
+        predict = source.predict if source.before is None else _mixed(source, self._share)
         if self.options.extrapolation == 'trust':
-            return source.predict(q)
+            return predict(q)
         q = source.nearest(q)
         margin = min(self.options.extrapolation_margin, source.reach)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())
         if outside == 0.0:
-            return source.predict(q)
+            return predict(q)
         if self.options.extrapolation == 'hold':
-            return source.predict(inside)
-        return source.predict(q) * max(0.0, 1.0 - outside / margin)
+            return predict(inside)
+        return predict(q) * max(0.0, 1.0 - outside / margin)
 
     def _limited(self, dt: float) -> FloatArray:
         goal = self._gain * (self._base + self._effects)
@@ -299,6 +322,17 @@ class FeedForward:
             goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
         self._last = goal
         return goal
+
+
+def _mixed(source: Source, share: FloatArray) -> Predict:
+    """Return the torque before and a share (N,) of its change."""
+    before = source.before
+    assert before is not None
+
+    def predict(q: FloatArray) -> FloatArray:
+        old = before(q)
+        return old + share * (source.predict(q) - old)
+    return predict
 
 
 def _per_joint(values: tuple[float, ...], n_joints: int) -> FloatArray | None:

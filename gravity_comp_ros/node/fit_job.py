@@ -1,24 +1,22 @@
-"""What the fit process does: fit and judge the result on held-out samples, or diagnose."""
+"""What the fit process does: fit, judge the result on held-out samples, and test it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import time
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
-from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
-from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains
@@ -31,6 +29,9 @@ import numpy as np
 # next. What changed of an old model takes a fraction of them; see docs/node.md.
 FROM_NOTHING = 100
 CHANGE, WHOLE = 'change of the old model', 'fit from nothing'
+SPARSE = f'{WHOLE}, potential'
+# By this share a sparse potential must predict better than a chain to be taken.
+_CLEARLY = 0.1
 # Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
 WITH_EFFECTS = 2.0
 _chains = BaseChains()
@@ -63,7 +64,12 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The best model of a job, how it fared against the one in use, and the time in s."""
+    """
+    The best model of a job, how it fared against the one in use, and the time in s.
+
+    `low` and `high` (N,) in rad are the range of the samples that it was learned from, and
+    `outliers` counts the samples of each joint that were left out.
+    """
 
     number: int
     epoch: int
@@ -71,39 +77,9 @@ class Outcome:
     verdict: Verdict
     how: str
     seconds: float
-
-
-@dataclass(frozen=True)
-class Question:
-    """Asks which effect is missing in `model`, going by these samples."""
-
-    number: int
-    samples: JointSamples
-    model: GravityModel | None
-
-
-@dataclass(frozen=True)
-class Findings:
-    """The answer to a question, in a line."""
-
-    number: int
-    text: str
-
-
-def ask(question: Question) -> Findings:
-    """
-    Diagnose, and put the findings into words.
-
-    :raises DataError: if there are too few samples.
-    """
-    start = time.monotonic()
-    found = diagnose(question.samples, question.model)
-    # Named as `gravity_comp add` and the parameter `effects` take them.
-    ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
-                        for item in found.findings)
-    lines = [wording.verdict(found), *([ranking] if ranking else []),
-             f'{len(question.samples)} slow samples, {time.monotonic() - start:.1f} s']
-    return Findings(question.number, ' | '.join(lines))
+    low: FloatArray
+    high: FloatArray
+    outliers: Mapping[str, int] = field(default_factory=dict)
 
 
 def work(job: Job) -> Outcome:
@@ -119,16 +95,14 @@ def work(job: Job) -> Outcome:
     """
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
+    job, left_out = _without_outliers(job, chain)
     found = list(_candidates(job, chain))
-    how, model = found[0]
-    here = predicted(model, job)
-    for name, other in found[1:]:
-        there = predicted(other, job)
-        if judge(there, here, job.train, job.held).better:
-            how, model, here = name, other, there
+    how, model, here = _best(found, job)
     more = job.old is not None and len(job.train) > job.old.coverage.n_samples
     verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
                     job.held, more)
+    if len(found) > 1:
+        verdict = replace(verdict, reason=f'{verdict.reason}; tried: {_tried(found, job)}')
     if not verdict.compensated:
         change = next((other for name, other in found if name == CHANGE), None)
         echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
@@ -137,7 +111,51 @@ def work(job: Job) -> Outcome:
             verdict = verdict.refused(echo, is_echo=True)
         elif (broken := _broken(job, chain, change, model)) is not None:
             verdict = verdict.refused(broken)
-    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start)
+    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
+                   job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
+
+
+def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mapping[str, int]]:
+    """Return the job without samples at which something else than gravity acted for a moment."""
+    every, names = outliers.both(job.train, job.held), job.train.names
+    if chain is not None and chain.joints == names:
+        found = outliers.outliers_of_change(_gravity(job.base or chain, every), chain)
+    else:
+        try:
+            model = next(_wholes(replace(job, effects=())))[1]
+        except (FitError, DataError):
+            return job, {}
+        found = outliers.outliers_of_fit(every.tau - model.predict(every.q), every.tau)
+    if not found.any():
+        return job, {}
+    train, held = found[:len(job.train)], found[len(job.train):]
+    return replace(job, train=outliers.without(job.train, train),
+                   held=outliers.without(job.held, held),
+                   sent=outliers.sent_without(job.sent, train, held)), outliers.counts(
+                       names, found)
+
+
+def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, GravityModel, Prediction]:
+    """
+    Return the first model unless a later one predicts the held-out samples clearly better.
+
+    A chain extrapolates and a potential does not, so chance must not decide between them.
+    """
+    (how, model), *others = found
+    here = predicted(model, job)
+    for name, other in others:
+        there = predicted(other, job)
+        looser = name == SPARSE and len(found) > 1
+        if judge(there, here, job.train, job.held, margin=_CLEARLY if looser else 0.0).better:
+            how, model, here = name, other, there
+    return how, model, here
+
+
+def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
+    """Return the held-out RMSE of every model that was fitted, over all joints."""
+    errors = [job.held.tau - predicted(model, job).held for _, model in found]
+    return ', '.join(f'{name} {np.sqrt((error ** 2).mean()):.3g} N·m'
+                     for (name, _), error in zip(found, errors))
 
 
 def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:
@@ -166,20 +184,19 @@ def _wholes(job: Job) -> Iterator[tuple[str, GravityModel]]:
     """
     Yield models fitted to the samples alone: the one that is asked for.
 
-    With `auto` the sparse potential by ADMM comes first, and the chain beside it; known axes are
+    With `auto` the chain comes first, and the sparse potential by ADMM beside it; known axes are
     tested against the samples (`estimation.formulation_choice`).
     """
     if job.options.formulation != 'auto':
         yield WHOLE, whole(job)
         return
     known = job.geometry is not None and job.geometry.joints == job.train.names
-    for name, options in (
-            ('potential', replace(job.options, formulation='potential')),
-            ('chain', replace(job.options, formulation='auto', geometry=job.geometry) if known
-             else replace(job.options, formulation='chain'))):
-        # The sparse fit must succeed; the chain beside it may fail.
-        with suppress(*((FitError, DataError) if name == 'chain' else ())):
-            yield f'{WHOLE}, {name}', whole(replace(job, options=options))
+    options = replace(job.options, formulation='auto', geometry=job.geometry) if known \
+        else replace(job.options, formulation='chain')
+    # The sparse fit must succeed; the chain beside it may fail.
+    with suppress(FitError, DataError):
+        yield f'{WHOLE}, chain', whole(replace(job, options=options))
+    yield SPARSE, whole(replace(job, options=replace(job.options, formulation='potential')))
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,

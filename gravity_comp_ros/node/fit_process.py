@@ -12,7 +12,8 @@ import subprocess
 import sys
 from threading import Thread
 
-from gravity_comp_ros.node.fit_job import Findings, Job, Outcome, Question
+from gravity_comp_ros.node.fit_job import Job, Outcome
+from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 
 STARTING = 'starting'
 READY = 'ready'
@@ -33,6 +34,10 @@ class Failure:
     lost: bool
 
 
+AnyJob = Job | Question | Look
+Event = Outcome | Findings | Seen | Failure
+
+
 class FitProcess:
     """
     One fit at a time in a process of its own. Nothing here blocks, time is explicit.
@@ -50,7 +55,7 @@ class FitProcess:
         self._command = tuple(command)
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection | None = None
-        self._job: Job | Question | None = None
+        self._job: AnyJob | None = None
         self._since = 0.0
         self._delay = FIRST_DELAY
         self._start_at = 0.0
@@ -61,7 +66,7 @@ class FitProcess:
         return self._process.pid if self._process else None
 
     @property
-    def job(self) -> Job | Question | None:
+    def job(self) -> AnyJob | None:
         """The job that runs, if any."""
         return self._job
 
@@ -88,7 +93,7 @@ class FitProcess:
             theirs.close()
         self._connection, self.state, self._since = ours, STARTING, now
 
-    def submit(self, job: Job | Question, now: float) -> bool:
+    def submit(self, job: AnyJob, now: float) -> bool:
         """Give the process a job; False if it is not ready for one."""
         if self.state != READY or self._connection is None:
             return False
@@ -97,13 +102,13 @@ class FitProcess:
         Thread(target=_send, args=(self._connection, job), daemon=True).start()
         return True
 
-    def poll(self, now: float) -> list[Outcome | Findings | Failure]:
+    def poll(self, now: float) -> list[Event]:
         """Return what happened since the last call; restarts a process that was lost."""
         if self.state == DOWN:
             if now >= self._start_at:
                 self.start(now)
             return []
-        events: list[Outcome | Findings | Failure] = []
+        events: list[Event] = []
         try:
             while self._connection is not None and self._connection.poll():
                 self._take(self._connection.recv(), events, now)
@@ -124,7 +129,7 @@ class FitProcess:
         self._job = None
         self._start_at = float('inf')
 
-    def _take(self, message: tuple, events: list[Outcome | Findings | Failure],
+    def _take(self, message: tuple, events: list[Event],
               now: float) -> None:
         kind = message[0]
         if kind == 'ready':
@@ -189,7 +194,7 @@ def _plain_children() -> Iterator[None]:
             os.sched_setscheduler(0, policy, parameters)
 
 
-def _send(connection: Connection, job: Job | Question) -> None:
+def _send(connection: Connection, job: AnyJob) -> None:
     try:
         connection.send(job)
     except (OSError, ValueError):

@@ -9,7 +9,9 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.fit_job import ask, Question, work
+from gravity_comp_ros.node.fit_job import Outcome, work
+from gravity_comp_ros.node.fit_process import AnyJob
+from gravity_comp_ros.node.fit_questions import ask, Findings, Look, look, Question, Seen
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1
@@ -24,13 +26,19 @@ def serve(connection: Connection) -> None:
         except EOFError:
             return
         try:
-            done = ask(job) if isinstance(job, Question) else work(job)
-            connection.send(('done', done))
+            connection.send(('done', do(job)))
         except GravityCompError as problem:
             connection.send(('failed', job.number, str(problem)))
         except (ArithmeticError, LookupError, MemoryError, TypeError, ValueError) as problem:
             # A fault of one fit is no reason to lose the warm process.
             connection.send(('failed', job.number, f'{type(problem).__name__}: {problem}'))
+
+
+def do(job: AnyJob) -> Outcome | Findings | Seen:
+    """Do a job of any kind."""
+    if isinstance(job, Question):
+        return ask(job)
+    return look(job) if isinstance(job, Look) else work(job)
 
 
 def main() -> None:

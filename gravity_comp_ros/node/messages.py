@@ -47,6 +47,8 @@ RISING_TO_BELIEVE = 5
 # Velocity is the mean slope over this time where the message brings none.
 SLOPE_WINDOW = 0.1
 SLOPE_LIMIT = 0.5
+# Stamps of 10 Hz are a rounding error less than the window apart.
+_SHORTEST = SLOPE_WINDOW - 1e-6
 # Positions contradict velocity where they move faster than this many times it, and this, rad/s.
 SLOPE_FACTOR, SLOPE_LEAST = 1.5, 0.05
 
@@ -57,7 +59,8 @@ class Reading:
     What a message says about our joints, in the configured order.
 
     `t` in s, `q` (N,) in rad; `qd` (N,) in rad/s and `tau` (N,) in N·m are None where the
-    message does not tell them. `new_run` says that the clock started again before it.
+    message does not tell them. `new_run` says that the clock started again before it. `before`
+    is the time in s and the velocity (N,) a tenth of a second or more earlier, None without any.
     """
 
     t: float
@@ -65,6 +68,13 @@ class Reading:
     qd: FloatArray | None
     tau: FloatArray | None
     new_run: bool = False
+    before: tuple[float, FloatArray] | None = None
+
+    def acceleration(self) -> FloatArray | None:
+        """Return the mean acceleration (N,) since `before` in rad/s^2, None if unknown."""
+        if self.before is None or self.qd is None:
+            return None
+        return (self.qd - self.before[1]) / (self.t - self.before[0])
 
 
 class Reader:
@@ -148,8 +158,13 @@ class Reader:
             self._past.clear()
         self._rebellion.clear()
         self._last = t
-        return Reading(t, q, self._velocity(message.velocity, t, q),
-                       self._effort(message.effort), new_run)
+        qd = self._velocity(message.velocity, t, q)
+        return Reading(t, q, qd, self._effort(message.effort), new_run, self._before(t))
+
+    def _before(self, t: float) -> tuple[float, FloatArray] | None:
+        if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:
+            return None
+        return self._past[0][0], self._past[0][2]
 
     def _lost_stamps(self, t: float) -> bool:
         """Return whether from this message on the time of arrival counts, after real stamps."""
@@ -187,6 +202,9 @@ class Reader:
         if len(values) == 0:
             self.counts[NO_VELOCITY] += 1
             slope, _ = self._slope(t, q, np.zeros_like(q))
+            if slope is not None:
+                # The next slope over the window is compared with this one.
+                self._past[-1] = (t, q, slope)
             return slope
         qd = self._vector(values)
         if qd is None:
@@ -212,7 +230,7 @@ class Reader:
         while len(past) > 1 and past[1][0] <= t - SLOPE_WINDOW:
             past.popleft()
         then, q_then, qd_then = past[0]
-        if not SLOPE_WINDOW <= t - then <= SLOPE_LIMIT:
+        if not _SHORTEST <= t - then <= SLOPE_LIMIT:
             return None, qd_then
         return (q - q_then) / (t - then), qd_then
 

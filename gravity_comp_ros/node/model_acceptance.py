@@ -52,7 +52,7 @@ class Verdict:
 
 
 def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: JointSamples,
-          knows_more: bool = False) -> Verdict:
+          knows_more: bool = False, margin: float = 0.0) -> Verdict:
     """
     Return whether `new`, learned from `train`, predicts `held` better than `old` does.
 
@@ -62,6 +62,7 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
 
     :param old: the model in use; without one, a constant torque is the rival.
     :param knows_more: whether `new` was learned from more samples than `old`.
+    :param margin: share by which the figure of `new` must be below that of `old`.
     """
     error_new = held.tau - new.held
     mean = train.tau.mean(axis=0)
@@ -87,7 +88,7 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     # The standard error of an RMSE of independent errors, as a part of it.
     chance = 1.0 / np.sqrt(2.0 * held.tau.size) if knows_more and old is not None else 0.0
     better = worse.size == 0 and bool(
-        _rms(rmse_new / noise) < (1.0 + chance) * _rms(rmse_old / noise))
+        _rms(rmse_new / noise) < (1.0 + chance - margin) * _rms(rmse_old / noise))
     if better and old is None and (explained < EXPLAINED).all():
         return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
                        f'pose does not explain the effort yet ({figures})')

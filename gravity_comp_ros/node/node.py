@@ -264,6 +264,8 @@ class GravityCompNode(LifecycleNode):
         tau = live.tick(self.now(), time.monotonic())
         while live.news:
             self._log_news(*live.news.popleft())
+        while live.events:
+            outputs.payload_suspected(live.events.popleft())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1

@@ -15,13 +15,16 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.fit_job import Findings, Job, Outcome, Question
+from gravity_comp_ros.node.fit_job import Job, Outcome
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
+from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, Models
 from gravity_comp_ros.node.parameters import check_together, payload_limits, Value
+from gravity_comp_ros.node.payload_watch import LEARN, Suspicion
 from gravity_comp_ros.node.realtime_effects import compensable
+from gravity_comp_ros.node.unsure_change import UnsureChange
 
 Answer = tuple[bool, str]
 
@@ -59,10 +62,14 @@ class Live:
         self._guessed = False
         # What happened, for the log: (is it bad news, sentence).
         self.news: deque[tuple[bool, str]] = deque(maxlen=100)
+        # Payloads that the node was not told of and has not reported yet.
+        self.events: deque[Suspicion] = deque(maxlen=10)
         self._requests = FitRequests()
         # The model in use when the epoch began: what a new payload changes.
         self._base: GravityModel | None = None
         self._last_fit = 'none'
+        # Samples that the last fit left out because something acted for a moment, in words.
+        self._outliers = ''
         self._kept_old = self._compensated = self._broken = False
         self._unnamed: Counter[str] = Counter()
         joints = cast(tuple[str, ...], settings['joints'])
@@ -136,6 +143,7 @@ class Live:
         if reading.new_run:
             arm.gate.reset()
             arm.health.restart()
+            arm.payload.restart()
         if learns:
             self._learn(arm, reading, now)
         tau = arm.torque(now, reading)
@@ -181,7 +189,7 @@ class Live:
             return
         arm.epoch.offer(reading.t, q, qd, tau, arm.sent.around(now))
         if predicted is not None:
-            arm.compared(q, tau, predicted)
+            arm.compared(reading, predicted)
             if (objection := arm.objection()) is not None:
                 self._roll_back_alone(arm, objection, now)
 
@@ -212,6 +220,8 @@ class Live:
                 self._finish(event, now)
             elif isinstance(event, Findings):
                 self._requests.reply(event.number, True, event.text)
+            elif isinstance(event, Seen):
+                self._look_ended(event, now)
             else:
                 self._fail(event)
         arm = self.arm
@@ -222,8 +232,11 @@ class Live:
         if self.fits.state == 'ready':
             if self._requests.wanted is not None:
                 self._serve(arm, wall)
+            elif self._may_suspect(arm) and arm.payload.is_due():
+                self._submit_look(arm, wall)
             elif self.settings['auto_fit'] and arm.epoch.fit_is_due():
                 self._submit(arm, wall)
+        arm.look_at_change(now)
         return arm.watch(now)
 
     def _serve(self, arm: Arm, wall: float) -> None:
@@ -253,6 +266,32 @@ class Live:
         self.fits.submit(Question(self._jobs, arm.epoch.every(), self.models.model), now)
         return self._jobs
 
+    def _may_suspect(self, arm: Arm) -> bool:
+        """Return whether the model in use is one of this payload, and predicts it."""
+        entry = self.models.entry
+        return entry is not None and arm.is_confirmed and (
+            not arm.epoch.is_open or entry.epoch == arm.epoch.number)
+
+    def _submit_look(self, arm: Arm, now: float) -> None:
+        self._jobs += 1
+        self.fits.submit(Look(self._jobs, arm.payload.window(), cast(
+            GravityModel, self.models.model), payload_limits(self.settings), arm.geometry), now)
+
+    def _look_ended(self, seen: Seen, now: float) -> None:
+        """Report a payload that is new, and learn it where that is wanted."""
+        arm = cast(Arm, self.arm)
+        if seen.number <= self._outdated:
+            return
+        suspicion = arm.payload.found(seen.finding, seen.since)
+        if suspicion is None:
+            return
+        self.events.append(suspicion)
+        self.news.append((True, suspicion.text))
+        if self.settings['on_suspected_payload'] == LEARN:
+            success, text = self.payload_changed(now)
+            arm.epoch.note = f'opened by itself: {suspicion.text}'
+            self.news.append((not success, text))
+
     def _finish(self, outcome: Outcome, now: float) -> None:
         arm = cast(Arm, self.arm)
         if outcome.number <= self._outdated:
@@ -266,8 +305,10 @@ class Live:
         self._compensated, self._broken = verdict.compensated, bool(verdict.broken)
         self._kept_old = not verdict.better
         self.fits.last_failure = ''
-        self._last_fit = (f'{outcome.how}, {len_text(outcome)}, {outcome.seconds:.2f} s: '
-                          f'{verdict.reason}')
+        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items())
+        left_out = f' (without outliers: {self._outliers})' if self._outliers else ''
+        self._last_fit = (f'{outcome.how}, {len_text(outcome)}{left_out}, '
+                          f'{outcome.seconds:.2f} s: {verdict.reason}')
         if verdict.better:
             self._take(arm, outcome, now)
             return
@@ -280,9 +321,13 @@ class Live:
         """Go over to a new model."""
         entry = self.models.use(outcome.model, f'{outcome.how} in epoch {outcome.epoch}', now,
                                 arm.epoch.number)
-        before = self.models.before
+        before, base = self.models.before, self._base
+        # A full epoch shows the whole payload.
+        change = UnsureChange(outcome.model, base, outcome.low, outcome.high) if (
+            arm.epoch.is_open and base is not None
+            and base.joints == outcome.model.joints) else None
         arm.use(entry.model, None if before is None else before.model,
-                outcome.model.coverage.n_samples)
+                outcome.model.coverage.n_samples, change)
         arm.epoch.note = ''
         self.problem = ''
         self.wants_save = bool(self.settings['auto_save'] and self.models.path)
@@ -325,6 +370,7 @@ class Live:
         self._outdated = self._jobs
         self._base = self.models.model
         self._kept_old = self._compensated = self._broken = False
+        self._outliers = ''
         model = 'no model yet' if self.models.model is None else 'the old model stays in use'
         return True, (f'epoch {arm.epoch.number} open, {old} old samples dropped; {model} until '
                       'a better one is learned: move the arm slowly through its range')
@@ -341,7 +387,7 @@ class Live:
         arm = self.arm
         if arm is None:
             reply(False, NO_JOINTS)
-        elif self._requests.is_busy or self.fits.job is not None:
+        elif self._requests.is_busy or isinstance(self.fits.job, (Job, Question)):
             reply(False, f'a fit is running already ({self.fits.seconds(wall):.1f} s); its '
                   'outcome will be in /diagnostics')
         elif (lack := arm.lack()) is not None:
@@ -412,6 +458,9 @@ class Live:
         late, self._late_reported = self.late - self._late_reported, self.late
         return [arm.input_status(self._topic, now, late), model,
                 diagnostics.learning_status(self._learning(arm)),
+                diagnostics.payload_status(
+                    arm.payload.suspicion.text if arm.payload.suspicion else '',
+                    arm.payload.other),
                 *arm.statuses(self.models.model, now)]
 
     def _learning(self, arm: Arm) -> diagnostics.Learning:
@@ -419,7 +468,8 @@ class Live:
         return diagnostics.Learning(
             epoch.describe(), epoch.n_samples, epoch.n_held, epoch.lacking(), arm.gate_counts,
             fits.state, fits.restarts, fits.pid, fits.last_failure, self._last_fit,
-            self._kept_old, self._compensated, self._broken, arm.fresh_faults())
+            self._kept_old, self._compensated, self._broken, arm.fresh_faults(),
+            self._outliers)
 
 
 def check_effects(settings: Mapping[str, Value], joints: tuple[str, ...]) -> None:

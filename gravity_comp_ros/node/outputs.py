@@ -8,12 +8,18 @@ from collections.abc import Sequence
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.node.diagnostics import Status
+from gravity_comp_ros.node.diagnostics import Status, WARN
+from gravity_comp_ros.node.payload_watch import Suspicion
 from rclpy.lifecycle import LifecycleNode
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 DEPTH = 10
+# Who subscribes later still receives the last events; their stamps say of when they are.
+EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
+                       reliability=ReliabilityPolicy.RELIABLE,
+                       durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Outputs:
@@ -32,6 +38,8 @@ class Outputs:
         self._residual = node.create_lifecycle_publisher(JointState, '~/residual', DEPTH)
         self._extrapolation = node.create_lifecycle_publisher(
             JointState, '~/extrapolation', DEPTH)
+        self._suspected = node.create_lifecycle_publisher(
+            DiagnosticArray, '~/payload_suspected', EVENT_QOS)
         # Not a managed one: a node that was told to be inactive still says so.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
         self._torque, self._predicted, self._rest = JointState(), JointState(), JointState()
@@ -82,6 +90,14 @@ class Outputs:
 
     def diagnostics(self, statuses: Sequence[Status]) -> None:
         """Publish /diagnostics."""
+        self._diagnostics.publish(self._array(statuses))
+
+    def payload_suspected(self, suspicion: Suspicion) -> None:
+        """Publish a payload that the node was not told of, with its evidence."""
+        self._suspected.publish(self._array([
+            Status('payload_suspected', WARN, suspicion.text, suspicion.values)]))
+
+    def _array(self, statuses: Sequence[Status]) -> DiagnosticArray:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         # With its namespace, so that two arms are told apart.
@@ -91,12 +107,12 @@ class Outputs:
             hardware_id=name,
             values=[KeyValue(key=key, value=value) for key, value in status.values.items()])
             for status in statuses]
-        self._diagnostics.publish(message)
+        return message
 
     def destroy(self) -> None:
         """Take everything off the network."""
         for publisher in (self._torques, self._commands, self._prediction, self._residual,
-                          self._extrapolation):
+                          self._extrapolation, self._suspected):
             self._node.destroy_lifecycle_publisher(publisher)
         self._node.destroy_publisher(self._diagnostics)
 

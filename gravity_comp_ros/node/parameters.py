@@ -198,6 +198,11 @@ TABLE: tuple[Parameter, ...] = (
         'How far the centre of a payload may be from the last joint; without known axes also the '
         'longest distance of two neighbouring joints.', 'm', 0.01, 10.0),
     Parameter(
+        'on_suspected_payload', 'string', 'report',
+        'What to do where the residual shows a payload that the node was not told of: `report` '
+        'publishes an event on `~/payload_suspected`, `learn` does that and then what '
+        '`~/payload_changed` does.', choices=('report', 'learn')),
+    Parameter(
         'fit_timeout', 'double', 120.0,
         'A fit that takes longer is taken for hanging: its process is killed and replaced.',
         's', 0.1, 3600.0),

@@ -84,7 +84,7 @@ def objections(evidence: PayloadEvidence, limits: PayloadLimits,
                geometry: Geometry | None = None) -> Iterator[str]:
     """Yield why the change is none that a payload makes, the plainest reason first."""
     before = evidence.base.predict(evidence.q)
-    if geometry is not None and _lies_on(evidence.base, geometry):
+    if geometry is not None and lies_on(evidence.base, geometry):
         yield from _known_body(evidence, before, limits, geometry)
     else:
         yield from _contradiction(evidence)
@@ -93,7 +93,7 @@ def objections(evidence: PayloadEvidence, limits: PayloadLimits,
     yield from _common_factor(evidence, before)
 
 
-def _lies_on(model: GravityModel, geometry: Geometry) -> bool:
+def lies_on(model: GravityModel, geometry: Geometry) -> bool:
     """Return whether a chain has the axes of a geometry, so that its moments are in its frames."""
     return model.chain is not None and model.joints == geometry.joints and bool(
         np.abs(model.chain.axes[1:] - geometry.rotations[1:]).max(initial=0.0) < 1e-6)

@@ -1,0 +1,64 @@
+"""
+Friction and offset of a model, sample by sample: what its residual holds beside noise.
+
+A fit finds friction and offset beside gravity (`models.nuisance`), and the model does not predict
+them. The live residual holds them. They are subtracted before the residual is compared with the
+noise of the training. Inertia is left out: the samples are slow.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.nuisance import COULOMB, OFFSET, VISCOUS
+import numpy as np
+
+# Friction changes with temperature and load by about this part of itself.
+DRIFT = 0.3
+# A joint's noise counts as this part of the largest one at least: one without gravity may have
+# next to none.
+LEAST_PART = 0.05
+_LEAST_WIDTH = 1e-6
+
+
+def residual_noise(model: GravityModel) -> FloatArray:
+    """Return the standard deviation (N,) in N·m of the residual beside friction and offset."""
+    noise = model.nuisance.noise if model.nuisance.noise.size else model.noise
+    return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
+
+
+class LiveFriction:
+    """
+    The friction and offset that a model was fitted with.
+
+    Where friction holds at rest (`effects.motion_direction`), its direction is kept at rest.
+    """
+
+    def __init__(self, model: GravityModel) -> None:
+        n, nuisance = model.n_joints, model.nuisance
+        self._size = {kind: np.array([
+            found[name].value if name in found else 0.0 for name in model.joints])
+            for kind, found in ((kind, nuisance.of(kind)) for kind in (COULOMB, VISCOUS, OFFSET))}
+        self._width = np.maximum(nuisance.width if nuisance.width.size else np.ones(n),
+                                 _LEAST_WIDTH)
+        hold = nuisance.hold if nuisance.hold.size else np.zeros(n)
+        self._holds = hold > 0.0
+        self._hold = np.where(self._holds, hold, 1.0)
+        self._direction = np.zeros(n)
+        self._q: FloatArray | None = None
+
+    @property
+    def drift(self) -> FloatArray:
+        """By how much the friction may have changed since the training (N,), N·m."""
+        return DRIFT * np.abs(self._size[COULOMB])
+
+    def torque(self, q: FloatArray, qd: FloatArray) -> FloatArray:
+        """Return friction and offset (N,) in N·m at pose q (N,) and speed qd (N,)."""
+        moved = np.zeros_like(q) if self._q is None else q - self._q
+        self._q = q
+        sign = np.sign(moved)
+        held = np.where(sign == 0.0, self._direction, sign + (self._direction - sign) * np.exp(
+            -np.abs(moved) / self._hold))
+        self._direction = np.where(self._holds, held, np.tanh(qd / self._width))
+        return np.asarray(self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
+                          + self._size[OFFSET])

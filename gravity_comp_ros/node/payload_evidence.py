@@ -1,0 +1,203 @@
+"""
+Whether the residual of the model in use is that of another payload.
+
+Two explanations of a window of slow samples are compared. By the first the residual r is noise,
+friction that has changed, offset, and what the model is unsure of; by the second a body on the
+last link comes on top. Both are normal distributions of mean 0,
+
+    S_0 = noise + A A.T,    S_1 = S_0 + B B.T,
+
+A and B being columns of torque, each scaled by the standard deviation of its coefficient before
+the samples. The evidence of either is a number, and either predicts a part of the window from the
+rest of it. A contact that lasts a moment does not predict the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.predict import effect_torque
+from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
+from gravity_comp_ros.estimation.update import update
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
+from gravity_comp_ros.node.absolute_tests import reference_noise
+from gravity_comp_ros.node.live_friction import residual_noise
+from gravity_comp_ros.node.payload_test import (
+    lies_on, objections, PayloadEvidence, PayloadLimits)
+import numpy as np
+
+# Slow samples that follow each other repeat the same model error: noise counts so many times.
+_CORRELATED = 2.0
+# Least difference of log evidence, nats: one to half a thousand million.
+LEAST_EVIDENCE = 20.0
+# Parts that the window is divided into, and the share of the squared residual of each that the
+# other parts must predict.
+PARTS, LEAST_EXPLAINED = 3, 0.6
+# What is unknown of friction: this part of itself, as an offset that one, and the noise besides.
+_FRICTION_PART, _OFFSET_PART = 0.5, 0.25
+# rad/s; a viscous term makes a torque of the size of the residual at this speed.
+_USUAL_SPEED = 0.1
+_WIDTH = 0.01
+
+
+@dataclass(frozen=True)
+class PayloadFinding:
+    """
+    What a window of samples shows.
+
+    `is_payload` says that a body on the last link explains it, `is_other` that the effort has
+    changed as no payload changes it. `text` is a sentence, `values` are figures with their names.
+    """
+
+    is_payload: bool
+    is_other: bool
+    text: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel,
+                 limits: PayloadLimits, geometry: Geometry | None = None) -> PayloadFinding:
+    """
+    Return whether these samples show another payload than that of the model.
+
+    :param samples: slow samples at poses within the trained range, in order of time.
+    :param model: in use. :param chain: the same gravity as a chain (`base_chain`).
+    :param geometry: of the arm where it is known; it counts where the chain is on its axes.
+    """
+    if geometry is not None and not lies_on(chain, geometry):
+        geometry = None
+    gravity = replace(samples, tau=samples.tau - effect_torque(model, samples)
+                      - nuisance_torque(model.nuisance, samples))
+    window = _Window(gravity, samples.tau - gravity.tau, model, chain, limits, geometry)
+    evidence, explained = window.evidence(), window.explained()
+    residual = np.sqrt((window.residual ** 2).mean(axis=0))
+    worst = int(np.argmax(residual / window.noise))
+    values = {
+        'joint': samples.names[worst], 'residual [Nm]': f'{residual[worst]:.3g}',
+        'noise of the training [Nm]': f'{window.noise[worst]:.3g}',
+        'log evidence': f'{evidence:.1f}', 'least part explained': f'{explained.min():.3f}',
+        'samples': str(len(samples)), 'from [s]': f'{samples.t[0]:.3f}',
+        'to [s]': f'{samples.t[-1]:.3f}', **window.mass()}
+    figures = (f'residual of {samples.names[worst]} {residual[worst]:.3g} N·m, noise of the '
+               f'training {window.noise[worst]:.3g}, {len(samples)} samples in '
+               f'{samples.t[-1] - samples.t[0]:.1f} s')
+    if evidence < LEAST_EVIDENCE or explained.min() < LEAST_EXPLAINED:
+        return PayloadFinding(False, False, f'no payload is suspected: {figures}', values)
+    why = _objection(gravity, model, chain, limits, geometry)
+    if why is not None:
+        return PayloadFinding(False, True, f'the effort has changed as no payload changes it: '
+                              f'{why}', values)
+    mass = values.get('mass [kg]')
+    body = f'a change of {mass} kg on the last link' if mass else 'a body on the last link'
+    return PayloadFinding(True, False, f'another payload is suspected: {body} explains at least '
+                          f'{explained.min():.0%} of each third of the samples; {figures}', values)
+
+
+def _objection(gravity: JointSamples, model: GravityModel, chain: GravityModel,
+               limits: PayloadLimits, geometry: Geometry | None) -> str | None:
+    """Return why a model of these samples would be refused, None if it would not be."""
+    bare = replace(chain, nuisance=replace(chain.nuisance, terms=()))
+    noise = reference_noise(model.noise, gravity, model.predict(gravity.q))
+    found = PayloadEvidence(bare, update(bare, gravity).model, gravity, gravity, noise)
+    return next(objections(found, limits, geometry), None)
+
+
+class _Window:
+    """The residual of a window and the columns of torque that may explain it."""
+
+    def __init__(self, gravity: JointSamples, friction: FloatArray, model: GravityModel,
+                 chain: GravityModel, limits: PayloadLimits, geometry: Geometry | None) -> None:
+        self.residual = gravity.tau - model.predict(gravity.q)
+        self.noise = residual_noise(model)
+        self._geometry, self._shape = geometry, gravity.q.shape
+        self._r = self.residual.T.ravel()
+        body = self._body(chain, gravity.q, limits)
+        friction_columns = self._friction(gravity, friction, model)
+        unsure = self._unsure(chain, gravity.q)
+        spread = np.repeat((_CORRELATED * self.noise) ** 2, len(gravity))
+        self._s0 = np.diag(spread) + friction_columns.T @ friction_columns + unsure.T @ unsure
+        self._s1 = self._s0 + body.T @ body
+        self._columns = body
+
+    def evidence(self) -> float:
+        """Return the log evidence of a body over none."""
+        return _log_evidence(self._s1, self._r) - _log_evidence(self._s0, self._r)
+
+    def explained(self) -> FloatArray:
+        """Return the share of the squared residual of each part that the others predict."""
+        m, n = self._shape
+        part = np.tile(np.arange(m) * PARTS // m, n)
+        weight = np.repeat(self.noise ** -2, m)
+        shares = []
+        for k in range(PARTS):
+            here = part == k
+            error = float((weight[here] * _left_out(self._s1, self._r, here) ** 2).sum())
+            shares.append(1.0 - error / float((weight[here] * self._r[here] ** 2).sum()))
+        return np.array(shares)
+
+    def mass(self) -> dict[str, str]:
+        """Return the mass of the body in kg, signed, where lengths are known."""
+        if self._geometry is None:
+            return {}
+        gain = np.linalg.solve(self._s1, self._columns.T).T
+        mean = gain @ self._r
+        std = np.sqrt(max(0.0, 1.0 - float(gain[0] @ self._columns[0])))
+        return {'mass [kg]': f'{mean[0] * self._mass_scale:.3g}',
+                'standard deviation of the mass [kg]': f'{std * self._mass_scale:.2g}'}
+
+    def _body(self, chain: GravityModel, q: FloatArray, limits: PayloadLimits) -> FloatArray:
+        assert chain.chain is not None
+        columns = ForwardKinematics(chain.chain.axes, q).moment_columns().reshape(
+            2 * q.shape[1], -1)
+        if self._geometry is None:
+            return columns * float(np.abs(self.residual).max())
+        # The limit is two standard deviations away.
+        self._mass_scale = 0.5 * limits.mass
+        scale = self._mass_scale * np.array([1.0, *3 * [limits.reach]])
+        return scale[:, None] * (self._geometry.tool_moments() @ columns)
+
+    def _friction(self, samples: JointSamples, friction: FloatArray,
+                  model: GravityModel) -> FloatArray:
+        """Return columns of friction and offset that may have changed since the training."""
+        m, n = self._shape
+        kinds = model.nuisance.of(COULOMB), model.nuisance.of(VISCOUS)
+        width = model.nuisance.width if model.nuisance.width.size else np.full(n, _WIDTH)
+        columns = np.zeros((3 * n, n, m))
+        for k, name in enumerate(samples.names):
+            coulomb, viscous = (abs(kind[name].value) if name in kind else 0.0 for kind in kinds)
+            # Friction that is an effect of the model counts as well.
+            size = max(coulomb, float(np.abs(friction[:, k]).max(initial=0.0)))
+            columns[3 * k, k] = (self.noise[k] + _FRICTION_PART * size) * np.tanh(
+                samples.qd[:, k] / width[k])
+            columns[3 * k + 1, k] = samples.qd[:, k] * (
+                self.noise[k] / _USUAL_SPEED + _FRICTION_PART * viscous)
+            columns[3 * k + 2, k] = self.noise[k] + _OFFSET_PART * size
+        return columns.reshape(3 * n, n * m)
+
+    @staticmethod
+    def _unsure(chain: GravityModel, q: FloatArray) -> FloatArray:
+        assert chain.chain is not None
+        if chain.uncertainty is None:
+            return np.zeros((0, q.size))
+        values, vectors = np.linalg.eigh(chain.uncertainty.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        jacobian = chain.chain.jacobian(q).reshape(len(root), -1)
+        return np.asarray(root.T @ jacobian)
+
+
+def _log_evidence(s: FloatArray, r: FloatArray) -> float:
+    lower = np.linalg.cholesky(s)
+    white = np.linalg.solve(lower, r)
+    return -0.5 * float(white @ white) - float(np.log(np.diag(lower)).sum())
+
+
+def _left_out(s: FloatArray, r: FloatArray, out: np.ndarray) -> FloatArray:
+    """Return the error of the entries `out` as the others predict them."""
+    others = ~out
+    return np.asarray(r[out] - s[np.ix_(out, others)] @ np.linalg.solve(
+        s[np.ix_(others, others)], r[others]))

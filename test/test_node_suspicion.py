@@ -1,0 +1,192 @@
+"""A payload that the node was not told of is suspected; friction and a touch are not."""
+
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+import sys
+import time
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.urdf import read_urdf
+from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
+from gravity_comp_ros.node.diagnostics import OK, WARN
+from gravity_comp_ros.node.fit_questions import Look, look
+from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise
+from gravity_comp_ros.node.payload_watch import PayloadWatch, WINDOWS
+from gravity_comp_ros.node.unsure_change import UnsureChange
+from hypothesis import given, strategies as st
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'bench'))
+pytest.importorskip('pinocchio')
+bench = import_module('node_suspicion')
+ARM, gravity_torque = bench.ARM, import_module('node_acceptance').gravity_torque
+N = 50
+
+
+@pytest.fixture(scope='module')
+def model():
+    return bench.learned(np.random.default_rng(5))
+
+
+@pytest.fixture(scope='module')
+def geometry():
+    return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
+
+
+def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0):
+    """Return what an arm with friction measures in ten seconds of slow motion."""
+    motion = bench.eq17(N / 5.0, 5.0, start)
+    arm = ARM if mass == 0.0 else bench.with_payload(ARM, bench.Payload(mass, (0.08, -0.05, 0.1)))
+    tau = gravity_torque(arm, motion.q)
+    tau += friction * (bench.COULOMB * np.tanh(motion.qd / bench.WIDTH)
+                       + bench.VISCOUS * motion.qd)
+    tau += bench.NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
+    if force is not None:
+        tau[force[0]] += force[1]
+    return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
+
+
+def finding(model, samples, geometry=None):
+    return look(Look(1, samples, model, geometry=geometry)).finding
+
+
+@pytest.mark.parametrize('known', [False, True])
+@pytest.mark.parametrize('mass', [1.0, 3.0])
+def test_a_payload_is_found_and_its_mass_is_said(mass, known, model, geometry):
+    found = finding(model, window(mass), geometry if known else None)
+    assert found.is_payload and not found.is_other and 'another payload' in found.text
+    assert float(found.values['log evidence']) > 20.0
+    if known:
+        assert float(found.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
+
+
+@pytest.mark.parametrize('change', [
+    {}, {'friction': 0.5}, {'friction': 1.6}, {'force': (slice(20, 34), 15.0)},
+    {'force': (slice(0, 25), np.array([0, 20.0, 0, -9.0, 0, 2.0, 0]))}],
+    ids=['nothing', 'less friction', 'more friction', 'a touch', 'a longer touch'])
+def test_friction_and_a_touch_are_no_payload(change, model, geometry):
+    for axes in (None, geometry):
+        assert not finding(model, window(**change), axes).is_payload
+
+
+def test_broken_effort_is_no_payload_and_said(model):
+    samples = window()
+    tau = samples.tau.copy()
+    tau[:, 1] *= -1.0
+    found = finding(model, replace(samples, tau=tau))
+    assert not found.is_payload
+    if found.is_other:
+        assert 'as no payload changes it' in found.text
+
+
+def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
+    terms = (NuisanceTerm(COULOMB, 'iiwa_joint_2', 2.0, 0.1),
+             NuisanceTerm(VISCOUS, 'iiwa_joint_3', 4.0, 0.1),
+             NuisanceTerm(OFFSET, 'iiwa_joint_4', -0.7, 0.1))
+    hold = np.where(np.arange(7) == 1, 1e-4, 0.0)
+    nuisance = NuisanceTerms(terms, np.full(7, 0.002), hold, np.full(7, 0.1))
+    live = LiveFriction(replace(model, nuisance=nuisance))
+    q, qd = np.zeros(7), np.full(7, 0.1)
+    live.torque(q, qd)
+    moving = live.torque(q + 0.01, qd)
+    np.testing.assert_allclose(moving[1:4], [2.0, 0.4, -0.7], atol=1e-9)
+    still = live.torque(q + 0.01, 0.0 * qd)
+    np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
+    assert live.torque(q, -qd)[1] == pytest.approx(-2.0)
+    assert live.drift[1] > 0.0 and live.drift[2] == 0.0
+    assert residual_noise(model).max() < 0.3 * model.noise.max()
+
+
+def offered(watch, ratios, start=0.0, step=0.01):
+    for k, ratio in enumerate(ratios):
+        t = start + 0.2 * k
+        watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.full(2, ratio))
+
+
+def test_the_watch_asks_only_where_the_residual_stays():
+    short = WINDOWS[-1]
+    watch = PayloadWatch(('a', 'b'))
+    offered(watch, [9.0] * (short - 1))
+    assert not watch.is_due()
+    offered(watch, [9.0], 100.0)
+    assert watch.is_due() and len(watch.window()) == short and not watch.is_due()
+    touched = PayloadWatch(('a', 'b'))
+    offered(touched, [1.0] * short + [30.0] * (short // 3) + [1.0] * short)
+    assert not touched.is_due()
+    resting = PayloadWatch(('a', 'b'))
+    offered(resting, [9.0] * 5 * short, step=0.0)
+    assert not resting.is_due()
+
+
+@given(st.floats(0.0, 50.0), st.floats(0.0, 3.0))
+def test_an_uncertain_change_is_used_in_part(change, std):
+    class Model:
+        def __init__(self, torque):
+            self.torque = torque
+
+        def predict_one(self, q):
+            return self.torque
+
+        def predict_std(self, q):
+            return np.full((1, 2), std)
+
+    unsure = UnsureChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
+                          np.ones(2))
+    here, far = unsure.share(np.full(2, 0.5)), unsure.share(np.full(2, 1.5))
+    assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
+    if 1e-3 < change <= 2.0 * std:
+        assert here[0] == 0.0
+    elif change > 20.0 * std:
+        assert here[0] >= 0.99
+
+
+def playing(model, **settings):
+    """Return the core of a node with a model in use."""
+    core = bench.Core(model, False)
+    core.live.set({**core.live.settings, **settings})
+    return core
+
+
+def play(core, samples, until):
+    """Play samples to the core until something holds; messages come at 10 Hz."""
+    for k in range(len(samples)):
+        for j in range(2):
+            t = samples.t[k] + 0.1 * j
+            q = samples.q[k] + 0.1 * j * samples.qd[k]
+            core.live.message(core._message(bench.Sample(t, q, samples.qd[k], 0.0 * q),
+                                            samples.tau[k]), t, t)
+        core.live.tick(t, time.monotonic())
+        while core.live.fits.state != 'ready':
+            time.sleep(0.002)
+            core.live.tick(t, time.monotonic())
+        if until():
+            return
+
+
+@pytest.mark.parametrize('action', ['report', 'learn'])
+def test_the_node_reports_a_payload_or_learns_it(action, model):
+    core = playing(model, on_suspected_payload=action, settle_time=0.0)
+    live = core.live
+    try:
+        play(core, window(seed=1), lambda: live.events)
+        assert not live.events
+        play(core, window(2.0, start=190.0), lambda: live.events)
+        event = live.events.popleft()
+        assert 'another payload is suspected' in event.text and event.since > 175.0
+        assert any('another payload' in text for _, text in live.news)
+        status = {each.name: each for each in live.statuses(200.0)}['payload']
+        if action == 'learn':
+            assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
+            assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
+        else:
+            assert live.arm.epoch.number == 0 and status.level == WARN
+            play(core, window(2.0, start=200.0), lambda: live.events)
+            assert not live.events, 'said once'
+            play(core, window(start=210.0), lambda: False)
+            status = {each.name: each for each in live.statuses(220.0)}['payload']
+            assert status.level == OK
+    finally:
+        live.close()
