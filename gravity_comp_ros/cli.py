@@ -49,19 +49,19 @@ With GRAVITY_COMP_DEBUG=1 a failure also shows its traceback.
 
 # Module -> what to install. Only the verb that needs a missing module fails.
 PACKAGES = {
-    'bokeh': "pip install 'gravity_comp_ros[report]'",
+    'bokeh': 'pip install bokeh',
     'defusedxml': 'pip install defusedxml (in a ROS workspace: python3-defusedxml)',
     'lz4': 'pip install lz4 (in a ROS workspace: python3-lz4)',
-    'dask': "pip install 'gravity_comp_ros[fleet]'",
-    'distributed': "pip install 'gravity_comp_ros[fleet]'",
-    'mcap': "pip install 'gravity_comp_ros[bags]'",
-    'pinocchio': "pip install 'gravity_comp_ros[sim]' (in a ROS workspace: ros-jazzy-pinocchio)",
-    'rclpy': "pip install 'gravity_comp_ros[ros]', or source ROS 2 Jazzy",
+    'dask': 'pip install distributed',
+    'distributed': 'pip install distributed',
+    'mcap': 'pip install mcap zstandard (in a ROS workspace: ros-jazzy-mcap-ros2-support)',
+    'pinocchio': 'pip install pin (in a ROS workspace: ros-jazzy-pinocchio)',
+    'rclpy': 'source ROS 2 Jazzy, or use the .venv that `make venv` makes',
     'rich': 'pip install rich',
     'scipy': 'pip install scipy',
-    'shtab': "pip install 'gravity_comp_ros[completion]' (or: apt install python3-shtab)",
+    'shtab': 'pip install shtab (or: apt install python3-shtab)',
     'yaml': 'pip install PyYAML',
-    'zstandard': "pip install 'gravity_comp_ros[bags]'",
+    'zstandard': 'pip install zstandard',
 }
 
 # What the core advises, in terms of the command line.

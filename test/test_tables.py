@@ -106,8 +106,12 @@ def test_clock_of_the_world_is_kept(tmp_path):
 
 def test_degrees_taken_for_radians_are_noticed(tmp_path):
     values = np.column_stack([T, 100 * Q, TAU])
-    assert any('are they degrees' in n for n in
-               read_table(csv(tmp_path, table_text(values=values))).notes)
+    path = csv(tmp_path, table_text(values=values))
+    with pytest.raises(BagError, match='are they degrees. Give --angle-unit deg, or rad'):
+        read_table(path)
+    in_degrees = read_table(path, TableOptions(angle_unit='deg')).topic
+    np.testing.assert_allclose(in_degrees.position, np.radians(100 * Q))
+    assert read_table(path, TableOptions(angle_unit='rad')).topic.position.max() == 60.0
 
 
 GOOD = table_text()

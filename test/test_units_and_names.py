@@ -1,11 +1,15 @@
 """Units, names and the usual troubles of tables: understood, or asked about, never guessed."""
 
+from pathlib import Path
+import tempfile
+
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
 from gravity_comp_ros.recordings.table import read_table, TableOptions
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -64,6 +68,102 @@ def test_milliseconds_are_not_taken_for_seconds(tmp_path):
     assert read_table(path, TableOptions(time_unit='s')).topic.t[-1] == pytest.approx(5980)
     with pytest.raises(BagError, match='--time-unit ns'):
         read_table(table(tmp_path / 'y.csv', t=1e9 * T))
+
+
+def moving(t, speed=1.0):
+    """Return a table of two joints at this speed: times, positions, velocities, torques."""
+    q = np.column_stack([np.sin(speed * t), 0.8 * np.sin(0.8 * speed * t + 1.0)])
+    return np.column_stack([t, q, np.gradient(q, t, axis=0), 5 * np.sin(q)])
+
+
+def with_velocity(path, rows, head='t,q_1,q_2,qd_1,qd_2,tau_1,tau_2'):
+    np.savetxt(path, rows, delimiter=',', header=head, comments='')
+    return path
+
+
+def test_milliseconds_of_a_fast_motion_are_noticed_too(tmp_path):
+    rows = moving(np.arange(300) * 0.1)
+    rows[:, 0] *= 1000
+    path = with_velocity(tmp_path / 'x.csv', rows)
+    with pytest.raises(BagError, match='1e.03 times the change of the position: give --time-unit'):
+        read_table(path)
+    with pytest.raises(BagError, match='--time-unit ms, or s'):
+        read_table(path, TableOptions(velocity='none'))
+    assert read_table(path, TableOptions(time_unit='ms')).topic.t[-1] == pytest.approx(29.9)
+    rows[:, 0] *= 1000
+    with pytest.raises(BagError, match='--time-unit us, or s'):
+        read_table(with_velocity(path, rows), TableOptions(velocity='none'))
+
+
+@pytest.mark.parametrize(('columns', 'factor', 'words'), [
+    (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
+    (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
+    (slice(3, 5), -1.0, 'the velocity has the other sign: give --velocity none')])
+def test_a_velocity_that_is_not_that_of_the_positions(tmp_path, columns, factor, words):
+    rows = moving(np.arange(300) * 0.1, 0.2)
+    rows[:, columns] *= factor
+    path = with_velocity(tmp_path / 'x.csv', rows)
+    unit = 'deg' if columns.start == 1 else 'rad'
+    with pytest.raises(BagError, match=words):
+        read_table(path, TableOptions(angle_unit=unit))
+    found = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
+    assert found.topic.velocity is None
+    np.testing.assert_allclose(found.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
+                               atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.002, 3.0), st.floats(0.002, 0.5), st.integers(0, 100))
+def test_a_table_in_rad_and_s_is_never_asked_about(speed, step, seed):
+    t = np.arange(400) * step
+    rows = moving(t, speed)
+    noise = np.random.default_rng(seed).normal(size=(400, 4))
+    rows[:, 1:5] += noise * [1e-4, 1e-4, 0.02 * speed, 0.02 * speed]
+    with tempfile.TemporaryDirectory() as folder:
+        path = with_velocity(Path(folder) / 'x.csv', rows)
+        assert read_table(path).topic.t[-1] == pytest.approx(t[-1])
+
+
+@pytest.mark.parametrize('head', [
+    '__time,/joint_states/b/position,/joint_states/a/position,/joint_states/b/velocity,'
+    '/joint_states/a/velocity,/joint_states/b/effort,/joint_states/a/effort',
+    'Time,position_b,position_a,velocity_b,velocity_a,effort_b,effort_a',
+    'stamp,b_pos,a_pos,b_vel,a_vel,b_eff,a_eff', 't_s,q_b,q_a,qd_b,qd_a,tau_b,tau_a'])
+def test_columns_that_are_called_after_joints(tmp_path, head):
+    rows = moving(np.arange(100) * 0.1)
+    found = read_table(with_velocity(tmp_path / 'x.csv', rows, head)).topic
+    assert found.joints == ('b', 'a')
+    np.testing.assert_allclose(found.velocity, rows[:, 3:5])
+    np.testing.assert_allclose(found.effort, rows[:, 5:])
+
+
+def test_joints_of_two_topics_are_asked_about(tmp_path):
+    head = 't,/left/a/position,/right/a/position,/left/a/velocity,/right/a/velocity,' \
+           '/left/a/effort,/right/a/effort'
+    path = with_velocity(tmp_path / 'x.csv', moving(np.arange(100) * 0.1), head)
+    with pytest.raises(BagError, match='several topics, /left, /right; say which'):
+        read_table(path)
+
+
+def test_dates_are_times_and_text_that_is_not_used_does_no_harm(tmp_path):
+    path = tmp_path / 'x.csv'
+    lines = [f'2026-01-02T03:04:{s:06.3f}Z,run,{q},{5 * q}' for s, q in
+             zip(np.arange(20) * 0.5, np.sin(np.arange(20) * 0.05))]
+    path.write_text('time,note,q_1,tau_1\n' + '\n'.join(lines) + '\n')
+    found = read_table(path)
+    assert found.start_ns == 1767323040 * 10**9
+    np.testing.assert_allclose(found.topic.t, np.arange(20) * 0.5, atol=1e-6)
+    with pytest.raises(BagError, match="line 2, column note: 'run' is not a number"):
+        read_table(path, TableOptions(effort='note'))
+
+
+@pytest.mark.parametrize(('cell', 'words'), [('"0,5"', 'a decimal comma. Then put semicolons'),
+                                             ('half', "'half' is not a number .--skip")])
+def test_a_cell_that_is_no_number(tmp_path, cell, words):
+    path = tmp_path / 'x.csv'
+    path.write_text(f't,q_1,tau_1\n0,0.1,1\n1,{cell},2\n')
+    with pytest.raises(BagError, match=words):
+        read_table(path)
 
 
 def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):

@@ -97,7 +97,7 @@ def _on_dask(address: str, task: Task, items: Sequence[Any]) -> Iterator[tuple[i
     try:
         from distributed import as_completed as completed, Client, KilledWorker
     except ImportError:
-        raise DataError("--scheduler needs dask: pip install 'gravity_comp_ros[fleet]'") from None
+        raise DataError('--scheduler needs dask: pip install distributed') from None
     try:
         client = Client(address, timeout=_CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -17,8 +17,8 @@ def main(args: Sequence[str] | None = None) -> int:
         from gravity_comp_ros.node.run import run
     except ImportError as problem:
         print(f'gravity_comp_node: {problem}. The node needs ROS 2 Jazzy: run '
-              '`source /opt/ros/jazzy/setup.bash` first, or install its wheels with '
-              "`pip install 'gravity_comp_ros[ros]'`. The commands work without.",
+              '`source /opt/ros/jazzy/setup.bash` first, or start it from the .venv that '
+              '`make venv` makes. The commands work without.',
               file=sys.stderr)
         return 1
     return run(args)

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
-from gravity_comp_ros.recordings.table_columns import find_columns, has_columns
+from gravity_comp_ros.recordings.table_columns import (
+    find_columns, has_columns, named_columns, NamedColumns)
 from gravity_comp_ros.recordings.table_files import read_csv, read_npz, Table
+from gravity_comp_ros.recordings.table_units import check_angles, check_seconds, check_velocity
 from gravity_comp_ros.recordings.units import (
     ANGLE_UNITS, CURRENT_UNITS, TIME_UNITS, TORQUE_UNITS)
 import numpy as np
@@ -17,12 +19,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS}
-NO_TIME = 'none'
-# A joint that travels as far, rad, moves; one that does moves at least so fast on average, rad/s.
-MOVES, SLOWEST = 0.05, 5e-4
+NONE = 'none'
+NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
 
 # Looked for in this order where no columns are given.
-TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp')
+TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp', '__time', 't_s', 'time_s')
 POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
 VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
                     'vel_{i}', 'vel{i}')
@@ -36,7 +37,8 @@ class TableOptions:
 
     `time`, `position`, `velocity`, `effort` say which columns (see `find_columns`); None
     looks for usual names. Without a time column `rate` in Hz is needed; with `time` 'none' it
-    replaces one. `time_unit` None means s, unless the motion would then be too slow to be one.
+    replaces one; `velocity` 'none' takes no velocity. `time_unit` None means s and `angle_unit`
+    None rad, unless that cannot be.
     `effort_sign`, `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for
     all joints or one per joint; the latter two apply to currents. `skip_bad_rows`
     drops rows that are cut off, with a cell that is empty or no finite number, or with a time
@@ -51,7 +53,7 @@ class TableOptions:
     effort: str | None = None
     rate: float | None = None
     time_unit: str | None = None
-    angle_unit: str = 'rad'
+    angle_unit: str | None = None
     effort_unit: str = 'Nm'
     effort_sign: tuple[float, ...] = (1.0,)
     torque_constant: tuple[float, ...] | None = None
@@ -63,13 +65,13 @@ class TableOptions:
 
     def __post_init__(self) -> None:
         for what, unit, units in (('time', self.time_unit or 's', TIME_UNITS),
-                                  ('angle', self.angle_unit, ANGLE_UNITS),
+                                  ('angle', self.angle_unit or 'rad', ANGLE_UNITS),
                                   ('effort', self.effort_unit, EFFORT_UNITS)):
             if unit not in units:
                 raise OptionError(f'{what} unit {unit!r} is not one of {", ".join(units)}')
         if self.rate is not None and not (np.isfinite(self.rate) and self.rate > 0):
             raise OptionError(f'rate is {self.rate} Hz; it must be positive')
-        if self.rate is not None and self.time not in (None, NO_TIME):
+        if self.rate is not None and self.time not in (None, NONE):
             raise OptionError('give a time column or a fixed rate, not both')
         if any(sign not in (-1.0, 1.0) for sign in self.effort_sign):
             raise OptionError('effort signs are 1 or -1')
@@ -110,12 +112,14 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
     chosen = _Chosen.of(table, options)
-    names = _joint_names(table, options, len(chosen.position))
+    names = _joint_names(table, options, chosen.joints, len(chosen.position))
     keep = _usable_rows(table, chosen, options)
     table_rows = table.values[keep]
-    q = table_rows[:, chosen.position] * ANGLE_UNITS[options.angle_unit]
-    qd = (table_rows[:, chosen.velocity] * ANGLE_UNITS[options.angle_unit]
-          if chosen.velocity else None)
+    angle = ANGLE_UNITS[options.angle_unit or 'rad']
+    q = table_rows[:, chosen.position] * angle
+    qd = table_rows[:, chosen.velocity] * angle if chosen.velocity else None
+    if options.angle_unit is None:
+        check_angles(path, q)
     tau = table_rows[:, chosen.effort] * _effort_scale(options, names)
     if not tau.any():
         raise BagError(f'{path}: effort is 0 throughout, for every joint')
@@ -124,13 +128,14 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
         t = table_rows[:, chosen.time] * TIME_UNITS[options.time_unit or 's']
-        if options.time_unit is None:
-            _check_seconds(path, t, q)
+    if qd is not None:
+        check_velocity(path, t, q, qd, options.time_unit is not None or chosen.time is None)
+    if chosen.time is not None and options.time_unit is None:
+        check_seconds(path, t, q)
     start = t[0]
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
-    notes = _notes(q, qd, options)
     return Converted(JointTopic(topic, names, t - start, q, qd, tau), start_ns,
-                     int(keep.size - keep.sum()), notes)
+                     int(keep.size - keep.sum()), () if qd is not None else (NO_VELOCITY,))
 
 
 @dataclass(frozen=True)
@@ -141,26 +146,35 @@ class _Chosen:
     position: list[int]
     velocity: list[int]
     effort: list[int]
+    joints: tuple[str, ...] | None = None
 
     @classmethod
     def of(cls, table: Table, options: TableOptions) -> _Chosen:
         where = str(table.path)
-        position = _find(table, options.position, POSITION_COLUMNS, 'position')
-        effort = _find(table, options.effort, EFFORT_COLUMNS, 'effort')
-        velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
+        named = _named(table, options)
+        if named is not None:
+            position, effort, velocity = named.position, named.effort, named.velocity
+        else:
+            position = _find(table, options.position, POSITION_COLUMNS, 'position')
+            effort = _find(table, options.effort, EFFORT_COLUMNS, 'effort')
+        if options.velocity == NONE:
+            velocity = []
+        elif named is None or options.velocity is not None:
+            velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
         for what, found in (('velocity', velocity), ('effort', effort)):
             if found and len(found) != len(position):
                 raise BagError(f'{where}: {len(position)} columns of position but {len(found)} '
                                f'of {what}')
         time: list[int] = []
-        if options.time != NO_TIME:
+        if options.time != NONE:
             time = _find(table, options.time, TIME_COLUMNS, 'time', optional=True)
         if options.rate is not None and time:
             raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: leave '
-                              f'--rate out, or ignore the column with --time {NO_TIME}')
+                              f'--rate out, or ignore the column with --time {NONE}')
         if options.rate is None:
             if not time:
-                raise BagError(f'{where} has no column of time; name it, or give a fixed rate')
+                raise BagError(f'{where} has no column of time; name it (--time), or give a fixed '
+                               f'rate (--rate)')
             if len(time) > 1:
                 raise BagError(f'{where}: several columns of time')
         used = [*time, *position, *velocity, *effort]
@@ -168,7 +182,20 @@ class _Chosen:
         if twice:
             raise BagError(f'{where}: column {", ".join(twice)} cannot be two things at once; '
                            f'position, velocity, effort and time are columns of their own')
-        return cls(time[0] if time else None, position, velocity, effort)
+        return cls(time[0] if time else None, position, velocity, effort,
+                   named.joints if named else None)
+
+
+def _named(table: Table, options: TableOptions) -> NamedColumns | None:
+    """Return columns called after joints, where nothing is said and none are numbered."""
+    if options.position is not None or options.effort is not None or any(
+            has_columns(_lower(table), pattern) for pattern in POSITION_COLUMNS):
+        return None
+    return named_columns(table.columns, str(table.path))
+
+
+def _lower(table: Table) -> list[str]:
+    return [name.lower() for name in table.columns]
 
 
 def _find(table: Table, wanted: str | None, usual: tuple[str, ...], what: str,
@@ -180,36 +207,18 @@ def _find(table: Table, wanted: str | None, usual: tuple[str, ...], what: str,
             wanted += '_{i}'
         return find_columns(table.columns, wanted, what, where)
     for pattern in usual:
-        if has_columns(table.columns, pattern):
-            return find_columns(table.columns, pattern, what, where)
+        if has_columns(_lower(table), pattern):
+            return find_columns(_lower(table), pattern, what, where)
     if optional:
         return []
-    raise BagError(f'{where}: no columns of {what} such as {usual[0]}; say which they are; it has '
-                   f'{", ".join(table.columns[:30])}')
+    raise BagError(f'{where}: no columns of {what} such as {usual[0]}; say which they are '
+                   f'(--{what}); it has {", ".join(table.columns[:30])}')
 
 
-def _check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
-    """
-    Refuse times that are surely not in s: in them the fastest joint would hardly move.
-
-    :raises BagError: if another unit gives the speed of a moving arm.
-    """
-    length, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
-    if len(t) < 10 or travel < MOVES:
-        return
-    path_length = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max())
-    speed = path_length / length
-    if speed >= SLOWEST:
-        return
-    for unit in ('ms', 'us', 'ns'):
-        if speed / TIME_UNITS[unit] >= SLOWEST:
-            raise BagError(f'{path}: with time in s the recording lasts {length:.3g} s and no '
-                           f'joint moves faster than {speed:.2g} rad/s on average: give '
-                           f'--time-unit {unit}, or s if that is right')
-
-
-def _joint_names(table: Table, options: TableOptions, count: int) -> tuple[str, ...]:
-    names = options.joints or table.joints or tuple(f'joint_{k + 1}' for k in range(count))
+def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | None,
+                 count: int) -> tuple[str, ...]:
+    names = options.joints or table.joints or named or tuple(
+        f'joint_{k + 1}' for k in range(count))
     if len(names) != count:
         raise OptionError(f'{len(names)} joint names for {count} columns of position in '
                           f'{table.path}')
@@ -225,6 +234,7 @@ def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> NDArra
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
     if not keep.all() and not options.skip_bad_rows:
+        _refuse_text(table, used)
         row, column = np.argwhere(bad)[0]
         value = table.values[row, used[column]]
         raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
@@ -234,6 +244,22 @@ def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> NDArra
     if not keep.any():
         raise BagError(f'{table.path} has no usable row')
     return keep
+
+
+def _refuse_text(table: Table, used: list[int]) -> None:
+    """
+    Refuse text among the cells that are used.
+
+    :raises BagError: if there is any; it names the first.
+    """
+    found = sorted((table.text[column][0], column) for column in used if column in table.text)
+    if not found:
+        return
+    line, column = found[0]
+    cell = table.text[column][1]
+    comma = '; is it a decimal comma? Then put semicolons between the cells' * (',' in cell)
+    raise BagError(f'{table.path}, line {line}, column {table.columns[column]}: {cell!r} is not a '
+                   f'number{comma} (--skip-bad-rows leaves such rows out)')
 
 
 def _rising_rows(table: Table, time: FloatArray, keep: NDArray[np.bool_],
@@ -260,12 +286,3 @@ def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:
             raise OptionError(f'{len(values)} {what} for {len(names)} joints')
         scale = scale * np.asarray(values)
     return scale
-
-
-def _notes(q: FloatArray, qd: FloatArray | None, options: TableOptions) -> tuple[str, ...]:
-    notes = []
-    if options.angle_unit == 'rad' and np.abs(q).max() > 4 * np.pi:
-        notes.append(f'positions reach {np.abs(q).max():.0f} rad: are they degrees?')
-    if qd is None:
-        notes.append('no velocity in the table; it will be differentiated from the position')
-    return tuple(notes)

@@ -3,11 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 import re
 
 from gravity_comp_ros.errors import BagError
 
 _RANGE = re.compile(r'(\d+)-(\d+)$')
+
+
+def _shapes(before: str, words: Sequence[str], after: str) -> tuple[re.Pattern[str], ...]:
+    return tuple(re.compile(f'{before.format(word)}(?P<joint>[^/]+?){after.format(word)}$', re.I)
+                 for word in words)
+
+
+_LONG, _SHORT = ('position', 'velocity', 'effort'), ('pos', 'vel', 'eff')
+_TOPIC = r'(?:(?P<topic>.*)/)?'
+# Position, velocity, effort; the first is what PlotJuggler writes of joint states.
+_NAMED = (_shapes(_TOPIC, _LONG, '/{}'), _shapes(_TOPIC + '{}_', _LONG, ''),
+          _shapes(_TOPIC, _LONG, '_{}'), _shapes(_TOPIC, _LONG, '[.]{}'),
+          _shapes(_TOPIC + '{}_', _SHORT, ''), _shapes(_TOPIC, _SHORT, '_{}'),
+          _shapes(_TOPIC + '{}_', ('q', 'qd', 'tau'), ''))
 
 
 def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
@@ -30,6 +45,53 @@ def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> 
     repeated = sorted({columns[k] for k in found if found.count(k) > 1})
     if repeated:
         raise BagError(f'{where}: column {", ".join(repeated)} is given twice for {what}')
+    return found
+
+
+@dataclass(frozen=True)
+class NamedColumns:
+    """Columns that are called after joints: a position and an effort each, perhaps a velocity."""
+
+    joints: tuple[str, ...]
+    position: list[int]
+    velocity: list[int]
+    effort: list[int]
+
+
+def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
+    """
+    Return the columns named after joints, as `/joint_states/elbow/position` or `position_elbow`.
+
+    :param where: the file, to be named in errors.
+    :raises BagError: if they are of several topics.
+    """
+    for shapes in _NAMED:
+        position, velocity, effort = (_by_joint(columns, shape) for shape in shapes)
+        topics = sorted({topic for topic, _ in position} & {topic for topic, _ in effort})
+        if '/joint_states' in topics:
+            topics = ['/joint_states']
+        if len(topics) > 1:
+            raise BagError(f'{where} has joints of several topics, {", ".join(topics)}; say which '
+                           f'columns are meant (--position, --effort)')
+        for topic in topics:
+            joints = tuple(joint for of, joint in position
+                           if of == topic and (of, joint) in effort)
+            if joints:
+                keys = [(topic, joint) for joint in joints]
+                speeds = [velocity[key] for key in keys if key in velocity]
+                return NamedColumns(joints, [position[key] for key in keys],
+                                    speeds if len(speeds) == len(keys) else [],
+                                    [effort[key] for key in keys])
+    return None
+
+
+def _by_joint(columns: Sequence[str], shape: re.Pattern[str]) -> dict[tuple[str, str], int]:
+    """Return columns by topic and joint."""
+    found = {}
+    for k, name in enumerate(columns):
+        match = shape.match(name)
+        if match:
+            found[match['topic'] or '', match['joint']] = k
     return found
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime, UTC
 from itertools import chain
 from pathlib import Path
 import zipfile
@@ -24,6 +25,7 @@ class Table:
 
     `columns` are C unique names; `values` (M, C) is NaN where a cell is empty; `lines` (M,)
     are the rows' line numbers in a text file; `joints` are joint names, if the file has them.
+    `text` has, for each column with cells that are no numbers, the first of them and its line.
     """
 
     path: Path
@@ -31,6 +33,7 @@ class Table:
     values: FloatArray
     lines: array | None = None
     joints: tuple[str, ...] | None = None
+    text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
 
     def where(self, row: int) -> str:
         """Return the place of a row: its number, and in a text file its line."""
@@ -47,8 +50,8 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
         columns are called 1, 2, 3.
     :param delimiter: one character; None to find out among semicolon, tab, comma and blank.
         Where it is not the comma, numbers may have a decimal comma.
-    :param skip_bad_rows: make a row that is cut off, or has text in it, NaN.
-    :raises BagError: if the file is not a table of numbers; row and column are named.
+    :param skip_bad_rows: make a row that is cut off NaN.
+    :raises BagError: if the file is not a table; row and column are named.
     """
     try:
         with path.open(encoding='utf-8-sig', newline='') as stream:
@@ -68,7 +71,7 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
                 table.add(number, cells)
             return table.finish()
     except UnicodeDecodeError:
-        raise BagError(f'{path} is not a text file') from None
+        raise BagError(f'{path} is not a text file in UTF-8; save it as one') from None
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
 
@@ -84,10 +87,11 @@ def read_npz(path: Path) -> Table:
     """
     arrays: dict[str, NDArray] = {}
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise BagError(f'{path} is a single array; an .npz archive of named arrays is '
-                               f'needed')
+        loaded = np.load(path, allow_pickle=False)
+        if not isinstance(loaded, np.lib.npyio.NpzFile):
+            raise BagError(f'{path} is a single array; an .npz archive of named arrays is needed, '
+                           f'as np.savez("log.npz", t=t, q=q, tau=tau) writes it')
+        with loaded as archive:
             for key in archive.files:
                 arrays[key] = archive[key]
     except OSError as error:
@@ -126,48 +130,53 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
     lengths = {len(part) for part in parts}
     if len(lengths) > 1:
         sizes = ', '.join(f'{key} {arrays[key].shape}' for key in arrays)
-        raise BagError(f'{path}: arrays have different lengths: {sizes}')
+        raise BagError(f'{path}: arrays have different lengths: {sizes}; each row is one sample')
     _check_columns(path, columns)
     return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
 
 
 class _Numbers:
-    """Rows of text cells becoming rows of numbers; an empty cell or a bad one is NaN."""
+    """Rows of text cells becoming rows of numbers; an empty cell or one of text is NaN."""
 
     def __init__(self, path: Path, columns: list[str], decimal_comma: bool,
                  skip_bad_rows: bool) -> None:
         self._path, self._columns = path, columns
         self._decimal_comma, self._skip = decimal_comma, skip_bad_rows
         self._values, self._lines = array('d'), array('q')
+        self._text: dict[int, tuple[int, str]] = {}
 
     def add(self, line: int, cells: list[str]) -> None:
-        try:
+        if len(cells) == len(self._columns):
             self._values.extend(self._numbers(line, cells))
-        except BagError:
-            if not self._skip:
-                raise
+        elif self._skip:
             self._values.extend([np.nan] * len(self._columns))
+        else:
+            raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
+                           f'{len(self._columns)} columns (--skip-bad-rows leaves such rows out)')
         self._lines.append(line)
 
     def _numbers(self, line: int, cells: list[str]) -> list[float]:
-        if len(cells) != len(self._columns):
-            raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
-                           f'{len(self._columns)} columns (--skip-bad-rows leaves such rows out)')
         try:
             return [_number(cell, self._decimal_comma) if cell.strip() else np.nan
                     for cell in cells]
         except ValueError:
-            wrong = next(k for k, cell in enumerate(cells)
-                         if cell.strip() and not _is_number(cell, self._decimal_comma))
-            raise BagError(f'{self._path}, line {line}, column {self._columns[wrong]}: '
-                           f'{cells[wrong]!r} is not a number (--skip-bad-rows leaves such rows '
-                           f'out)') from None
+            return [self._number_or_text(line, k, cell) for k, cell in enumerate(cells)]
+
+    def _number_or_text(self, line: int, column: int, cell: str) -> float:
+        if not cell.strip():
+            return np.nan
+        try:
+            return _number(cell, self._decimal_comma)
+        except ValueError:
+            # A column of text does no harm unless it is used.
+            self._text.setdefault(column, (line, cell))
+            return np.nan
 
     def finish(self) -> Table:
         if not self._values:
             raise BagError(f'{self._path} has no rows')
         values = np.frombuffer(self._values).reshape(-1, len(self._columns)).copy()
-        return Table(self._path, tuple(self._columns), values, self._lines)
+        return Table(self._path, tuple(self._columns), values, self._lines, None, self._text)
 
 
 class _Rows:
@@ -214,7 +223,14 @@ def _delimiter(line: str) -> str:
 
 
 def _number(cell: str, decimal_comma: bool) -> float:
-    return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
+    """Return the number in a cell; a date with a time is in s since 1970, UTC if it says none."""
+    try:
+        return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
+    except ValueError:
+        if ':' not in cell:
+            raise
+    found = datetime.fromisoformat(cell.strip())
+    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
 def _is_number(cell: str, decimal_comma: bool) -> bool:

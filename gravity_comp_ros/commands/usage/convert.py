@@ -14,10 +14,11 @@ columns (--time, --position, --velocity, --effort):
   q_{i}      every column with a number in that place, in order: q_0, q_1, ...
   a,b,c      these, by name
   2-8        the second to the eighth; numbers count from 1
-  none       no such column, for --time
+  none       no such column, for --time and --velocity
   In an NPZ file an array q of M rows and N columns is called q.
-Left out, usual names are looked for: t or time, q_{i}, qd_{i}, tau_{i} and the like.
-Between semicolons or tabs, numbers may have a decimal comma.
+Left out, usual names are looked for: t or time, q_{i}, qd_{i}, tau_{i} and the like, or names with
+the joint in them, as PlotJuggler writes them (/joint_states/elbow/position) and position_elbow.
+Between semicolons or tabs, numbers may have a decimal comma. Times may be dates with a time.
 
 examples:
   gravity_comp convert log.csv -o log.mcap
@@ -51,8 +52,9 @@ def _add_columns(group: argparse._ArgumentGroup) -> None:
 def _add_units(group: argparse._ArgumentGroup) -> None:
     group.add_argument('--time-unit', choices=tuple(TIME_UNITS), default=None,
                        help='(default: s, and a question where that cannot be)')
-    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default='rad',
-                       help='of positions and velocities (default: %(default)s)')
+    group.add_argument('--angle-unit', choices=tuple(ANGLE_UNITS), default=None,
+                       help='of positions and velocities (default: rad, and a question where '
+                       'that cannot be)')
     group.add_argument('--effort-unit', choices=(*TORQUE_UNITS, *CURRENT_UNITS), default='Nm',
                        help='A and mA need --torque-constant (default: %(default)s)')
     group.add_argument('--effort-sign', metavar='1|-1,...', type=numbers, default=(1.0,),

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
@@ -87,22 +87,24 @@ class ForwardKinematics:
         sin, cos = np.sin(q.T), np.cos(q.T)
         self.x, self.y, self.z = (np.empty((n, 3, m)) for _ in range(3))
         self.turned_x, self.turned_y = np.empty((n, 3, m)), np.empty((n, 3, m))
-        frame = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m))
+        frame = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m)).reshape(3, 3 * m)
         for i in range(n):
-            self.x[i], self.y[i], self.z[i] = np.tensordot(axes[i].T, frame, axes=(1, 0))
-            self.turned_x[i] = cos[i] * self.x[i] + sin[i] * self.y[i]
-            self.turned_y[i] = cos[i] * self.y[i] - sin[i] * self.x[i]
-            frame = np.stack([self.turned_x[i], self.turned_y[i], self.z[i]])
+            x, y, z = (axes[i].T @ frame).reshape(3, 3, m)
+            self.x[i], self.y[i], self.z[i] = x, y, z
+            turned = np.empty((3, 3, m))
+            turned[0] = cos[i] * x + sin[i] * y
+            turned[1] = cos[i] * y - sin[i] * x
+            turned[2] = z
+            self.turned_x[i], self.turned_y[i] = turned[0], turned[1]
+            frame = turned.reshape(3, 3 * m)
 
     def moment_columns(self) -> FloatArray:
         """Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a."""
         n, _, m = self.z.shape
-        columns = np.zeros((2 * n, n, m))
-        for j in range(n):
-            x, y = self.z[j, 0], self.z[j, 1]
-            columns[2 * j::2, j] = x * self.turned_x[j:, 1] - y * self.turned_x[j:, 0]
-            columns[2 * j + 1::2, j] = x * self.turned_y[j:, 1] - y * self.turned_y[j:, 0]
-        return columns
+        a = np.stack([self.turned_x, self.turned_y], axis=1)
+        columns = self.z[:, 0] * a[:, :, None, 1] - self.z[:, 1] * a[:, :, None, 0]
+        # A link turns about the joints before it and about its own.
+        return np.asarray((columns * _at_or_beyond(n).T[:, None, :, None]).reshape(2 * n, n, m))
 
     def axis_columns(self, moments: FloatArray) -> FloatArray:
         """
@@ -114,14 +116,17 @@ class ForwardKinematics:
         """
         n, _, m = self.z.shape
         hanging = self._hanging(moments)
-        lever = _cross(self.z, hanging)
-        columns = np.empty((2 * n, n, m))
-        for j in range(n):
-            for k, e in enumerate((self.x[j], self.y[j])):
-                columns[2 * j + k, j:] = e[0] * lever[j:, 1] - e[1] * lever[j:, 0]
-                turned = _cross(e, hanging[j])
-                columns[2 * j + k, :j] = (self.z[:j, 0] * turned[1] - self.z[:j, 1] * turned[0])
-        return columns
+        z, s = self.z, hanging
+        lever_x = z[:, 1] * s[:, 2] - z[:, 2] * s[:, 1]
+        lever_y = z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2]
+        e = np.stack([self.x, self.y], axis=1)
+        s = s[:, None]
+        turned_x = e[:, :, 1] * s[:, :, 2] - e[:, :, 2] * s[:, :, 1]
+        turned_y = e[:, :, 2] * s[:, :, 0] - e[:, :, 0] * s[:, :, 2]
+        beyond = e[:, :, None, 0] * lever_y - e[:, :, None, 1] * lever_x
+        before = z[:, 0] * turned_y[:, :, None] - z[:, 1] * turned_x[:, :, None]
+        columns = np.where(_at_or_beyond(n)[:, None, :, None], beyond, before)
+        return np.asarray(columns.reshape(2 * n, n, m))
 
     def _hanging(self, moments: FloatArray) -> FloatArray:
         """Return S_n (N, 3, M): the moments of link n and all beyond it, in the base."""
@@ -148,8 +153,6 @@ def aligned(direction: FloatArray) -> FloatArray:
     return tilt((np.arctan2(sine, z) * across)[None])[0]
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a x b along the last axis but one; np.cross is three times slower."""
-    return np.stack([a[..., 1, :] * b[..., 2, :] - a[..., 2, :] * b[..., 1, :],
-                     a[..., 2, :] * b[..., 0, :] - a[..., 0, :] * b[..., 2, :],
-                     a[..., 0, :] * b[..., 1, :] - a[..., 1, :] * b[..., 0, :]], axis=-2)
+def _at_or_beyond(n: int) -> BoolArray:
+    """Return a mask (N, N): whether the joint of the column is that of the row, or beyond it."""
+    return np.triu(np.ones((n, n), dtype=bool))

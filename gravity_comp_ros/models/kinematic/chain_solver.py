@@ -66,17 +66,18 @@ class ChainProblem:
         return np.concatenate([np.full(2 * n, _ANGLE_SPREAD ** -2),
                                np.full(2 * n, self.moment_precision)])
 
-    def columns(self, jacobian: FloatArray) -> FloatArray:
-        """Return a Jacobian (K, N, M) in units of the noise and projected, shape (K, N M)."""
+    def rows(self, jacobian: FloatArray) -> Rows:
+        """Return a Jacobian (K, N, M) in units of the noise, as the rows of the problem."""
         rows = (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
-        if self.nuisance is None:
-            return rows
-        return np.asarray(rows - (rows @ self._basis) @ self._basis.T)
+        return Rows(rows, rows @ self._basis)
 
     def target(self) -> FloatArray:
         """Return the torques in units of the noise and projected, shape (N M,)."""
-        rows = (self.weights * self.tau).T.ravel()
-        return rows if self.nuisance is None else rows - self._basis @ (self._basis.T @ rows)
+        return self.projected((self.weights * self.tau).T.ravel())
+
+    def projected(self, row: FloatArray) -> FloatArray:
+        """Return a row (N M,) without what the nuisance columns span."""
+        return np.asarray(row - self._basis @ (row @ self._basis))
 
     def with_weights(self, weights: FloatArray) -> ChainProblem:
         """Return the same problem with other weights (M, N)."""
@@ -110,7 +111,29 @@ class ChainProblem:
 
     @cached_property
     def _basis(self) -> FloatArray:
+        if self.nuisance is None:
+            return np.zeros((self.tau.size, 0))
         return orthonormal_basis(self._nuisance_rows.T)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """
+    Columns of the regressor, transposed: `full` (K, N M), and their `inside` (K, K') of nuisance.
+
+    Of the projected columns only products are needed, which these two give for less.
+    """
+
+    full: FloatArray
+    inside: FloatArray
+
+    def gram(self) -> FloatArray:
+        """Return the products (K, K) of the projected columns."""
+        return np.asarray(self.full @ self.full.T - self.inside @ self.inside.T)
+
+    def cross(self, other: Rows) -> FloatArray:
+        """Return the products (K, L) with the projected columns of another part."""
+        return np.asarray(self.full @ other.full.T - self.inside @ other.inside.T)
 
 
 @dataclass(frozen=True)
@@ -160,7 +183,8 @@ class _Point:
     axes: FloatArray
     sweep: ForwardKinematics
     moments: FloatArray
-    moment_columns: FloatArray
+    rows: Rows
+    gram: FloatArray
     residual: FloatArray
     cost: float
 
@@ -174,29 +198,36 @@ class _Search:
 
     def at(self, axes: FloatArray) -> _Point:
         sweep = ForwardKinematics(axes, self.problem.q)
-        columns = self.problem.columns(sweep.moment_columns()[self.free_moments])
-        gram = columns @ columns.T
-        gram.flat[::len(gram) + 1] += self.problem.moment_precision
-        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), columns @ self.b,
+        rows = self.problem.rows(sweep.moment_columns()[self.free_moments])
+        gram = rows.gram()
+        # Rounding must not make it indefinite where the noise is next to nothing.
+        gram.flat[::len(gram) + 1] += self.problem.moment_precision + 1e-14 * gram.max(initial=0.0)
+        # The target is projected already, so the full columns have the same products with it.
+        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), rows.full @ self.b,
                                  check_finite=False) if len(gram) else np.zeros(0)
-        residual = self.b - found @ columns
+        residual = self.b - self.problem.projected(found @ rows.full)
         moments = np.zeros(self.free_moments.shape)
         moments[self.free_moments] = found
         cost = float(residual @ residual + self.problem.moment_precision * (found @ found))
-        return _Point(axes, sweep, moments.reshape(-1, 2), columns, residual, cost)
+        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, cost)
 
     def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
         """Return the next point, or None where no step lowers the cost, and the damping."""
         n_axes = int(self.free_axes.sum())
         if not n_axes:
             return None, damping
-        columns = self._columns(point)
-        gram, gradient = columns @ columns.T, columns @ point.residual
+        axes = self.problem.rows(point.sweep.axis_columns(point.moments)[self.free_axes])
+        gram = np.empty((n_axes + len(point.gram),) * 2)
+        gram[:n_axes, :n_axes] = axes.gram()
+        gram[:n_axes, n_axes:] = axes.cross(point.rows)
+        gram[n_axes:, :n_axes] = gram[:n_axes, n_axes:].T
+        gram[n_axes:, n_axes:] = point.gram
+        gradient = np.concatenate([axes.full @ point.residual, point.rows.full @ point.residual])
         gradient[n_axes:] -= self.problem.moment_precision * point.moments.ravel()[
             self.free_moments]
         stiffness = np.diag(gram)[:n_axes].copy()
         stiffness += 1e-9 * stiffness.max() + 1e-300
-        gram.flat[::len(gram) + 1] += self.problem.prior_precision()[self.free]
+        gram.flat[:n_axes * len(gram):len(gram) + 1] += _ANGLE_SPREAD ** -2
         diagonal = gram.diagonal()[:n_axes].copy()
         for _ in range(_TRIES):
             gram.flat[:n_axes * len(gram):len(gram) + 1] = diagonal + damping * stiffness
@@ -209,16 +240,11 @@ class _Search:
             damping = max(_GROW * damping, 1e-6)
         return None, damping
 
-    def _columns(self, point: _Point) -> FloatArray:
-        turned = point.sweep.axis_columns(point.moments)[self.free_axes]
-        return np.concatenate([self.problem.columns(turned), point.moment_columns])
-
     def solution(self, point: _Point, steps: int, converged: bool) -> Solution:
         axes = _orthogonal(point.axes)
         jacobian = np.concatenate([point.sweep.axis_columns(point.moments),
                                    point.sweep.moment_columns()])
-        columns = self.problem.columns(jacobian)
-        precision = columns @ columns.T + np.diag(self.problem.prior_precision())
+        precision = self.problem.rows(jacobian).gram() + np.diag(self.problem.prior_precision())
         return Solution(Chain(axes, point.moments), point.cost,
                         float(point.residual @ point.residual), steps, converged, self.free,
                         precision)
