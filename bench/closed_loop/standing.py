@@ -32,7 +32,7 @@ from gravity_comp_ros.models.model_file import save_model
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / 'test'))
+sys.path[:0] = [str(ROOT / 'test'), str(ROOT / 'bench' / 'node_faults')]
 EVERY = 20
 STAYS = 0.05
 MOVING, STANDING = 30.0, 4.0
@@ -92,6 +92,8 @@ class Rig:
                 self.tau = tau
                 self.arm.step(tau)
                 self.t += STEP
+            if moves:
+                self._wait_for_fits()
             if not moves:
                 most = max(most, float(np.abs(self.arm.q - start).max()))
                 if most > STAYS and not held:
@@ -118,6 +120,13 @@ class Rig:
             self.feed = np.array(probe.torques[-1].effort)
             del probe.torques[:-1], probe.commands[:-1]
         self._look()
+
+    def _wait_for_fits(self) -> None:
+        """Let no simulated time pass while a fit runs, so that a busy machine changes nothing."""
+        end = time.monotonic() + 60.0
+        while self.probe.values('learning').get('fit process') == 'fitting' \
+                and time.monotonic() < end:
+            self.probe.spin(0.01)
 
     def _look(self) -> None:
         self.taken = self.taken or ' in epoch ' in self.probe.status['model'].message
@@ -215,17 +224,18 @@ def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
 
 def fire(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
     """Fire one fault at a node of its own; return whether it passed."""
+    from client import describe
     from ros_harness import running
     from rosgraph_msgs.msg import Clock
     parameters = {'model_file': path, 'max_torque': '[200.0]', 'settle_time': 0.0,
                   'diagnostics_rate': 20.0, 'use_sim_time': True,
                   'joints': '[' + ', '.join(f'joint_{k + 1}' for k in range(len(SEVEN))) + ']'}
-    if description is not None:
-        parameters['robot_description'] = description
     begun = time.monotonic()
     with running(parameters) as (node, probe):
         clock = probe.create_publisher(Clock, '/clock', 10)
         probe.until(lambda: clock.get_subscription_count() > 0)
+        if description is not None:
+            describe(probe, description)
         rig = Rig(probe, clock, 'seven', seed)
         moved, model = play(rig)
         alive = node.process.poll() is None

@@ -40,6 +40,17 @@ PARAMETERS: dict[str, object] = {
 Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
+def describe(probe, text: str) -> None:
+    """Publish a robot description, once and for those who come later."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = probe.create_publisher(String, 'robot_description', latched)
+    publisher.publish(String(data=text))
+    probe.until(lambda: publisher.get_subscription_count() > 0)
+    probe.spin(0.5)
+
+
 def healthy(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return the effort as it is."""
     return tau

@@ -31,13 +31,15 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(ROOT / 'test')]
 
 
-def fire(faults: list[Any], path: Path, extra: dict[str, object]) -> list[str]:
+def fire(faults: list[Any], path: Path, description: str) -> list[str]:
     """Fire faults at one process; return what went wrong."""
-    from client import PARAMETERS, Player
+    from client import describe, PARAMETERS, Player
     from ros_harness import running
     failed = []
-    parameters = {**PARAMETERS, 'model_file': path, **extra, **faults[0].parameters}
+    parameters = {**PARAMETERS, 'model_file': path, **faults[0].parameters}
     with running(parameters) as (node, probe):
+        if description:
+            describe(probe, description)
         for fault in faults:
             start = time.monotonic()
             player = Player(probe, load_model(path))
@@ -67,7 +69,7 @@ def main() -> int:
     parser.add_argument('--axes', action='store_true')
     args = parser.parse_args()
     faults = [fault for fault in every_fault(args.seeds) if args.only in fault.name]
-    extra = {'robot_description': (ROOT / 'bags' / 'iiwa7.urdf').read_text()} if args.axes else {}
+    description = (ROOT / 'bags' / 'iiwa7.urdf').read_text() if args.axes else ''
     failed: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'model.json'
@@ -75,7 +77,7 @@ def main() -> int:
         save_model(path, fit(bare, FitOptions(formulation='chain')).model)
         for _, group in groupby(faults, key=lambda fault: sorted(
                 (name, str(value)) for name, value in fault.parameters.items())):
-            failed += fire(list(group), path, extra)
+            failed += fire(list(group), path, description)
     print(f'{len(faults)} faults, {len(failed)} failures')
     return 1 if failed else 0
 

@@ -21,7 +21,7 @@ from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains, without_friction
-from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
+from gravity_comp_ros.node.live_friction import moving_rms, residual_noise, usual_residual
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
@@ -122,8 +122,8 @@ def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mappin
     """Return the job without samples at which something else than gravity acted for a moment."""
     every, names = outliers.both(job.train, job.held), job.train.names
     if chain is not None and chain.joints == names:
-        found = outliers.outliers_of_change(
-            _beside_friction(job.base or chain, every), chain)
+        gravity = concatenate(_beside_friction(job.base or chain, job))
+        found = outliers.outliers_of_change(gravity, chain)
     else:
         try:
             model = next(_wholes(replace(job, effects=())))[1]
@@ -143,13 +143,14 @@ def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, Gravity
     """
     Return the first model unless a later one predicts the held-out samples clearly better.
 
-    A chain extrapolates and a potential does not, so chance must not decide between them.
+    A change of the old model extrapolates best, then a chain, and a potential does not, so chance
+    must not decide between them.
     """
     (how, model), *others = found
     here = predicted(model, job)
     for name, other in others:
         there = predicted(other, job)
-        looser = name == SPARSE and len(found) > 1
+        looser = name == SPARSE or how == CHANGE
         if judge(there, here, job.train, job.held, margin=_CLEARLY if looser else 0.0).better:
             how, model, here = name, other, there
     return how, model, here
@@ -157,7 +158,9 @@ def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, Gravity
 
 def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
     """Return the held-out RMSE of every model that was fitted, over all joints."""
-    errors = [job.held.tau - predicted(model, job).held for _, model in found]
+    every = [predicted(model, job) for _, model in found]
+    errors = [moving_rms(job.held.tau - each.held - each.beside_held, job.held.qd)
+              for each in every]
     return ', '.join(f'{name} {np.sqrt((error ** 2).mean()):.3g} N·m'
                      for (name, _), error in zip(found, errors))
 
@@ -211,8 +214,9 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
     here = predicted(model, job)
-    residual = np.maximum(_rms(job.train.tau - here.train - here.beside_train),
-                          _rms(job.held.tau - here.held - here.beside_held))
+    residual = np.maximum(
+        moving_rms(job.train.tau - here.train - here.beside_train, job.train.qd),
+        moving_rms(job.held.tau - here.held - here.beside_held, job.held.qd))
     base = job.base
     if base is None or base.joints != job.train.names:
         return first_model_objection(job.train, residual)
@@ -221,7 +225,7 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if _targets(model) != _targets(base):
         # Effects that were asked for are no payload, and gravity no longer imitates them.
         change, source, allowance = None, model, WITH_EFFECTS
-    train, held = _beside_friction(source, job.train), _beside_friction(source, job.held)
+    train, held = _beside_friction(source, job)
     gravity = concatenate((train, held))
     noise = allowance * reference_noise(usual_residual(base), gravity, base.predict(gravity.q))
     if (lost := lost_gravity(gravity, base.predict(gravity.q), noise)) is not None:
@@ -242,10 +246,31 @@ def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
     return replace(samples, tau=samples.tau - effect_torque(base, samples))
 
 
-def _beside_friction(model: GravityModel, samples: JointSamples) -> JointSamples:
-    """Return the samples without the effects, friction and offset of a model."""
-    gravity = _gravity(model, samples)
-    return replace(gravity, tau=gravity.tau - nuisance_torque(model.nuisance, samples))
+def _beside_friction(model: GravityModel, job: Job) -> tuple[JointSamples, JointSamples]:
+    """Return both sets of samples without the effects, friction and offset of a model."""
+    train, held = (_gravity(model, part) for part in (job.train, job.held))
+    friction = _friction(model, job)
+    return (replace(train, tau=train.tau - friction[0]),
+            replace(held, tau=held.tau - friction[1]))
+
+
+def _friction(model: GravityModel, job: Job) -> tuple[FloatArray, FloatArray]:
+    """
+    Return friction and offset of a model at both sets of samples.
+
+    The direction of friction that holds at rest follows from the way that a joint has gone, so
+    the samples are taken together, in order of time.
+    """
+    every = concatenate((job.train, job.held))
+    order = np.argsort(every.t, kind='stable')
+    if (np.diff(every.t[order]) <= 0.0).any():
+        return (nuisance_torque(model.nuisance, job.train),
+                nuisance_torque(model.nuisance, job.held))
+    whole_run = JointSamples.single_run(every.names, every.t[order], every.q[order],
+                                        every.qd[order], every.tau[order])
+    torque = np.empty_like(every.tau)
+    torque[order] = nuisance_torque(model.nuisance, whole_run)
+    return torque[:len(job.train)], torque[len(job.train):]
 
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
@@ -267,8 +292,7 @@ def whole(job: Job) -> GravityModel:
 def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
-                      residual_noise(model), nuisance_torque(model.nuisance, job.train),
-                      nuisance_torque(model.nuisance, job.held))
+                      residual_noise(model), *_friction(model, job))
 
 
 def _rms(values: FloatArray) -> FloatArray:

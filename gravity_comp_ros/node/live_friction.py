@@ -19,6 +19,8 @@ DRIFT = 0.3
 # next to none.
 LEAST_PART = 0.05
 _LEAST_WIDTH = 1e-6
+# rad/s; a joint that is slower is at rest for its friction.
+STANDSTILL = 0.01
 
 
 def residual_noise(model: GravityModel) -> FloatArray:
@@ -33,6 +35,18 @@ def usual_residual(model: GravityModel) -> FloatArray:
     size = np.array([abs(coulomb[name].value) if name in coulomb else 0.0
                      for name in model.joints])
     return np.hypot(residual_noise(model), DRIFT * size)
+
+
+def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """
+    Return the RMS (N,) in N·m of a residual (M, N) over the samples at which the joint moves.
+
+    At rest friction has any value between its two directions, which no model predicts. A joint
+    that rests most of the time counts at all of them.
+    """
+    moves = np.abs(qd) > STANDSTILL
+    moves |= moves.mean(axis=0) < 0.5
+    return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
 
 
 class LiveFriction:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.node.live_friction import moving_rms
 import numpy as np
 
 # Below this part of a joint's effort variance explained by pose there is no gravity in it.
@@ -74,7 +75,7 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     error_new = held.tau - new.held - new.beside_held
     mean = train.tau.mean(axis=0)
     error_old = held.tau - (mean if old is None else old.held + old.beside_held)
-    rmse_new, rmse_old = _rms(error_new), _rms(error_old)
+    rmse_new, rmse_old = moving_rms(error_new, held.qd), moving_rms(error_old, held.qd)
     noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
     if old is not None:
         noise = np.maximum(noise, old.noise)
@@ -83,7 +84,8 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     # held-out second the arm may hardly have moved.
     spread = np.maximum(np.concatenate((train.tau - new.beside_train,
                                         held.tau - new.beside_held)).std(axis=0), 1e-9)
-    residual = np.maximum(rmse_new, _rms(train.tau - new.train - new.beside_train))
+    residual = np.maximum(rmse_new, moving_rms(train.tau - new.train - new.beside_train,
+                                               train.qd))
     explained = 1.0 - (residual / spread) ** 2
     figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
     compensated = _is_compensated(train, explained)

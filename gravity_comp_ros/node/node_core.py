@@ -307,7 +307,9 @@ class Live:
         self._compensated, self._broken = verdict.compensated, bool(verdict.broken)
         self._kept_old = not verdict.better
         self.fits.last_failure = ''
-        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items())
+        # A single one is what friction does as a joint sets out.
+        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items()
+                                   if n > 1)
         left_out = f' (without outliers: {self._outliers})' if self._outliers else ''
         self._last_fit = (f'{outcome.how}, {len_text(outcome)}{left_out}, '
                           f'{outcome.seconds:.2f} s: {verdict.reason}')
