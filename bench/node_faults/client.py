@@ -102,6 +102,16 @@ class Player:
         truth = gravity_torque(self.arm, pose[None])[0]
         return float(np.abs(np.array(self.probe.torques[-1].effort) - truth).max())
 
+    def listen_for_payloads(self) -> list[str]:
+        """Return a list that every payload suspected from now on is added to, as a sentence."""
+        from diagnostic_msgs.msg import DiagnosticArray
+        events: list[str] = []
+        self.probe.create_subscription(
+            DiagnosticArray, '/gravity_comp/payload_suspected',
+            lambda message: events.append(message.status[0].message), 10)
+        self.probe.spin(0.5)
+        return events
+
     def jump(self, t: float) -> None:
         """Go to another part of the motion; what is published on the way is not judged."""
         self.t = t

@@ -5,8 +5,9 @@ Faults fired at the running node over DDS, each published torque judged against 
     python3 bench/node_faults/run.py [--seeds 1] [--only TEXT] [--axes]
 
 With one seed these are 42 recordings of broken effort (14 kinds, 3 lengths), 20 real payloads (ten
-seeds, on and off the axis), 4 with a brake that grips now and then, 3 arms led by hand and 15
-faults of input, clock and pauses; with three seeds 126, 20, 4, 3 and 15. `--axes` gives the node
+seeds, on and off the axis), 4 with a brake that grips now and then, 3 that the node is not told
+of, ten minutes of touches, 3 arms led by hand and 15 faults of input, clock and pauses; with three
+seeds 126 of the first. `--axes` gives the node
 the URDF of the arm. A fault fails where a torque is over 1 N·m further from the truth than the
 model before, where a step breaks the rate, where a model of broken effort is in use at its end, or
 where the node does not say what is wrong.
