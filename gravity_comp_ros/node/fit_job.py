@@ -13,7 +13,6 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -21,7 +20,8 @@ from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains, without_friction
-from gravity_comp_ros.node.live_friction import moving_rms, residual_noise, usual_residual
+from gravity_comp_ros.node.live_friction import (
+    friction_of_both, moving_rms, residual_noise, usual_residual)
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
@@ -252,28 +252,9 @@ def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
 def _beside_friction(model: GravityModel, job: Job) -> tuple[JointSamples, JointSamples]:
     """Return both sets of samples without the effects, friction and offset of a model."""
     train, held = (_gravity(model, part) for part in (job.train, job.held))
-    friction = _friction(model, job)
+    friction = friction_of_both(model, job.train, job.held)
     return (replace(train, tau=train.tau - friction[0]),
             replace(held, tau=held.tau - friction[1]))
-
-
-def _friction(model: GravityModel, job: Job) -> tuple[FloatArray, FloatArray]:
-    """
-    Return friction and offset of a model at both sets of samples.
-
-    The direction of friction that holds at rest follows from the way that a joint has gone, so
-    the samples are taken together, in order of time.
-    """
-    every = concatenate((job.train, job.held))
-    order = np.argsort(every.t, kind='stable')
-    if (np.diff(every.t[order]) <= 0.0).any():
-        return (nuisance_torque(model.nuisance, job.train),
-                nuisance_torque(model.nuisance, job.held))
-    whole_run = JointSamples.single_run(every.names, every.t[order], every.q[order],
-                                        every.qd[order], every.tau[order])
-    torque = np.empty_like(every.tau)
-    torque[order] = nuisance_torque(model.nuisance, whole_run)
-    return torque[:len(job.train)], torque[len(job.train):]
 
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
@@ -295,7 +276,7 @@ def whole(job: Job) -> GravityModel:
 def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
-                      residual_noise(model), *_friction(model, job))
+                      residual_noise(model), *friction_of_both(model, job.train, job.held))
 
 
 def _rms(values: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ noise of the training. Inertia is left out: the samples are slow.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, OFFSET, VISCOUS
 import numpy as np
@@ -47,6 +48,26 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     moves = np.abs(qd) > STANDSTILL
     moves |= moves.mean(axis=0) < 0.5
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
+
+
+def friction_of_both(model: GravityModel, train: JointSamples,
+                     held: JointSamples) -> tuple[FloatArray, FloatArray]:
+    """
+    Return friction and offset of a model at samples that were taken in turns.
+
+    The direction of friction that holds at rest follows from the way that a joint has gone, so
+    the samples are taken together, in order of time.
+    """
+    every = concatenate((train, held))
+    order = np.argsort(every.t, kind='stable')
+    if (np.diff(every.t[order]) <= 0.0).any():
+        return (nuisance_torque(model.nuisance, train),
+                nuisance_torque(model.nuisance, held))
+    whole_run = JointSamples.single_run(every.names, every.t[order], every.q[order],
+                                        every.qd[order], every.tau[order])
+    torque = np.empty_like(every.tau)
+    torque[order] = nuisance_torque(model.nuisance, whole_run)
+    return torque[:len(train)], torque[len(train):]
 
 
 class LiveFriction:
