@@ -193,8 +193,9 @@ class FeedForward:
         if self._source is None:
             self._fresh = now
             return None
-        step = 1.0 if self.options.ramp_time <= 0.0 else dt / self.options.ramp_time
-        self._share = self._share + np.clip(self._share_goal - self._share, -step, step)
+        if self._source.before is not None:
+            step = 1.0 if self.options.ramp_time <= 0.0 else dt / self.options.ramp_time
+            self._share = self._share + np.clip(self._share_goal - self._share, -step, step)
         base = self._blended(self._source, q, dt)
         if not np.isfinite(base).all():
             return None
