@@ -32,8 +32,8 @@ from make_walkthrough import ROOT, STEPS, wrapped
 
 PAGE = ROOT / 'docs' / 'first_hour.md'
 _WIDTH = 110
-# How many printed commands are followed in each part, and with the slower real recordings.
-_FOLLOWED, _FOLLOWED_REAL = 6, 4
+# How many printed commands are followed in each part, fewer where each takes long.
+_FOLLOWED, _FOLLOWED_REAL, _FOLLOWED_TABLE = 6, 4, 3
 
 HEAD = """\
 # The first hour
@@ -41,8 +41,9 @@ HEAD = """\
 Made by `python3 docs/make_first_hour.py`, which ran every command on this page and put here what
 it printed, warnings and errors included. Long lines are wrapped, and `[...]` stands for lines that
 are left out: equations, what a recording cannot show, progress. After the first command of each
-part every command is the one that the command before it printed as the next step. The time in
-brackets is that of the command, from its start to its end.
+part every command is the one that the command before it printed as the next step. Parts with real
+recordings end after a few, before nothing is left to do. The time in brackets is that of the
+command, from its start to its end.
 """
 REAL = (
     ('A recording of a real UR10', 'ur10_exciting_trajectory.db3',
@@ -238,7 +239,7 @@ def real_recording(session: Session, recordings: Path, title: str, name: str,
     command = f'gravity_comp convert {name} -o med7.mcap'
     session.run(command)
     session.say('The source says 100 Hz.')
-    session.follow(session.run(command.replace(' -o', ' --rate 100 -o')), _FOLLOWED_REAL + 1)
+    session.follow(session.run(command.replace(' -o', ' --rate 100 -o')), _FOLLOWED_TABLE)
 
 
 def tests(session: Session, log: Path) -> None:
