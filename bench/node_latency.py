@@ -11,7 +11,7 @@ the machine does hits both; with `--turns N` they take turns instead, N times ea
 for one fit after the other while it is measured. `--realtime` (as root) gives sender, echo and
 node, but not the process that fits, the priority that a robot's control has (SCHED_FIFO), so that
 a busy machine measures as a quiet one. Prints loss, p50, p90, p99 of both, the ratio of
-p99, the node's memory, how many fits there were, and the time of one prediction.
+p99, the CPU of both, the node's memory, how many fits there were, and the time of one prediction.
 """
 
 from __future__ import annotations
@@ -77,6 +77,7 @@ class Found:
     sent: int = 0
     times: list[float] = field(default_factory=list)
     memory: list[float] = field(default_factory=list)
+    cpu: float = 0.0
 
 
 class Sender:
@@ -111,6 +112,7 @@ class Sender:
         """Return what each listener answered."""
         found = {name: Found() for name in self.heard}
         self._open: dict[str, set[int]] = {name: set() for name in self.heard}
+        before = {name: cpu_seconds(pid) for name, pid in pids.items()}
         start = due = time.perf_counter_ns()
         sent, look = 0, 0.0
         while due - start < seconds * 1e9:
@@ -127,6 +129,8 @@ class Sender:
                 for name, pid in pids.items():
                     found[name].memory.append(memory(pid))
         self._take(found, 200_000_000)
+        for name, pid in pids.items():
+            found[name].cpu = (cpu_seconds(pid) - before[name]) / seconds
         for each in found.values():
             each.sent = sent
         return found
@@ -221,6 +225,12 @@ def memory(pid: int) -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 2 ** 20
 
 
+def cpu_seconds(pid: int) -> float:
+    """Return the time in s that a process has computed, its threads and no children included."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
 def prediction(model: GravityModel) -> float:
     """Return the time of one prediction in µs, the median of many."""
     q = motion(100.0)[1][:1000, 0]
@@ -288,15 +298,17 @@ def summary(runs: list[Found]) -> dict:
     skip = int(60.0 / MEMORY_EVERY)
     late = [x for run in runs for x in (run.memory[skip:] or run.memory)]
     return {'sent': sent, 'unanswered': sent - len(times), 'p50': p50, 'p90': p90, 'p99': p99,
+            'cpu': float(np.mean([run.cpu for run in runs])),
             'memory_first_MiB': runs[0].memory[0], 'memory_MiB': [min(late), max(late)]}
 
 
 def show(result: dict) -> None:
     for name in TOPICS:
         r = result[name]
-        print(f'{name}: sent {r["sent"]}, unanswered {r["unanswered"]}; p50 {r["p50"]:.3f} ms, '
-              f'p90 {r["p90"]:.3f} ms, p99 {r["p99"]:.3f} ms; memory {r["memory_first_MiB"]:.1f} '
-              f'MiB at first, then {r["memory_MiB"][0]:.1f} to {r["memory_MiB"][1]:.1f}')
+        print(f'{name}: CPU {r["cpu"]:.0%} of a core; sent {r["sent"]}, unanswered '
+              f'{r["unanswered"]}; p50 {r["p50"]:.3f} ms, p90 {r["p90"]:.3f} ms, p99 '
+              f'{r["p99"]:.3f} ms; memory {r["memory_first_MiB"]:.1f} MiB at first, then '
+              f'{r["memory_MiB"][0]:.1f} to {r["memory_MiB"][1]:.1f}')
     print(f'messages lost on the way into the node: {result["lost_in_node"]}; fits meanwhile: '
           f'{result["fits"]}; one prediction: {result["predict_us"]:.1f} µs')
     how = 'both at once' if result['together'] else 'in turns'

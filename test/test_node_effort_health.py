@@ -80,6 +80,21 @@ def test_an_arm_that_its_controller_moves_shows_more_than_was_sent():
     assert echoed(0 * sent, samples, truth) is None
 
 
+def test_a_light_payload_is_not_hidden_by_friction_that_a_controller_supplies():
+    samples = motion()
+    t = samples.t
+    qd = np.stack([0.07 * np.cos(0.1 * t), -0.065 * np.sin(0.13 * t)], axis=1)
+    published = samples.q * [20.0, 8.0]
+    friction = 3.0 * np.tanh(qd / 0.01)
+    noise = 0.1 * np.random.default_rng(4).standard_normal(published.shape)
+    loaded = published + samples.q * [1.0, 0.0]
+    sent = np.repeat(published[:, None], len(DELAYS), axis=1)
+    pushed = replace(samples, qd=qd, tau=loaded + friction + noise)
+    assert echoed(sent, pushed, loaded) is None
+    led = replace(samples, qd=qd, tau=published + noise)
+    assert echoed(sent, led, published) is not None
+
+
 def test_sent_torque_is_that_which_held():
     sent = SentTorque(1)
     assert np.isnan(sent.around(0.0)).all()

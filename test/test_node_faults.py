@@ -25,7 +25,8 @@ def model_file(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize('name', ['dead elbow, 60 samples, seed 0', 'no clock',
-                                  'no bound of the torque', '0.3 s without input, fade'])
+                                  'no bound of the torque', '0.3 s without input, fade',
+                                  'a payload of 2 kg that the node is not told of'])
 def test_no_wrong_torque_goes_out(name, model_file):
     fault = FAULTS[name]
     with running({**client.PARAMETERS, 'model_file': model_file, **fault.parameters}) as (

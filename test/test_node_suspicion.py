@@ -11,7 +11,8 @@ from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.fit_questions import Look, look
-from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise
+from gravity_comp_ros.node.live_friction import (
+    friction_of_both, LiveFriction, residual_noise, usual_residual)
 from gravity_comp_ros.node.payload_watch import PayloadWatch, WINDOWS
 from gravity_comp_ros.node.unsure_change import UnsureChange
 from hypothesis import given, strategies as st
@@ -96,7 +97,8 @@ def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
     still = live.torque(q + 0.01, 0.0 * qd)
     np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
     assert live.torque(q, -qd)[1] == pytest.approx(-2.0)
-    assert live.drift[1] > 0.0 and live.drift[2] == 0.0
+    usual = usual_residual(replace(model, nuisance=nuisance))
+    np.testing.assert_allclose(usual[1:3], [np.hypot(0.1, 0.6), 0.1])
     assert residual_noise(model).max() < 0.3 * model.noise.max()
 
 
@@ -190,3 +192,19 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
             assert status.level == OK
     finally:
         live.close()
+
+
+def test_friction_that_holds_is_taken_from_the_whole_way(model):
+    """Of every fourth second alone the way of a joint is not known."""
+    t = 0.2 * np.arange(200)
+    q = np.stack([0.4 * np.sin(0.2 * t + k) for k in range(7)], axis=1)
+    qd = np.stack([0.08 * np.cos(0.2 * t + k) for k in range(7)], axis=1)
+    nuisance = NuisanceTerms(tuple(NuisanceTerm(COULOMB, name, 1.0, 0.1) for name in ARM.joints),
+                             np.full(7, 0.002), np.full(7, 1e-4), np.full(7, 0.1))
+    every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
+    held = np.arange(200) // 5 % 4 == 3
+    friction = friction_of_both(replace(model, nuisance=nuisance), every.select(~held),
+                                every.select(held))
+    for part, here in zip(friction, (~held, held)):
+        fast = np.abs(qd[here]) > 0.03
+        np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

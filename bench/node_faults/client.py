@@ -40,6 +40,17 @@ PARAMETERS: dict[str, object] = {
 Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
+def describe(probe, text: str) -> None:
+    """Publish a robot description, once and for those who come later."""
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    publisher = probe.create_publisher(String, 'robot_description', latched)
+    publisher.publish(String(data=text))
+    probe.until(lambda: publisher.get_subscription_count() > 0)
+    probe.spin(0.5)
+
+
 def healthy(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return the effort as it is."""
     return tau
@@ -90,6 +101,16 @@ class Player:
         pose = list(self.poses.values())[-1]
         truth = gravity_torque(self.arm, pose[None])[0]
         return float(np.abs(np.array(self.probe.torques[-1].effort) - truth).max())
+
+    def listen_for_payloads(self) -> list[str]:
+        """Return a list that every payload suspected from now on is added to, as a sentence."""
+        from diagnostic_msgs.msg import DiagnosticArray
+        events: list[str] = []
+        self.probe.create_subscription(
+            DiagnosticArray, '/gravity_comp/payload_suspected',
+            lambda message: events.append(message.status[0].message), 10)
+        self.probe.spin(0.5)
+        return events
 
     def jump(self, t: float) -> None:
         """Go to another part of the motion; what is published on the way is not judged."""

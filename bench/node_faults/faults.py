@@ -90,6 +90,51 @@ def brakes(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     return found
 
 
+def touches(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return effort with a push of up to three seconds, about every half minute."""
+    found, k = tau.copy(), int(rng.integers(20, 60))
+    while k < len(found):
+        found[k:k + int(rng.integers(2, 16))] += rng.uniform(1.0, 10.0) * rng.standard_normal(7)
+        k += int(rng.integers(100, 200))
+    return found
+
+
+def untold(mass: float) -> Fault:
+    """Return a payload that the node is not told of: it must be suspected, and nothing learned."""
+    def play(player: Player) -> str:
+        events = player.listen_for_payloads()
+        player.jump(7000.0)
+        before = player.model_in_use()
+        player.move(80, touches)
+        player.settle()
+        if events:
+            return f'false alarm: {events[0]}'
+        player.carry(Payload(mass, (0.05, 0.0, 0.1)))
+        for k in range(15):
+            player.move(10)
+            player.settle()
+            if events:
+                print(f'       {mass:g} kg suspected after {2 * k + 2} s of motion')
+                break
+        if player.model_in_use() != before:
+            return 'a model was taken'
+        return '' if events and 'another payload' in events[0] else 'not suspected'
+    return Fault(f'a payload of {mass:g} kg that the node is not told of', play, {})
+
+
+def touched(minutes: float) -> Fault:
+    """Return motion with touches, in which no payload is to be suspected."""
+    def play(player: Player) -> str:
+        events = player.listen_for_payloads()
+        player.jump(9000.0)
+        player.rng = np.random.default_rng(9)
+        for _ in range(round(minutes)):
+            player.move(300, touches)
+            player.settle()
+        return f'{len(events)} false alarms, {events[0]}' if events else ''
+    return Fault(f'{minutes:g} minutes of motion with touches', play, {})
+
+
 def lost_stamps() -> Fault:
     """Return stamps that become 0: the poses go on, and so must the torque."""
     def play(player: Player) -> str:
@@ -100,7 +145,8 @@ def lost_stamps() -> Fault:
         text = player.probe.report('input').message
         if (error := player.error()) > 1.0:
             return f'{error:.1f} N·m off'
-        return '' if 'stamp_lost' in str(player.probe.values('input')) else f'input: {text}'
+        values = str(player.probe.values('input'))
+        return '' if 'stamp_lost' in values else f'input: {text} {values}'
     return Fault('stamps become 0', play, {})
 
 
@@ -135,7 +181,7 @@ def silent(name: str, expected: str, status: str, parameters: Mapping[str, objec
         player.probe.torques.clear()
         player.move(40, **change)
         player.probe.report(status)
-        text = player.probe.report(status).message
+        text = f'{player.probe.report(status).message} {player.probe.values(status)}'
         if player.probe.torques:
             return f'{len(player.probe.torques)} torques published'
         return '' if expected in text else f'status {status}: {text}'
@@ -151,6 +197,7 @@ def answered(name: str, expected: str, **change) -> Fault:
         player.settle()
         count = len(player.probe.torques)
         text = ' '.join(status.message for status in player.probe.status.values())
+        text += str(player.probe.values('input'))
         if count < 30:
             return f'{count} of 60 answered'
         return '' if expected in text else f'nothing about {expected}: {text}'
@@ -182,6 +229,7 @@ def every_fault(seeds: int) -> list[Fault]:
         *(broken(kind, n, seed) for kind in KINDS for n in LENGTHS for seed in range(seeds)),
         *(real(seed, is_off_axis) for seed in range(10) for is_off_axis in (False, True)),
         *(real(seed, True, brakes) for seed in range(4)),
+        *(untold(mass) for mass in (0.5, 1.0, 2.0)), touched(10.0),
         *(floating(seed) for seed in range(3)),
         *(pause(seconds, action) for seconds in (0.15, 0.3, 1.0, 3.0)
           for action in ('hold', 'fade')),

@@ -17,7 +17,7 @@ from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
 from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
-from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise
+from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
 from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.parameters import Value
@@ -174,7 +174,7 @@ class Arm:
         if self._watch is None or self.distance(q).any():
             return
         gravity = model.predict_one(q)
-        self._watch.offer(q, tau - (predicted - gravity), gravity)
+        self._watch.offer(q, gravity + beside, gravity)
         acceleration = reading.acceleration()
         if acceleration is not None and float(np.abs(acceleration).max()) < CALM:
             self.payload.offer(reading.t, q, qd, tau, beside / residual_noise(model))
@@ -306,7 +306,7 @@ class Arm:
         """Return the residual of the training, and what is usual beside friction (2, N), N·m."""
         if model is None or self._friction is None:
             return None
-        return np.array([model.noise, np.hypot(residual_noise(model), self._friction.drift)])
+        return np.array([model.noise, usual_residual(model)])
 
 
 def gate_options(settings: Mapping[str, Value]) -> GateOptions:

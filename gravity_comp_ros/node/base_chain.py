@@ -86,6 +86,11 @@ def _made(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityM
     return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance)
 
 
+def without_friction(chain: GravityModel) -> GravityModel:
+    """Return a model for samples whose friction and offset have been subtracted."""
+    return replace(chain, nuisance=replace(chain.nuisance, terms=()))
+
+
 def _key(model: GravityModel, geometry: Geometry | None) -> bytes:
     parts = [part for torque in model.torques for part in (torque.indices, torque.weights)]
     if geometry is not None:

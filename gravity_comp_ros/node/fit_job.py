@@ -19,7 +19,9 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
-from gravity_comp_ros.node.base_chain import BaseChains
+from gravity_comp_ros.node.base_chain import BaseChains, without_friction
+from gravity_comp_ros.node.live_friction import (
+    friction_of_both, moving_rms, residual_noise, usual_residual)
 from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
 from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
@@ -32,6 +34,9 @@ CHANGE, WHOLE = 'change of the old model', 'fit from nothing'
 SPARSE = f'{WHOLE}, potential'
 # By this share a sparse potential must predict better than a chain to be taken.
 _CLEARLY = 0.1
+# A whole model must predict better than a change of the old model by this part: on some thirty
+# held-out samples chance made a tenth, of a model that was wrong elsewhere.
+_MORE_THAN_CHANGE = 0.25
 # Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
 WITH_EFFECTS = 2.0
 _chains = BaseChains()
@@ -105,8 +110,9 @@ def work(job: Job) -> Outcome:
         verdict = replace(verdict, reason=f'{verdict.reason}; tried: {_tried(found, job)}')
     if not verdict.compensated:
         change = next((other for name, other in found if name == CHANGE), None)
-        echo = None if job.sent is None else echo_objection(job.sent, job.train, job.held,
-                                                            here.train, here.held)
+        echo = None if job.sent is None else echo_objection(
+            job.sent, job.train, job.held, here.train, here.held,
+            job.base is not None and _targets(model) != _targets(job.base))
         if echo is not None:
             verdict = verdict.refused(echo, is_echo=True)
         elif (broken := _broken(job, chain, change, model)) is not None:
@@ -119,7 +125,8 @@ def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mappin
     """Return the job without samples at which something else than gravity acted for a moment."""
     every, names = outliers.both(job.train, job.held), job.train.names
     if chain is not None and chain.joints == names:
-        found = outliers.outliers_of_change(_gravity(job.base or chain, every), chain)
+        gravity = concatenate(_beside_friction(job.base or chain, job))
+        found = outliers.outliers_of_change(gravity, chain)
     else:
         try:
             model = next(_wholes(replace(job, effects=())))[1]
@@ -139,21 +146,24 @@ def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, Gravity
     """
     Return the first model unless a later one predicts the held-out samples clearly better.
 
-    A chain extrapolates and a potential does not, so chance must not decide between them.
+    A change of the old model extrapolates best, then a chain, and a potential does not, so chance
+    must not decide between them.
     """
     (how, model), *others = found
     here = predicted(model, job)
     for name, other in others:
         there = predicted(other, job)
-        looser = name == SPARSE and len(found) > 1
-        if judge(there, here, job.train, job.held, margin=_CLEARLY if looser else 0.0).better:
+        margin = _MORE_THAN_CHANGE if how == CHANGE else _CLEARLY if name == SPARSE else 0.0
+        if judge(there, here, job.train, job.held, margin=margin).better:
             how, model, here = name, other, there
     return how, model, here
 
 
 def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
     """Return the held-out RMSE of every model that was fitted, over all joints."""
-    errors = [job.held.tau - predicted(model, job).held for _, model in found]
+    every = [predicted(model, job) for _, model in found]
+    errors = [moving_rms(job.held.tau - each.held - each.beside_held, job.held.qd)
+              for each in every]
     return ', '.join(f'{name} {np.sqrt((error ** 2).mean()):.3g} N·m'
                      for (name, _), error in zip(found, errors))
 
@@ -207,7 +217,9 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
     here = predicted(model, job)
-    residual = np.maximum(_rms(job.train.tau - here.train), _rms(job.held.tau - here.held))
+    residual = np.maximum(
+        moving_rms(job.train.tau - here.train - here.beside_train, job.train.qd),
+        moving_rms(job.held.tau - here.held - here.beside_held, job.held.qd))
     base = job.base
     if base is None or base.joints != job.train.names:
         return first_model_objection(job.train, residual)
@@ -216,16 +228,16 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if _targets(model) != _targets(base):
         # Effects that were asked for are no payload, and gravity no longer imitates them.
         change, source, allowance = None, model, WITH_EFFECTS
-    gravity = _gravity(source, concatenate((job.train, job.held)))
-    noise = allowance * reference_noise(base.noise, gravity, base.predict(gravity.q))
+    train, held = _beside_friction(source, job)
+    gravity = concatenate((train, held))
+    noise = allowance * reference_noise(usual_residual(base), gravity, base.predict(gravity.q))
     if (lost := lost_gravity(gravity, base.predict(gravity.q), noise)) is not None:
         return lost
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                _rms(here.train - predict_torque(base, job.train)))
-    train = _gravity(source, job.train)
-    evidence = PayloadEvidence(chain, change or update(chain, train).model, train,
-                               _gravity(source, job.held), noise)
+    evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
+                               train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)
 
 
@@ -235,6 +247,14 @@ def _targets(model: GravityModel) -> set[str]:
 
 def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
     return replace(samples, tau=samples.tau - effect_torque(base, samples))
+
+
+def _beside_friction(model: GravityModel, job: Job) -> tuple[JointSamples, JointSamples]:
+    """Return both sets of samples without the effects, friction and offset of a model."""
+    train, held = (_gravity(model, part) for part in (job.train, job.held))
+    friction = friction_of_both(model, job.train, job.held)
+    return (replace(train, tau=train.tau - friction[0]),
+            replace(held, tau=held.tau - friction[1]))
 
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
@@ -256,7 +276,7 @@ def whole(job: Job) -> GravityModel:
 def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
-                      model.noise)
+                      residual_noise(model), *friction_of_both(model, job.train, job.held))
 
 
 def _rms(values: FloatArray) -> FloatArray:

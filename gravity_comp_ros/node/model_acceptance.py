@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.node.live_friction import moving_rms
 import numpy as np
 
 # Below this part of a joint's effort variance explained by pose there is no gravity in it.
@@ -16,11 +17,18 @@ CERTAIN_SPAN = 0.5
 
 @dataclass(frozen=True)
 class Prediction:
-    """A model's torque of the samples to learn from and to judge by, and its noise (N,), N·m."""
+    """
+    A model's torque of the samples to learn from and to judge by, and its noise (N,), N·m.
+
+    `beside_train` and `beside_held` are the friction and offset that it was fitted with. They
+    count as explained, but not as gravity.
+    """
 
     train: FloatArray
     held: FloatArray
     noise: FloatArray
+    beside_train: FloatArray | float = 0.0
+    beside_held: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -64,18 +72,20 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     :param knows_more: whether `new` was learned from more samples than `old`.
     :param margin: share by which the figure of `new` must be below that of `old`.
     """
-    error_new = held.tau - new.held
+    error_new = held.tau - new.held - new.beside_held
     mean = train.tau.mean(axis=0)
-    error_old = held.tau - (mean if old is None else old.held)
-    rmse_new, rmse_old = _rms(error_new), _rms(error_old)
+    error_old = held.tau - (mean if old is None else old.held + old.beside_held)
+    rmse_new, rmse_old = moving_rms(error_new, held.qd), moving_rms(error_old, held.qd)
     noise = np.maximum(new.noise, 1e-3 * max(1e-9, float(np.abs(train.tau).max())))
     if old is not None:
         noise = np.maximum(noise, old.noise)
     # Of both sets the smaller share: in a few held-out seconds chance explains much, but hardly
     # the same that it explains in training. Variance is that of all samples, because within a
     # held-out second the arm may hardly have moved.
-    spread = np.maximum(np.concatenate((train.tau, held.tau)).std(axis=0), 1e-9)
-    residual = np.maximum(rmse_new, _rms(train.tau - new.train))
+    spread = np.maximum(np.concatenate((train.tau - new.beside_train,
+                                        held.tau - new.beside_held)).std(axis=0), 1e-9)
+    residual = np.maximum(rmse_new, moving_rms(train.tau - new.train - new.beside_train,
+                                               train.qd))
     explained = 1.0 - (residual / spread) ** 2
     figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
     compensated = _is_compensated(train, explained)

@@ -11,6 +11,7 @@ from collections import deque
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.node.live_friction import usual_residual
 import numpy as np
 
 # Slow samples that are judged together: three seconds at the default rate.
@@ -36,7 +37,8 @@ class ModelWatch:
 
     def __init__(self, model: GravityModel, before: GravityModel | None, learned: int) -> None:
         self._before = before if before is not None and before.joints == model.joints else None
-        self._noise = np.maximum(model.noise, _LEAST_PART * float(model.noise.max()) + 1e-9)
+        noise = usual_residual(model)
+        self._noise = np.maximum(noise, _LEAST_PART * float(noise.max()) + 1e-9)
         self._needed = min(learned, MOST_NEEDED)
         self._predicted = 0
         self._now: deque[FloatArray] = deque(maxlen=WINDOW)
@@ -47,7 +49,7 @@ class ModelWatch:
         return self._predicted >= self._needed
 
     def offer(self, q: FloatArray, tau: FloatArray, predicted: FloatArray) -> None:
-        """Take in a healthy slow sample: pose, effort less effects, prediction, (N,) each."""
+        """Take in a healthy slow sample: pose, effort less effects and friction, prediction."""
         error = np.abs(tau - predicted) / self._noise
         if not self.is_confirmed and float(error.max()) < GOOD:
             self._predicted += 1

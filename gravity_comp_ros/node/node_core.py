@@ -19,6 +19,7 @@ from gravity_comp_ros.node.fit_job import Job, Outcome
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
 from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
+from gravity_comp_ros.node.live_friction import usual_residual
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.model_history import Entry, Models
 from gravity_comp_ros.node.parameters import check_together, payload_limits, Value
@@ -183,7 +184,8 @@ class Live:
             return
         predicted = arm.predicted(reading)
         model = self.models.model
-        fault = arm.health.fault(q, tau, predicted, None if model is None else model.noise)
+        fault = arm.health.fault(q, tau, predicted,
+                                 None if model is None else usual_residual(model))
         if fault is not None:
             arm.gate_counts[fault] += 1
             return
@@ -305,7 +307,9 @@ class Live:
         self._compensated, self._broken = verdict.compensated, bool(verdict.broken)
         self._kept_old = not verdict.better
         self.fits.last_failure = ''
-        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items())
+        # A single one is what friction does as a joint sets out.
+        self._outliers = ', '.join(f'{n} of {name}' for name, n in outcome.outliers.items()
+                                   if n > 1)
         left_out = f' (without outliers: {self._outliers})' if self._outliers else ''
         self._last_fit = (f'{outcome.how}, {len_text(outcome)}{left_out}, '
                           f'{outcome.seconds:.2f} s: {verdict.reason}')

@@ -26,7 +26,8 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.node.absolute_tests import reference_noise
-from gravity_comp_ros.node.live_friction import residual_noise
+from gravity_comp_ros.node.base_chain import without_friction
+from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
 from gravity_comp_ros.node.payload_test import (
     lies_on, objections, PayloadEvidence, PayloadLimits)
 import numpy as np
@@ -101,8 +102,8 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
 def _objection(gravity: JointSamples, model: GravityModel, chain: GravityModel,
                limits: PayloadLimits, geometry: Geometry | None) -> str | None:
     """Return why a model of these samples would be refused, None if it would not be."""
-    bare = replace(chain, nuisance=replace(chain.nuisance, terms=()))
-    noise = reference_noise(model.noise, gravity, model.predict(gravity.q))
+    bare = without_friction(chain)
+    noise = reference_noise(usual_residual(model), gravity, model.predict(gravity.q))
     found = PayloadEvidence(bare, update(bare, gravity).model, gravity, gravity, noise)
     return next(objections(found, limits, geometry), None)
 

@@ -16,6 +16,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
+from gravity_comp_ros.node.live_friction import moving_rms
 import numpy as np
 
 # A residual of so many times the noise of earlier epochs is no noise. Real payloads reached 1.6
@@ -24,7 +25,7 @@ RESIDUAL = 2.5
 # A common factor closer to 1 than this may be a payload.
 SAME_FACTOR = 0.1
 # The links beyond the elbow change by at least this part of the most changed one.
-OUTER_PART = 0.05
+OUTER_PART = 0.2
 # Standard deviations by which a mass may miss its bound.
 _SURE = 3.0
 
@@ -236,7 +237,7 @@ def _factor(evidence: PayloadEvidence, before: FloatArray) -> float:
 
 def _residual(evidence: PayloadEvidence) -> FloatArray:
     """Return the larger RMS residual (N,) of both sets, N·m."""
-    return np.maximum(*(_rms(part.tau - evidence.loaded.predict(part.q))
+    return np.maximum(*(moving_rms(part.tau - evidence.loaded.predict(part.q), part.qd)
                         for part in (evidence.train, evidence.held)))
 
 

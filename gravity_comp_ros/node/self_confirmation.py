@@ -4,6 +4,8 @@ Effort that is the node's own output.
 An arm that floats on the published torque and is led by hand measures what was sent, whatever it
 carries. A model confirms itself on such samples. So the torque that was published around every
 sample is kept, and a new model is taken only if it explains the effort better than that does.
+Friction is left out of the comparison: a position controller that supplies it, on top of the
+published torque, may hide a light payload in it.
 """
 
 from __future__ import annotations
@@ -24,6 +26,8 @@ _MOSTLY = 0.5
 _NOTHING = 0.05
 # A model must leave less than this part of what the published torque leaves.
 _BETTER = 0.9
+# rad/s over which friction turns.
+_WIDTH = 0.01
 # Joints whose published torque hardly varied say nothing, as a part of the one that varied most.
 _VARIED = 0.02
 
@@ -64,11 +68,12 @@ class Sent:
 
 
 def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_train: FloatArray,
-                   new_held: FloatArray) -> str | None:
+                   new_held: FloatArray, has_new_effects: bool = False) -> str | None:
     """
     Return why these samples only repeat what the node sent, None if they do not.
 
     :param new_train: torque of the new model at the samples (M, N), N·m; `new_held` likewise.
+    :param has_new_effects: friction is part of what is new, so it is not left out.
     """
     torque = np.concatenate((sent.train, sent.held))
     tau = np.concatenate((train.tau, held.tau))
@@ -78,8 +83,12 @@ def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_trai
     torque, tau = torque[there], tau[there]
     if float(np.sqrt((torque ** 2).mean())) < _NOTHING:
         return None
-    error = tau - np.concatenate((new_train, new_held))[there]
-    left = np.sqrt(((tau[:, None] - torque) ** 2).mean(axis=0))
+    qd = np.concatenate((train.qd, held.qd))[there]
+    errors = [tau - np.concatenate((new_train, new_held))[there],
+              *(tau - torque[:, k] for k in range(len(DELAYS)))]
+    if not has_new_effects:
+        errors = [_beside_friction(error, qd) for error in errors]
+    error, left = errors[0], np.array([_rms(each) for each in errors[1:]])
     spread = torque[:, 0].std(axis=0)
     counts = spread > _VARIED * float(spread.max(initial=0.0))
     best = int(np.argmin(np.sqrt((left[:, counts] ** 2).mean(axis=1))))
@@ -88,7 +97,21 @@ def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_trai
     if new < _BETTER * echo:
         return None
     return ('the effort is the torque that this node published '
-            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, and the new '
-            f'model leaves {new:.3g}. Either the model in use is right already, or the arm floats '
-            'on that torque and is led by hand, which shows nothing new: move it by its own '
+            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, residual of the '
+            f'new model {new:.3g}. Either the model in use is right already, or the arm floats on '
+            'that torque and is led by hand, which shows nothing new: move it by its own '
             'controller')
+
+
+def _beside_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """Return a residual (M, N) without the Coulomb and viscous friction that explain most."""
+    found = np.empty_like(residual)
+    for n in range(residual.shape[1]):
+        columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
+        coefficients = np.linalg.lstsq(columns, residual[:, n], rcond=None)[0]
+        found[:, n] = residual[:, n] - columns @ coefficients
+    return found
+
+
+def _rms(values: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt((values ** 2).mean(axis=0)))

@@ -1,0 +1,275 @@
+"""
+An arm in MuJoCo that stands on the torque of the running node, while faults are fired.
+
+    python3 -m bench.closed_loop.standing [--only TEXT] [--axes]
+
+The node is a process of its own, and simulation and node talk over DDS in lock-step: a joint state
+every 20 ms of simulated time, `/clock`, and the torque that answers it. Each fault of the effort
+begins with `~/payload_changed`: the arm moves slowly for 30 s under its position controller with
+the node's torque added, and what its sensors report is broken. Then the controller is switched
+off, and the arm stands on the torque of the node alone for 4 s. Faults of the input come while it
+stands. The arm stays where no joint moves by more than 0.05 rad. A fault passes where the arm
+stays, or where a status warned before it moved, and where no model of broken effort is in use at
+the end. Beside broken effort, real payloads of 1 and 3 kg
+must be learned, for the arm to stay.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+import sys
+import tempfile
+import time
+
+from bench.closed_loop.arm import Controller, Load, MujocoArm, SEVEN, SlowPath, STEP, urdf
+from bench.closed_loop.open_loop import record
+from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.model_file import save_model
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / 'test'), str(ROOT / 'bench' / 'node_faults')]
+EVERY = 20
+STAYS = 0.05
+MOVING, STANDING = 30.0, 4.0
+WARN = 1
+WATCHED = ('learning', 'input', 'feed-forward', 'clock', 'model')
+Spoil = Callable[[FloatArray], FloatArray]
+
+
+class Rig:
+    """The simulated arm, its controller, and the node that answers it."""
+
+    def __init__(self, probe, clock, build: str, seed: int) -> None:
+        from rosgraph_msgs.msg import Clock
+        self.probe, self._clock, self._tick = probe, clock, Clock()
+        self.build, self.seed = build, seed
+        self.t = 100.0
+        self.path = SlowPath.drawn(len(SEVEN), seed)
+        self.control = Controller(len(SEVEN))
+        self.feed = np.zeros(len(SEVEN))
+        self.rng = np.random.default_rng(seed)
+        self.warned: tuple[float, str] | None = None
+        self.taken = False
+        self.carry(None, 75.0)
+
+    def carry(self, load: Load | None, at: float) -> None:
+        """Take another arm, with this load, at a moment of the path."""
+        self.arm = MujocoArm(self.build, load, self.seed + 7)
+        self.begun = at
+        self.arm.place(self.path.at(at)[0])
+
+    def watch(self) -> None:
+        """Begin to look for warnings."""
+        self.probe.status.clear()
+        self.warned, self.taken = None, False
+
+    def goal(self, moves: bool) -> tuple[FloatArray, FloatArray]:
+        q, qd = self.path.at(self.begun)
+        return (q, qd) if moves else (q, 0.0 * qd)
+
+    def run(self, seconds: float, moves: bool, held: bool, spoil: Spoil | None = None,
+            send: Callable[..., None] | None = None) -> float:
+        """
+        Go on for some seconds; return by how much the arm left its pose at the start, rad.
+
+        :param moves: along the path; :param held: by its controller.
+        :param spoil: of the effort. :param send: instead of a joint state as it should be.
+        """
+        start, most = self.arm.q, 0.0
+        for _ in range(round(seconds / (EVERY * STEP))):
+            self._exchange(spoil, send)
+            for _ in range(EVERY):
+                if moves:
+                    self.begun += STEP
+                tau = self.feed.copy()
+                if held:
+                    tau += self.control.torque(self.arm, *self.goal(moves))
+                self.tau = tau
+                self.arm.step(tau)
+                self.t += STEP
+            if moves:
+                self._wait_for_fits()
+            if not moves:
+                most = max(most, float(np.abs(self.arm.q - start).max()))
+                if most > STAYS and not held:
+                    break
+        return most
+
+    def _exchange(self, spoil: Spoil | None, send: Callable[..., None] | None) -> None:
+        """Send the state of the arm, and take the torque that answers."""
+        probe = self.probe
+        self._tick.clock.sec = int(self.t)
+        self._tick.clock.nanosec = min(int((self.t % 1.0) * 1e9), 999_999_999)
+        self._clock.publish(self._tick)
+        q, qd, tau = self.arm.sensed(getattr(self, 'tau', self.feed))
+        tau = tau if spoil is None else spoil(tau)
+        count = len(probe.torques)
+        if send is None:
+            probe.send(self.arm.joints, self.t, q, qd, tau)
+        else:
+            send(probe, self.arm.joints, self.t, q, qd, tau)
+        end = time.monotonic() + (0.05 if send is None else 0.01)
+        while len(probe.torques) == count and time.monotonic() < end:
+            probe.loop.spin_once(timeout_sec=0.005)
+        if probe.torques:
+            self.feed = np.array(probe.torques[-1].effort)
+            del probe.torques[:-1], probe.commands[:-1]
+        self._look()
+
+    def _wait_for_fits(self) -> None:
+        """Let no simulated time pass while a fit runs, so that a busy machine changes nothing."""
+        end = time.monotonic() + 60.0
+        while self.probe.values('learning').get('fit process') == 'fitting' \
+                and time.monotonic() < end:
+            self.probe.spin(0.01)
+
+    def _look(self) -> None:
+        self.taken = self.taken or ' in epoch ' in self.probe.status['model'].message
+        if self.warned is None:
+            for name in WATCHED:
+                status = self.probe.status[name]
+                if status.name and status.level[0] >= WARN:
+                    self.warned = self.t, f'{name}: {status.message}'
+                    return
+
+    def settle(self, spoil: Spoil | None) -> None:
+        """Stand still, held by the controller, until no fit runs; then until warnings are out."""
+        quiet, end = 0, time.monotonic() + 60.0
+        while quiet < 20 and time.monotonic() < end:
+            self.run(0.05, False, True, spoil)
+            self.probe.spin(0.005)
+            state = self.probe.values('learning').get('fit process')
+            quiet = quiet + 1 if state == 'ready' else 0
+
+
+def spoiled(kind: Callable, rig: Rig) -> Spoil:
+    """Return broken effort sample by sample: a frozen sensor repeats the first of them."""
+    path = np.array([rig.path.at(t)[0] for t in np.arange(75.0, 75.0 + MOVING, 0.5)])
+    torque = rig.arm.gravity(path)
+    largest = torque[np.argmax(np.abs(torque).max(axis=1))]
+    first: list[FloatArray] = []
+
+    def spoil(tau: FloatArray) -> FloatArray:
+        if not first:
+            first.append(tau)
+        return np.asarray(kind(np.array([first[0], largest, tau]), rig.rng)[-1])
+    return spoil
+
+
+def effort_fault(rig: Rig, kind: Callable | None, load: Load | None = None) -> tuple[float, str]:
+    """Learn from broken or true effort, then stand; return the movement and what is in use."""
+    rig.carry(load, 75.0)
+    rig.run(3.0, False, True)
+    rig.watch()
+    spoil = None if kind is None else spoiled(kind, rig)
+    rig.probe.call('payload_changed')
+    rig.run(MOVING, True, True, spoil)
+    rig.settle(spoil)
+    moved = rig.run(STANDING, False, False, spoil)
+    return moved, str(rig.probe.status['model'].message)
+
+
+def input_fault(rig: Rig, send: Callable[..., None]) -> tuple[float, str]:
+    """Let the arm stand on the torque, then fire a fault of the input."""
+    rig.carry(None, 80.0)
+    rig.run(3.0, False, True)
+    rig.run(1.0, False, False)
+    rig.watch()
+    return rig.run(STANDING, False, False, None, send), str(rig.probe.status['model'].message)
+
+
+def nothing(probe, names, t, q, qd, tau) -> None:
+    """Send no joint state at all."""
+
+
+def changed(**change: object) -> Callable[..., None]:
+    """Return a sender that replaces parts of each message: `q`, `qd`, `tau`, `t`, `names`."""
+    def send(probe, names, t, q, qd, tau) -> None:
+        every = {'names': names, 't': t, 'q': q, 'qd': qd, 'tau': tau}
+        for name, how in change.items():
+            every[name] = how(every[name])  # type: ignore[operator]
+        probe.send(**every)
+    return send
+
+
+INPUT = {
+    'no joint states': nothing,
+    'angles in degrees': changed(q=np.degrees),
+    'positions not finite': changed(q=lambda q: np.full_like(q, np.nan)),
+    'stamps of 0': changed(t=lambda t: 0.0),
+    'stamps that go back': changed(t=lambda t: 50.0 + 0.0 * t),
+    'a joint missing': changed(names=lambda names: [*names[:-1], 'other']),
+    'drives report nothing': changed(tau=lambda tau: 0.0 * tau),
+    'effort not finite': changed(tau=lambda tau: np.full_like(tau, np.nan)),
+    'velocity of 1 rad/s at rest': changed(qd=lambda qd: qd + 1.0)}
+
+
+def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
+    """Return every fault by name; the first are no faults and show that it learns."""
+    from broken_effort import KINDS
+    found: dict[str, Callable[[Rig], tuple[float, str]]] = {
+        f'real payload of {mass:g} kg': lambda rig, mass=mass: effort_fault(  # type: ignore[misc]
+            rig, None, Load(mass)) for mass in (1.0, 3.0)}
+    for name, kind in KINDS.items():
+        found[name] = lambda rig, kind=kind: effort_fault(rig, kind)  # type: ignore[misc]
+    for name, send in INPUT.items():
+        found[name] = lambda rig, send=send: input_fault(rig, send)  # type: ignore[misc]
+    return found
+
+
+def fire(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
+    """Fire one fault at a node of its own; return whether it passed."""
+    from client import describe
+    from ros_harness import running
+    from rosgraph_msgs.msg import Clock
+    parameters = {'model_file': path, 'max_torque': '[200.0]', 'settle_time': 0.0,
+                  'diagnostics_rate': 20.0, 'use_sim_time': True,
+                  'joints': '[' + ', '.join(f'joint_{k + 1}' for k in range(len(SEVEN))) + ']'}
+    begun = time.monotonic()
+    with running(parameters) as (node, probe):
+        clock = probe.create_publisher(Clock, '/clock', 10)
+        probe.until(lambda: clock.get_subscription_count() > 0)
+        if description is not None:
+            describe(probe, description)
+        rig = Rig(probe, clock, 'seven', seed)
+        moved, model = play(rig)
+        alive = node.process.poll() is None
+    stays = moved <= STAYS
+    is_real = name.startswith('real')
+    passed = alive and (stays or (rig.warned is not None and not is_real))
+    in_use = ' in epoch ' in model
+    passed = passed and in_use == is_real
+    if rig.taken and not in_use:
+        model = f'a model was taken for a while; {model}'
+    warned = '' if rig.warned is None else f'; warned: {rig.warned[1][:110]}'
+    print(f'{"ok    " if passed else "FAILED"} {time.monotonic() - begun:5.1f} s  {name}: '
+          f'{"stays" if stays else "moves"}, {moved:.4f} rad; {model[:60]}{warned}', flush=True)
+    return passed
+
+
+def main() -> int:
+    """Fire every fault and print a line each."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--only', default='')
+    parser.add_argument('--axes', action='store_true', help='the axes are known (URDF)')
+    parser.add_argument('--seed', type=int, default=1)
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'model.json'
+        bare = MujocoArm('seven', None, args.seed)
+        samples = slow_samples(record(bare, SlowPath.drawn(len(SEVEN), args.seed), 0.0, 75.0))
+        save_model(path, fit(samples.samples, FitOptions(formulation='auto')).model)
+        every = {name: play for name, play in faults().items() if args.only in name}
+        failed = [name for name, play in every.items() if not fire(
+            name, play, path, urdf(SEVEN) if args.axes else None, args.seed)]
+    print(f'{len(every)} faults, {len(failed)} failures {failed or ""}')
+    return 1 if failed else 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
