@@ -98,12 +98,13 @@ def output(command: str, folder: Path) -> str:
     lines = [line.rstrip() for line in done.stdout.splitlines()]
     while lines and not lines[-1]:
         lines.pop()
-    return '\n'.join(_wrapped(line) for line in lines)
+    return '\n'.join(wrapped(line) for line in lines)
 
 
-def _wrapped(line: str) -> str:
+def wrapped(line: str, width: int = _WIDTH) -> str:
+    """Return a line on several, what follows indented further."""
     indent = ' ' * (len(line) - len(line.lstrip()) + 4)
-    return textwrap.fill(line, _WIDTH, subsequent_indent=indent, break_long_words=False,
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False,
                          break_on_hyphens=False)
 
 

@@ -84,4 +84,7 @@ def _show(args: argparse.Namespace, result: Refit,
     undo = shlex.join(['gravity_comp', 'add', '--undo', '--model', str(args.model)])
     terminal.show('', terminal.safe(f'written to {args.model}; this takes it back:'))
     terminal.show_command(undo)
+    if not result.helps:
+        next_step.show('take it back: it does not pay (see the warning)', undo)
+        return
     next_step.show('is more missing?', next_step.command('diagnose', args, model=args.model))
