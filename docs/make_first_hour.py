@@ -198,7 +198,7 @@ def walk_through(session: Session) -> None:
 
 
 def own_table(session: Session) -> None:
-    """Bring a logger's table in, whose units nobody tells, and follow what is printed."""
+    """Bring a logger's table in, whose units are not given, and follow what is printed."""
     session.begin(OWN_TABLE, 'A log of an arm with three joints, as loggers write it: '
                   'milliseconds, degrees,\nsemicolons and decimal commas. Nothing of this is said '
                   'in the file. What cannot be is asked about.')

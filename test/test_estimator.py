@@ -110,7 +110,8 @@ def test_a_brake_that_grips_is_set_aside_and_named(samples):
     gone = found.report['set_aside']
     assert gone['iiwa_joint_4']['n'] == 10 and gone['iiwa_joint_2']['n'] >= 1
     assert gone['iiwa_joint_4']['first'] == pytest.approx(samples.t[200])
-    assert any('iiwa_joint_4 were set aside' in line for line in found.report['warnings'])
+    assert any('set aside as outliers: 10 samples of iiwa_joint_4' in line
+               for line in found.report['warnings'])
 
 
 def test_velocities_that_contradict_positions_are_replaced(samples):

@@ -1,7 +1,8 @@
 """Designs beside nuisance columns: the same optimum as with the columns written out."""
 
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
-from gravity_comp_ros.models.sparse.projected import orthonormal_basis, ProjectedDesign
+from gravity_comp_ros.models.sparse.projected import (
+    nuisance_coefficients, NuisanceBasis, orthonormal_basis, ProjectedDesign)
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -25,7 +26,7 @@ def test_products_are_those_of_the_projected_matrix(seed, kind):
     q, _ = np.linalg.qr(nuisance[:, :3])
     dense = design.columns(every)
     dense = dense - q @ (q.T @ dense)
-    projected = ProjectedDesign(design, nuisance)
+    projected = ProjectedDesign(design, NuisanceBasis.of(nuisance))
     r = rng.normal(size=design.n_rows)
     np.testing.assert_allclose(projected.columns(every), dense, atol=1e-9)
     np.testing.assert_allclose(projected.correlate(r), dense.T @ r, atol=1e-8)
@@ -41,7 +42,7 @@ def test_l1_solutions_are_optimal_with_free_nuisance_coefficients(seed):
     x[rng.choice(np.arange(1, design.n_columns), 3, replace=False)] = 5.0
     b = design.columns(np.arange(design.n_columns)) @ x + nuisance[:, :3] @ [9.0, -4.0, 2.0]
     b = b + 0.1 * rng.normal(size=len(b))
-    projected = ProjectedDesign(design, nuisance)
+    projected = ProjectedDesign(design, NuisanceBasis.of(nuisance))
     lam = 2.0
     found = LassoProblem(projected, projected.project(b),
                          np.ones(design.n_columns, dtype=bool)).solve(lam)
@@ -59,3 +60,29 @@ def test_l1_solutions_are_optimal_with_free_nuisance_coefficients(seed):
     np.testing.assert_allclose(score[found.indices],
                                lam * lengths[found.indices] * np.sign(found.x), rtol=1e-3)
     np.testing.assert_allclose(nuisance[:, :3].T @ residual, 0.0, atol=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10 ** 6))
+def test_bounded_coefficients_are_those_of_noise_with_their_covariance(seed):
+    design, nuisance, rng = problem(seed, EnergyDesign)
+    nuisance = nuisance[:, :3]
+    spread = np.array([0.3, np.inf, 2.0])
+    basis = NuisanceBasis.of(nuisance, spread)
+    bounded = nuisance[:, [0, 2]] * spread[[0, 2]]
+    free = np.linalg.qr(nuisance[:, [1]])[0]
+    off = np.eye(len(nuisance)) - free @ free.T
+    # Marginalised over both: the inverse covariance on the complement of the free column.
+    whitened = np.linalg.inv(np.eye(len(nuisance)) + off @ bounded @ bounded.T @ off)
+    expected = off @ whitened @ off
+    dense = design.columns(np.arange(design.n_columns))
+    projected = ProjectedDesign(design, basis)
+    products = projected.columns(np.arange(design.n_columns))
+    np.testing.assert_allclose(products.T @ products, dense.T @ expected @ dense, atol=1e-7)
+    np.testing.assert_allclose(projected.squared_norms(),
+                               np.diag(dense.T @ expected @ dense), atol=1e-7)
+    # The coefficients are those of ridge regression.
+    target = rng.normal(size=len(nuisance))
+    found = nuisance_coefficients(nuisance, target, spread)
+    gradient = nuisance.T @ (target - nuisance @ found) - found / spread ** 2
+    np.testing.assert_allclose(gradient, 0.0, atol=1e-8)

@@ -19,11 +19,15 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.sparse.projected import nuisance_coefficients, scaled_spread
 import numpy as np
 
 _ROBUST_ROUNDS = 3
 _ROUGH = SearchOptions(starts=24, rivals=0)
 _FINAL = SearchOptions()
+# A residual that is not white may hold terms that a wrong minimum had hidden: they are tested
+# again so many times.
+_REPEATS = 3
 # Samples that the search is made on.
 _SEARCHED = 250
 # Samples that nuisance terms are tested on.
@@ -64,15 +68,45 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
     """
     few = regression.thinned(_SEARCHED)
     if known is None:
-        first = rough_fit(few.samples, None if warm and start else _ROUGH, start, few.beside())
+        first = _first(few, None if warm and start else _ROUGH, start)
     else:
         first = fit_chain(few.samples, _ROUGH, None, known, few.beside())
     regression = _refined(regression, first)
-    second = _settled(regression.thinned(_SETTLED), first.chain, known)
-    kept = significant(*_of_nuisance(second, regression))
-    regression = regression.with_terms(kept)
-    found = _settled(regression, second.chain, known, None if warm else _FINAL)
+    every, kept, chain = regression, None, first.chain
+    for _ in range(_REPEATS):
+        rough = _settled(every.thinned(_SETTLED), chain, known)
+        told = significant(*_of_nuisance(rough, every))
+        if told == kept:
+            break
+        kept, regression = told, every.with_terms(told)
+        found = _settled(regression, rough.chain, known, None if warm else _FINAL)
+        chain = found.chain
+        if (found.inflation == 1.0).all():
+            break
     return ChainEstimate(replace(found, starts=first.starts), regression)
+
+
+def _first(regression: Regression, options: SearchOptions | None, start: Chain | None
+           ) -> ChainFit:
+    """
+    Return the best of a search, and of another with free nuisance terms where it is not clean.
+
+    The two have other wrong minima. Both ends are compared with the terms bounded.
+    """
+    samples, beside = regression.samples, regression.beside()
+    found = rough_fit(samples, options, start, beside)
+    if found.clean or options is None or beside.columns is None:
+        return found
+    free = rough_fit(samples, options, start, replace(beside, spread=None))
+    other = rough_fit(samples, None, free.chain, beside)
+    return min((found, replace(other, starts=free.starts)),
+               key=lambda fit: _log_residual(fit, regression))
+
+
+def _log_residual(fit: ChainFit, regression: Regression) -> float:
+    """Return the mean logarithm of the joints' median residual: each joint in its own units."""
+    size = np.median(np.abs(residual_of(fit, regression)), axis=0)
+    return float(np.log(np.maximum(size, floor(regression.samples.tau))).mean())
 
 
 def _settled(regression: Regression, start: Chain, known: FloatArray | None,
@@ -101,16 +135,18 @@ def _refined(regression: Regression, fit: ChainFit) -> Regression:
 def _left_by(chain: Chain, regression: Regression) -> FloatArray:
     """Return what a chain leaves (m, N) after a robust fit of everything beside it, N·m."""
     left = regression.samples.tau - chain.torque(regression.samples.q)
-    columns = regression.beside().columns
-    if columns is None:
+    beside = regression.beside()
+    if beside.columns is None:
         return left
-    trust, rows = np.ones(left.shape), columns.transpose(1, 2, 0)
+    trust, rows = np.ones(left.shape), beside.columns.transpose(1, 2, 0)
     least, residual = floor(regression.samples.tau), left
     for _ in range(_ROBUST_ROUNDS):
         sigma = np.maximum(np.median(np.abs(residual), axis=0), least)
         weights = (np.sqrt(trust) / sigma).T[:, :, None]
-        found = np.linalg.lstsq((rows * weights).reshape(-1, len(columns)),
-                                (left.T * weights[:, :, 0]).ravel(), rcond=1e-9)[0]
+        weighted = (rows * weights).reshape(-1, rows.shape[2])
+        found = nuisance_coefficients(
+            weighted, (left.T * weights[:, :, 0]).ravel(),
+            scaled_spread(beside.spread, rows.reshape(weighted.shape), weighted))
         residual = left - (rows @ found).T
         trust = robust.trust(residual, least)
     return np.asarray(residual)

@@ -16,6 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, least_widths, Shape)
+from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.projected import orthonormal_basis
@@ -30,6 +31,16 @@ _SIGNIFICANT = 3.3
 # rad. Over a shorter way the joint's own gravity torque, which has sin q or cos q in every term,
 # is a constant itself.
 _TELLS_OFFSET = 0.2
+# The usual size of a term as a share of the joint's torque, root mean square, of a joint that has
+# not turned round yet: friction and offset are told from gravity by going to and fro. Each
+# reversal widens it by as much again.
+_USUAL = {OFFSET: 0.02, COULOMB: 0.1, VISCOUS: 0.1, INERTIA: 1.0}
+# A joint's torque counts as this share of the largest joint's at least.
+_LEAST_TORQUE = 0.1
+# rad/s: slower joints may go either way.
+_MOVING = 0.01
+# A normal distribution has its median absolute value here.
+_MEDIAN = 0.6745
 # rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
 _LEAST_ACCELERATION = 0.05
 
@@ -48,12 +59,15 @@ class NuisanceColumns:
     """
     K columns of torque per unit of coefficient: `values` (K, m), each of one joint's torque.
 
-    `shapes` say how the direction of motion of each joint was found.
+    `shapes` say how the direction of motion of each joint was found. `spread` (K,) are standard
+    deviations of the coefficients before any data, per N·m of noise: friction and offsets are a
+    part of the torque, and where a short motion does not tell them from gravity, they are small.
     """
 
     columns: tuple[Column, ...]
     values: FloatArray
     shapes: tuple[Shape, ...]
+    spread: FloatArray
 
     def dense(self) -> FloatArray | None:
         """Return the columns (K, N, m) with 0 in the torques of other joints; None without any."""
@@ -68,7 +82,7 @@ class NuisanceColumns:
         """Return some of the columns."""
         kept = [int(k) for k in keep]
         return NuisanceColumns(tuple(self.columns[k] for k in kept), self.values[kept],
-                               self.shapes)
+                               self.shapes, self.spread[kept])
 
     def terms(self, names: tuple[str, ...], coefficients: FloatArray, covariance: FloatArray,
               noise: FloatArray) -> NuisanceTerms:
@@ -130,7 +144,41 @@ def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Conde
         found += _identifiable([(column, means.mean(x)) for column, x in candidates], given)
     size = len(means.first)
     values = np.array([x for _, x in found]) if found else np.zeros((0, size))
-    return NuisanceColumns(tuple(column for column, _ in found), values, shapes)
+    columns = tuple(column for column, _ in found)
+    spread = _spread(columns, values, means.samples(samples))
+    return NuisanceColumns(columns, values, shapes, spread)
+
+
+def _spread(columns: tuple[Column, ...], values: FloatArray, samples: JointSamples) -> FloatArray:
+    """Return the standard deviation (K,) of each coefficient before any data, per N·m of noise."""
+    torque = np.sqrt((samples.tau ** 2).mean(axis=0))
+    torque = np.maximum(torque, _LEAST_TORQUE * max(float(torque.max(initial=0.0)), 1e-300))
+    relative = torque / _white_noise(samples) * (1.0 + _reversals(samples))
+    size = np.sqrt((values ** 2).mean(axis=1))
+    usual = np.array([_USUAL[column.kind] * relative[column.joint] for column in columns])
+    return np.asarray(usual / np.maximum(size, 1e-300)) if columns else np.zeros(0)
+
+
+def _reversals(samples: JointSamples) -> FloatArray:
+    """Return how often each joint (N,) turns round."""
+    counts = np.zeros(samples.n_joints)
+    for n in range(samples.n_joints):
+        moving = np.abs(samples.qd[:, n]) > _MOVING
+        ways, runs = np.sign(samples.qd[moving, n]), samples.runs[moving]
+        counts[n] = np.count_nonzero((np.diff(ways) != 0.0) & (np.diff(runs) == 0))
+    return counts
+
+
+def _white_noise(samples: JointSamples) -> FloatArray:
+    """Return the standard deviation (N,) in N·m of what differs from one sample to the next."""
+    bends = np.diff(samples.tau, 2, axis=0)
+    within = (samples.runs[2:] == samples.runs[:-2])
+    if not within.any():
+        return np.full(samples.n_joints, floor(samples.tau))
+    # The second difference of white noise has six times its variance; the median leaves out
+    # reversals of friction.
+    spread = np.median(np.abs(bends[within]), axis=0) / (_MEDIAN * np.sqrt(6.0))
+    return np.asarray(np.maximum(spread, floor(samples.tau)))
 
 
 def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:

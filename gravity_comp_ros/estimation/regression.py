@@ -43,8 +43,12 @@ class Regression:
     def beside(self) -> Beside:
         """Return all columns beside gravity, those of effects first, and the trust."""
         parts = [part for part in (self.effects, self.nuisance.dense()) if part is not None]
-        columns = np.concatenate(parts) if parts else None
-        return Beside(columns, None if (self.trust == 1.0).all() else self.trust)
+        trust = None if (self.trust == 1.0).all() else self.trust
+        if not parts:
+            return Beside(None, trust)
+        # What effects that were asked for may be is not bounded.
+        spread = np.concatenate([np.full(self.n_effects, np.inf), self.nuisance.spread])
+        return Beside(np.concatenate(parts), trust, spread)
 
     def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:
         """Return what a gravity torque (m, N) and coefficients (K,) beside it leave, N·m."""
@@ -76,8 +80,7 @@ class Regression:
 
     def select(self, keep: np.ndarray) -> Regression:
         """Return the regression of some of the condensed samples (mask (m,))."""
-        columns = NuisanceColumns(self.nuisance.columns, self.nuisance.values[:, keep],
-                                  self.nuisance.shapes)
+        columns = replace(self.nuisance, values=self.nuisance.values[:, keep])
         effects = None if self.effects is None else self.effects[:, :, keep]
         return replace(self, samples=self.samples.select(keep), nuisance=columns,
                        trust=self.trust[keep], effects=effects)

@@ -20,6 +20,7 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.per_joint import fit_per_joint
 from gravity_comp_ros.models.sparse.potential import fit_potential
+from gravity_comp_ros.models.sparse.projected import nuisance_coefficients, scaled_spread
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptions
 import numpy as np
@@ -82,19 +83,20 @@ def _solve(regression: Regression, formulation: str, options: SparseOptions,
     n, energy = samples.n_joints, None
     if formulation == 'potential':
         start = old if isinstance(old, Expansion) else None
-        energy, fits = fit_potential(samples, options, start, beside.columns, beside.trust)
+        energy, fits = fit_potential(samples, options, start, beside.columns, beside.trust,
+                                     beside.spread)
         torques = tuple(energy.gradient(n, joint) for joint in range(n))
         columns = EnergyDesign(samples.q, np.ones(samples.q.shape)).columns(energy.indices)
         gravity = columns.T.reshape(-1, n, samples.n_samples)
     else:
         torques, fits = fit_per_joint(samples, options,
                                       old if isinstance(old, tuple) else None, beside.columns,
-                                      beside.trust)
+                                      beside.trust, beside.spread)
         gravity = _torque_columns(samples.q, torques)
     sigma = _sigma(fits, samples.q, torques)
     weights = (1.0 if beside.trust is None else np.sqrt(beside.trust)) / sigma
     return SparseEstimate(torques, energy, fits, regression,
-                          *_beside(regression, gravity, beside.columns, weights, torques))
+                          *_coefficients(regression, gravity, weights, torques))
 
 
 def _torque_columns(q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray:
@@ -117,19 +119,23 @@ def _sigma(fits: list[SparseFit], q: FloatArray, torques: tuple[Expansion, ...])
     return noise.NoiseModel(absolute, relative).sigma(predicted) * np.sqrt(inflation)
 
 
-def _beside(regression: Regression, gravity: FloatArray, columns: FloatArray | None,
-            weights: FloatArray, torques: tuple[Expansion, ...]
-            ) -> tuple[FloatArray, FloatArray]:
+def _coefficients(regression: Regression, gravity: FloatArray, weights: FloatArray,
+                  torques: tuple[Expansion, ...]) -> tuple[FloatArray, FloatArray]:
     """Return the coefficients beside gravity, and their covariance with gravity free as well."""
+    beside = regression.beside()
+    columns = beside.columns
     if columns is None:
         return np.zeros(0), np.zeros((0, 0))
     samples = regression.samples
     left = samples.tau - np.stack([dictionary.columns(samples.q, torque.indices) @ torque.weights
                                    for torque in torques], axis=1)
     rows = (columns * weights.T).reshape(-1, samples.tau.size)
-    found = np.linalg.lstsq(rows.T, (weights * left).T.ravel(), rcond=1e-9)[0]
+    spread = scaled_spread(beside.spread, columns.reshape(len(columns), -1).T, rows.T)
+    assert spread is not None
+    found = nuisance_coefficients(rows.T, (weights * left).T.ravel(), spread)
     every = np.concatenate([(gravity * weights.T).reshape(-1, samples.tau.size), rows])
     precision = every @ every.T
+    precision[len(gravity):, len(gravity):] += np.diag(spread ** -2)
     lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     inverse = np.linalg.pinv(precision / np.outer(lengths, lengths), rcond=1e-10, hermitian=True)
     covariance = inverse / np.outer(lengths, lengths)

@@ -69,12 +69,14 @@ class Beside:
     """
     What is fitted beside gravity, and how far each sample is trusted.
 
-    `columns` (K, N, M) are torques per unit of free coefficients; `trust` (M, N) weighs squared
-    residuals, 1 where a sample is trusted.
+    `columns` (K, N, M) are torques per unit of coefficient; `trust` (M, N) weighs squared
+    residuals, 1 where a sample is trusted. `spread` (K,) are standard deviations of the
+    coefficients before any data, per N·m of noise, infinite where they are free; None if all are.
     """
 
     columns: FloatArray | None = None
     trust: FloatArray | None = None
+    spread: FloatArray | None = None
 
 
 def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
@@ -125,7 +127,7 @@ def _problem(samples: JointSamples, beside: Beside) -> ChainProblem:
     weights = np.full(tau.shape, 1.0 / first)
     if beside.trust is not None:
         weights = weights * np.sqrt(beside.trust)
-    return ChainProblem(samples.q, tau, weights, beside.columns)
+    return ChainProblem(samples.q, tau, weights, beside.columns, beside.spread)
 
 
 def _with_nuisance(found: ChainFit, problem: ChainProblem,
@@ -142,6 +144,9 @@ def _with_nuisance(found: ChainFit, problem: ChainProblem,
     precision = every @ every.T
     n = len(jacobian)
     precision[:n, :n] += np.diag(problem.prior_precision())
+    spread = problem.nuisance_spread()
+    if spread is not None:
+        precision[n:, n:] += np.diag(spread ** -2)
     lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     scaled = precision / np.outer(lengths, lengths)
     covariance = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) / np.outer(lengths, lengths)

@@ -16,7 +16,8 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
-from gravity_comp_ros.models.sparse.projected import orthonormal_basis
+from gravity_comp_ros.models.sparse.projected import (
+    nuisance_coefficients, NuisanceBasis, scaled_spread)
 import numpy as np
 from scipy import linalg
 
@@ -42,14 +43,16 @@ class ChainProblem:
     """
     Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N).
 
-    `nuisance` (K, N, M) are torques per unit of coefficients that are free beside gravity. Columns
-    and target are projected on the orthogonal complement of theirs (`models.sparse.projected`).
+    `nuisance` (K, N, M) are torques per unit of coefficients beside gravity, `spread` (K,) their
+    standard deviations before any data, per N·m of noise (None: all are free). Columns and target
+    are whitened against them (`models.sparse.projected`).
     """
 
     q: FloatArray
     tau: FloatArray
     weights: FloatArray
     nuisance: FloatArray | None = None
+    spread: FloatArray | None = None
     moment_precision: float = field(init=False)
 
     def __post_init__(self) -> None:
@@ -69,32 +72,41 @@ class ChainProblem:
     def rows(self, jacobian: FloatArray) -> Rows:
         """Return a Jacobian (K, N, M) in units of the noise, as the rows of the problem."""
         rows = (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
-        return Rows(rows, rows @ self._basis)
+        return Rows(rows, rows @ self._basis.inside)
 
     def target(self) -> FloatArray:
-        """Return the torques in units of the noise and projected, shape (N M,)."""
-        return self.projected((self.weights * self.tau).T.ravel())
+        """Return the torques in units of the noise, shape (N M,)."""
+        return np.asarray((self.weights * self.tau).T.ravel())
 
-    def projected(self, row: FloatArray) -> FloatArray:
-        """Return a row (N M,) without what the nuisance columns span."""
-        return np.asarray(row - self._basis @ (row @ self._basis))
+    def whitened(self, row: FloatArray) -> FloatArray:
+        """Return P P r of a row r (N M,): its products with r are squares of the whitened row."""
+        inside = self._basis.inside
+        return np.asarray(row - inside @ (row @ inside))
 
     def with_weights(self, weights: FloatArray) -> ChainProblem:
         """Return the same problem with other weights (M, N)."""
-        return ChainProblem(self.q, self.tau, weights, self.nuisance)
+        return ChainProblem(self.q, self.tau, weights, self.nuisance, self.spread)
 
     def select(self, keep: IntArray) -> ChainProblem:
         """Return the problem of some of the samples."""
         nuisance = None if self.nuisance is None else self.nuisance[:, :, keep]
-        return ChainProblem(self.q[keep], self.tau[keep], self.weights[keep], nuisance)
+        return ChainProblem(self.q[keep], self.tau[keep], self.weights[keep], nuisance,
+                            self.spread)
 
     def nuisance_coefficients(self, chain: Chain) -> FloatArray:
         """Return the coefficients (K,) that fit best beside the gravity of a chain."""
         if self.nuisance is None:
             return np.zeros(0)
         left = self.tau - chain.torque(self.q)
-        return np.asarray(np.linalg.lstsq(self._nuisance_rows.T, (self.weights * left).T.ravel(),
-                                          rcond=1e-9)[0])
+        return nuisance_coefficients(self._nuisance_rows.T, (self.weights * left).T.ravel(),
+                                     self.nuisance_spread())
+
+    def nuisance_spread(self) -> FloatArray | None:
+        """Return the standard deviations (K,) of the nuisance coefficients before any data."""
+        if self.nuisance is None:
+            return None
+        return scaled_spread(self.spread, self.nuisance.reshape(len(self.nuisance), -1).T,
+                             self._nuisance_rows.T)
 
     def residual(self, chain: Chain) -> FloatArray:
         """Return what a chain and the nuisance terms leave of the torque, (M, N) in N·m."""
@@ -110,10 +122,10 @@ class ChainProblem:
         return (self.nuisance * self.weights.T).reshape(len(self.nuisance), self.tau.size)
 
     @cached_property
-    def _basis(self) -> FloatArray:
+    def _basis(self) -> NuisanceBasis:
         if self.nuisance is None:
-            return np.zeros((self.tau.size, 0))
-        return orthonormal_basis(self._nuisance_rows.T)
+            return NuisanceBasis(np.zeros((self.tau.size, 0)), np.zeros(0))
+        return NuisanceBasis.of(self._nuisance_rows.T, self.nuisance_spread())
 
 
 @dataclass(frozen=True)
@@ -121,18 +133,18 @@ class Rows:
     """
     Columns of the regressor, transposed: `full` (K, N M), and their `inside` (K, K') of nuisance.
 
-    Of the projected columns only products are needed, which these two give for less.
+    Of the whitened columns only products are needed, which these two give for less.
     """
 
     full: FloatArray
     inside: FloatArray
 
     def gram(self) -> FloatArray:
-        """Return the products (K, K) of the projected columns."""
+        """Return the products (K, K) of the whitened columns."""
         return np.asarray(self.full @ self.full.T - self.inside @ self.inside.T)
 
     def cross(self, other: Rows) -> FloatArray:
-        """Return the products (K, L) with the projected columns of another part."""
+        """Return the products (K, L) with the whitened columns of another part."""
         return np.asarray(self.full @ other.full.T - self.inside @ other.inside.T)
 
 
@@ -178,7 +190,7 @@ def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None
 
 @dataclass(frozen=True)
 class _Point:
-    """Axes with the best moments for them."""
+    """Axes with the best moments for them; `residual` (N M,) is whitened (`ChainProblem`)."""
 
     axes: FloatArray
     sweep: ForwardKinematics
@@ -186,6 +198,7 @@ class _Point:
     rows: Rows
     gram: FloatArray
     residual: FloatArray
+    chi2: float
     cost: float
 
 
@@ -193,6 +206,7 @@ class _Search:
     def __init__(self, problem: ChainProblem, free: BoolArray) -> None:
         self.problem, self.free = problem, free
         self.b = problem.target()
+        self.whitened = problem.whitened(self.b)
         n = problem.n_joints
         self.free_axes, self.free_moments = free[:2 * n], free[2 * n:]
 
@@ -202,14 +216,16 @@ class _Search:
         gram = rows.gram()
         # Rounding must not make it indefinite where the noise is next to nothing.
         gram.flat[::len(gram) + 1] += self.problem.moment_precision + 1e-14 * gram.max(initial=0.0)
-        # The target is projected already, so the full columns have the same products with it.
-        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False), rows.full @ self.b,
+        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False),
+                                 rows.full @ self.whitened,
                                  check_finite=False) if len(gram) else np.zeros(0)
-        residual = self.b - self.problem.projected(found @ rows.full)
+        left = self.b - found @ rows.full
+        residual = self.problem.whitened(left)
+        chi2 = float(left @ residual)
         moments = np.zeros(self.free_moments.shape)
         moments[self.free_moments] = found
-        cost = float(residual @ residual + self.problem.moment_precision * (found @ found))
-        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, cost)
+        cost = chi2 + float(self.problem.moment_precision * (found @ found))
+        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, chi2, cost)
 
     def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
         """Return the next point, or None where no step lowers the cost, and the damping."""
@@ -246,7 +262,7 @@ class _Search:
                                    point.sweep.moment_columns()])
         precision = self.problem.rows(jacobian).gram() + np.diag(self.problem.prior_precision())
         return Solution(Chain(axes, point.moments), point.cost,
-                        float(point.residual @ point.residual), steps, converged, self.free,
+                        point.chi2, steps, converged, self.free,
                         precision)
 
 

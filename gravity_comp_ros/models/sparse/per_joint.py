@@ -17,14 +17,17 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 
 def fit_per_joint(samples: JointSamples, options: SparseOptions,
                   old: tuple[Expansion, ...] | None = None,
-                  columns: FloatArray | None = None, trust: FloatArray | None = None
+                  columns: FloatArray | None = None, trust: FloatArray | None = None,
+                  spread: FloatArray | None = None
                   ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
     Fit each joint's torque by itself.
 
     :param old: the torques of an old model to start from.
-    :param columns: nuisance columns (K, N, M), torque per unit of coefficients that are free.
+    :param columns: nuisance columns (K, N, M), torque per unit of coefficient.
     :param trust: weights (M, N) of squared residuals.
+    :param spread: standard deviations (K,) of the coefficients before any data, per N·m of noise;
+        None where all are free.
     :return: one expansion per joint in N·m, and the sparse fits behind them.
     :raises FitError: if there are no samples.
     """
@@ -32,7 +35,9 @@ def fit_per_joint(samples: JointSamples, options: SparseOptions,
     design_type = options.arrays.design_type(TorqueDesign)
     problems = [SparseProblem(design_type, samples.q, samples.tau[:, [joint]], samples.runs,
                               usable, _of_joint(columns, joint),
-                              None if trust is None else trust[:, [joint]])
+                              None if trust is None else trust[:, [joint]],
+                              None if spread is None or columns is None
+                              else spread[columns[:, joint].any(axis=1)])
                 for joint in range(samples.n_joints)]
     fits = [fit_sparse(problem, options, old[joint].indices if old else None)
             for joint, problem in enumerate(problems)]

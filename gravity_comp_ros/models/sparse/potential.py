@@ -18,18 +18,21 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit, SparseOptio
 
 def fit_potential(samples: JointSamples, options: SparseOptions,
                   old: Expansion | None = None, columns: FloatArray | None = None,
-                  trust: FloatArray | None = None) -> tuple[Expansion, list[SparseFit]]:
+                  trust: FloatArray | None = None, spread: FloatArray | None = None
+                  ) -> tuple[Expansion, list[SparseFit]]:
     """
     Fit one sparse potential energy to the torques of all joints.
 
     :param old: the energy of an old model to start from.
-    :param columns: nuisance columns (K, N, M), torque per unit of coefficients that are free.
+    :param columns: nuisance columns (K, N, M), torque per unit of coefficient.
     :param trust: weights (M, N) of squared residuals.
+    :param spread: standard deviations (K,) of the coefficients before any data, per N·m of noise;
+        None where all are free.
     :return: the energy in J, and the one sparse fit behind it.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
                             samples.runs, usable_for_energy(samples.q),
-                            None if columns is None else columns.transpose(1, 2, 0), trust)
+                            None if columns is None else columns.transpose(1, 2, 0), trust, spread)
     found = fit_sparse(problem, options, None if old is None else old.indices)
     return Expansion(found.indices, found.x), [found]

@@ -25,7 +25,8 @@ from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import admm, support
 from gravity_comp_ros.models.sparse.array_backend import Arrays
 from gravity_comp_ros.models.sparse.lasso import LassoProblem, LassoSolution
-from gravity_comp_ros.models.sparse.projected import ProjectedDesign
+from gravity_comp_ros.models.sparse.projected import (
+    nuisance_coefficients, NuisanceBasis, ProjectedDesign, scaled_spread)
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
@@ -68,8 +69,9 @@ class SparseProblem:
 
     J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
     features that may be taken; `runs` (M,) numbers the run of each sample. `nuisance` (J, M, K)
-    are columns whose coefficients are free beside gravity; `trust` (M, J) weighs squared
-    residuals, 1 where a sample is trusted (Huber 1964).
+    are columns beside gravity, `spread` (K,) the standard deviations of their coefficients before
+    any data, per N·m of noise (None where all are free); `trust` (M, J) weighs squared residuals,
+    1 where a sample is trusted (Huber 1964).
     """
 
     design_type: DesignType
@@ -79,6 +81,7 @@ class SparseProblem:
     usable: BoolArray
     nuisance: FloatArray | None = None
     trust: FloatArray | None = None
+    spread: FloatArray | None = None
 
     @property
     def n_joints(self) -> int:
@@ -96,7 +99,8 @@ class SparseProblem:
         design, b = self.plain.reweighted(weights), (weights * self.tau).T.ravel()
         if self.nuisance is None:
             return design, b
-        projected = ProjectedDesign(design, self._rows_of_nuisance(weights))
+        rows = self._rows_of_nuisance(weights)
+        projected = ProjectedDesign(design, NuisanceBasis.of(rows, self._spread(rows)))
         return projected, projected.project(b)
 
     def row_weights(self, sigma: FloatArray) -> FloatArray:
@@ -107,14 +111,17 @@ class SparseProblem:
         """Return the coefficients (K,) that fit a residual (M, J) with these weights best."""
         if self.nuisance is None:
             return np.zeros(0)
-        rows, target = self._rows_of_nuisance(weights), (weights * residual).T.ravel()
-        return np.asarray(np.linalg.lstsq(rows, target, rcond=1e-9)[0])
+        rows = self._rows_of_nuisance(weights)
+        return nuisance_coefficients(rows, (weights * residual).T.ravel(), self._spread(rows))
 
     def nuisance_torque(self, coefficients: FloatArray) -> FloatArray:
         """Return the torque (M, J) of the nuisance terms, N·m."""
         if self.nuisance is None:
             return np.zeros(self.tau.shape)
         return np.asarray((self.nuisance @ coefficients).T)
+
+    def _spread(self, rows: FloatArray) -> FloatArray | None:
+        return scaled_spread(self.spread, self._rows_of_nuisance(np.ones(self.tau.shape)), rows)
 
     def _rows_of_nuisance(self, weights: FloatArray) -> FloatArray:
         assert self.nuisance is not None

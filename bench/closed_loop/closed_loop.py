@@ -1,0 +1,155 @@
+"""
+Let an arm in MuJoCo stand on the torques of the running node, over DDS, and measure how it drifts.
+
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 3] [--described]
+
+A controller moves the arm slowly for 75 s, without a load, while the node learns it. Then 2 kg
+hang on the flange: `~/payload_changed`, and slow motion for 15 s, and on to 75 s. At each of these
+stages the arm is put at rest at poses drawn from the box that the motion spanned, and
+`~/gravity_torques` alone supports it for 5 s. Drift is the largest turn of any joint, in degrees.
+The node runs with its default parameters but for `unlimited_torque`. Its torque is an arm's only
+support, so friction of 1 N·m a joint helps, and a wrong torque above that moves the arm.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+from bench.closed_loop.arm import BUILDS, Controller, Load, MujocoArm, SlowPath, STEP, urdf
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / 'test'))
+RATE = 100.0
+STANDS = 5.0
+LOAD = Load(2.0)
+
+
+class Rig:
+    """An arm, its sensors on `joint_states`, and whoever moves it: a controller or the node."""
+
+    def __init__(self, probe, build: str, seed: int) -> None:
+        self.probe, self.build, self.seed = probe, build, seed
+        self.path = SlowPath.drawn(len(BUILDS[build]), seed)
+        self.arm = MujocoArm(build, None, seed)
+        self.control = Controller(len(self.arm.joints))
+        self.stamp, self.begun = 0.0, time.monotonic()
+        self.low = np.full(len(self.arm.joints), np.inf)
+        self.high = -self.low
+        self.supplied = np.zeros(len(self.arm.joints))
+
+    def hang(self, load: Load) -> None:
+        """Put a load on the flange, the arm held by its controller."""
+        q = self.arm.q
+        self.arm = MujocoArm(self.build, load, self.seed + 100)
+        self.arm.place(q)
+
+    def move(self, start: float, duration: float) -> None:
+        """Follow the slow path from `start` on, in real time."""
+        self._approach(self.path.at(start)[0])
+        for k in range(round(duration * RATE)):
+            for step in range(round(1.0 / (RATE * STEP))):
+                q, qd = self.path.at(start + k / RATE + step * STEP)
+                tau = self.control.torque(self.arm, q, qd)
+                self.arm.step(tau)
+            self.low, self.high = np.minimum(self.low, self.arm.q), np.maximum(self.high,
+                                                                               self.arm.q)
+            self._send(tau)
+
+    def stand(self, q: np.ndarray) -> float:
+        """Return the drift in degrees of an arm that the node's torque alone supports."""
+        self._approach(q)
+        # The controller lets go over half a second, when the node has sent the pose's torque.
+        drift, first = 0.0, self.arm.q
+        for k in range(round(STANDS * RATE)):
+            tau = self.node_torque()
+            for _ in range(round(1.0 / (RATE * STEP))):
+                self.arm.step(tau)
+            self._send(tau)
+            drift = max(drift, float(np.abs(self.arm.q - first).max()))
+            if drift > 2.0:
+                break
+        return float(np.degrees(drift))
+
+    def node_torque(self) -> np.ndarray:
+        """Return the last torque that the node published."""
+        torques = self.probe.torques
+        if torques:
+            self.supplied = np.array(torques[-1].effort)
+            del torques[:-1]
+        return self.supplied
+
+    def _approach(self, q: np.ndarray) -> None:
+        """Go to a pose slowly enough to be safe, too fast to be learned from, and settle."""
+        start = self.arm.q
+        steps = max(50, round(float(np.abs(q - start).max()) / 0.4 * RATE))
+        for k in range(steps + 50):
+            share = min(1.0, k / steps)
+            share = share * share * (3.0 - 2.0 * share)
+            for _ in range(round(1.0 / (RATE * STEP))):
+                tau = self.control.torque(self.arm, start + share * (q - start), 0.0 * q)
+                self.arm.step(tau)
+            self._send(tau)
+
+    def _send(self, tau: np.ndarray) -> None:
+        """Publish what the sensors say, and wait until it is due."""
+        self.stamp += 1.0 / RATE
+        position, speed, effort = self.arm.sensed(tau)
+        self.probe.send(self.arm.joints, 1000.0 + self.stamp, position, speed, effort)
+        left = self.begun + self.stamp - time.monotonic()
+        self.probe.spin(max(left, 1e-3))
+
+
+def measure(build: str, seed: int, described: bool, poses: int) -> dict[str, list[float]]:
+    """Return the drifts of one arm at each stage."""
+    from ros_harness import running
+    parameters: dict[str, object] = {'unlimited_torque': True}
+    if described:
+        parameters['robot_description'] = "'" + urdf(BUILDS[build]).replace('\n', '') + "'"
+    found: dict[str, list[float]] = {}
+    with running(parameters) as (_, probe):
+        rig = Rig(probe, build, seed)
+        rng = np.random.default_rng([seed, 9])
+
+        def stage(name: str) -> None:
+            drawn = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
+            before = probe.status['model'].message
+            found[name] = [rig.stand(q) for q in drawn]
+            error = np.sqrt(((rig.arm.gravity(drawn)) ** 2).mean())
+            print(f'  {build} {seed} {name}: drift {np.round(found[name], 2)} degrees, gravity '
+                  f'{error:.1f} N·m; {before[:90]}; '
+                  f'{probe.status["learning"].message[:150]} '
+                  f'{probe.values("learning").get("last fit", "")[:300]}', flush=True)
+
+        rig.move(0.0, 75.0)
+        stage('no load')
+        rig.hang(LOAD)
+        assert probe.call('payload_changed').success
+        rig.move(75.0, 15.0)
+        stage('2 kg, 15 s')
+        rig.move(90.0, 60.0)
+        stage('2 kg, 75 s')
+    return found
+
+
+def main() -> None:
+    """Measure and print medians and worst of each stage."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=3)
+    parser.add_argument('--poses', type=int, default=5)
+    parser.add_argument('--build', nargs='+', default=list(BUILDS))
+    parser.add_argument('--described', action='store_true')
+    args = parser.parse_args()
+    for build in args.build:
+        rows = [measure(build, seed, args.described, args.poses) for seed in range(args.seeds)]
+        for stage in rows[0]:
+            drifts = np.concatenate([row[stage] for row in rows])
+            print(f'{build} {"with" if args.described else "without"} description, {stage}: '
+                  f'median {np.median(drifts):.2f}, worst {drifts.max():.2f} degrees', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,45 @@
+"""An arm whose physics is MuJoCo's: damping, dry friction, a controller, then a load of 2 kg."""
+
+from bench.closed_loop.arm import MujocoArm, SlowPath, urdf
+from bench.closed_loop.open_loop import box_poses, error, LOAD, record
+import gravity_comp_ros as gc
+import numpy as np
+import pytest
+
+BUILD = 'seven'
+
+
+@pytest.fixture(scope='module')
+def recordings():
+    """Return 75 s without and 15 s with the load."""
+    path = SlowPath.drawn(7, 1)
+    return (record(MujocoArm(BUILD, None, 1), path, 0.0, 75.0),
+            record(MujocoArm(BUILD, LOAD, 101), path, 75.0, 15.0))
+
+
+@pytest.mark.parametrize('described', [False, True])
+def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, described,
+                                                                  tmp_path):
+    description = None
+    if described:
+        description = tmp_path / 'arm.urdf'
+        description.write_text(urdf(MujocoArm(BUILD).links))
+    bare, loaded = recordings
+    model = gc.fit(gc.Recording(bare), urdf=description)
+    poses = box_poses(bare)
+    assert error(model, MujocoArm(BUILD), poses) < 0.15
+    # Friction of 1 N·m is neither predicted nor hidden.
+    assert gc.compare(model, gc.Recording(bare)).joints['joint_1'].rmse > 0.8
+    updated = gc.update(model, gc.Recording(loaded), urdf=description)
+    assert error(updated, MujocoArm(BUILD, LOAD), poses) < (0.15 if described else 0.4)
+
+
+def test_a_short_motion_puts_no_gravity_into_friction_and_offset(recordings):
+    bare = recordings[0]
+    arm = MujocoArm(BUILD)
+    for seconds in (12.0, 20.0, 30.0):
+        short = bare.select(bare.t < seconds)
+        model = gc.fit(gc.Recording(short))
+        wrong = model.predict(short.q[::50]) - arm.gravity(short.q[::50])
+        # Friction and damping that are taken for gravity make no more than their own size.
+        assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0
