@@ -93,19 +93,25 @@ class ChainChange:
 
 
 def update_chain(chain: Chain, covariance: FloatArray, new: NewSamples, box: FloatArray,
-                 start: tuple[Chain, FloatArray] | None = None) -> ChainChange:
+                 start: tuple[Chain, FloatArray] | None = None,
+                 path: FloatArray | None = None) -> ChainChange:
     """
     Return the chain that a sparse change of moments makes of `chain`.
 
     :param covariance: of a step from the chain (4N, 4N).
     :param box: lower and upper ends (2, N) in rad of the poses that it is to predict.
     :param start: that of a change found before; no others are tried then.
+    :param path: change of the moments (2N,) that a payload made before (`payload_path`). Another
+        payload changes them in proportion to its mass, but for those that its centre moves.
     """
     trials = _hypotheses(chain, covariance) if start is None else [start]
     if len(trials) > _FOLLOWED:
         scores = np.array([_first_evidence(*trial, new) for trial in trials])
         trials = [trials[k] for k in np.argsort(-scores)[:_FOLLOWED]]
-    found = [_Hypothesis(*trial, new) for trial in trials]
+    along = None
+    if path is not None and np.abs(path).max() > 0.0:
+        along = np.concatenate([np.zeros(2 * chain.n_joints), path / np.abs(path).max()])[None]
+    found = [_Hypothesis(*trial, new, along) for trial in trials]
     best = found[_central(found, box)].averaged()
     return _all_moments(chain, covariance, new, best)
 
@@ -184,8 +190,9 @@ def _hypotheses(chain: Chain, covariance: FloatArray) -> list[tuple[Chain, Float
 class _Hypothesis:
     """A chain before the change, and the likeliest change of it, linearised where that ends."""
 
-    def __init__(self, chain: Chain, prior: FloatArray, new: NewSamples) -> None:
-        self.chain, self.prior, self.new = chain, prior, new
+    def __init__(self, chain: Chain, prior: FloatArray, new: NewSamples,
+                 along: FloatArray | None = None) -> None:
+        self.chain, self.prior, self.new, self.along = chain, prior, new, along
         self.step = np.zeros(4 * chain.n_joints)
         self.here, self.left = chain, new.residual(chain)
         # A moment acts with its full size in some pose: it jumps by about what torques did.
@@ -230,7 +237,7 @@ class _Hypothesis:
         lengths = np.linalg.norm(columns[2 * n:], axis=1)
         visible = np.flatnonzero(lengths > _VISIBLE * lengths.max())
         return ChangeProblem(columns, self.left + self.step @ columns, self.prior,
-                             2 * n + visible, self.size)
+                             2 * n + visible, self.size, self.along)
 
     def _moved(self, target: FloatArray, problem: ChangeProblem) -> bool:
         """Go to a step, or part of the way if it is far; return whether this was the last."""

@@ -18,6 +18,7 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.payload_estimate import on_known_axes, PayloadEstimate, weigh
+from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
@@ -198,8 +199,10 @@ def _chain_step(model: GravityModel, new: NewSamples,
     n = model.n_joints
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
         else model.uncertainty.covariance
-    found = update_chain(model.chain, covariance, new, np.stack(
-        [model.coverage.q_min, model.coverage.q_max]), start)
+    box = np.stack([model.coverage.q_min, model.coverage.q_max])
+    path = None if model.payload_path is None else path_moments(model.payload_path, model.chain,
+                                                                box)
+    found = update_chain(model.chain, covariance, new, box, start, path)
     names, moments = _moment_names(model), found.chain.moments - model.chain.moments
     changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
     energy = expand(found.chain)
@@ -233,7 +236,7 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,
-                   nuisance=model.nuisance)
+                   nuisance=model.nuisance, payload_path=payload_path(model, changed))
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,

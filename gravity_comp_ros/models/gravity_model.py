@@ -83,6 +83,8 @@ class GravityModel:
     where the formulation has none. `applied` are effects besides gravity; `predict` is gravity
     alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
     latest last. `nuisance` are terms that were fitted beside gravity and are not predicted.
+    `payload_path` is the energy in J that a payload added: it shows how a load travels along an
+    arm of unknown lengths (`estimation.payload_path`).
 
     :raises DataError: if the parts disagree in their number of joints, or an effect is on a
         joint that there is not.
@@ -100,6 +102,7 @@ class GravityModel:
     applied: Applied = Applied()
     history: tuple[Step, ...] = ()
     nuisance: NuisanceTerms = NuisanceTerms()
+    payload_path: Expansion | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -110,7 +113,7 @@ class GravityModel:
                  len(self.coverage.q_max), *([self.chain.n_joints] if self.chain else [])}
         if sizes != {n} or len(set(self.joints)) != n:
             raise DataError(f'model: parts for {sorted(sizes)} joints, but {n} joint names')
-        for part in (*self.torques, *([self.energy] if self.energy else [])):
+        for part in (*self.torques, *(x for x in (self.energy, self.payload_path) if x)):
             if part.indices.size and part.indices[-1] >= limit:
                 raise DataError(f'model: feature {part.indices[-1]} is outside the dictionary '
                                 f'of {n} joints ({limit} features)')

@@ -129,6 +129,8 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
         body['covariance'] = model.uncertainty.covariance.tolist()
     if model.nuisance.width.size:
         body['nuisance'] = model.nuisance.to_json()
+    if model.payload_path is not None:
+        body['payload_path'] = _terms(model.payload_path)
     if model.applied.effects or model.history:
         body['applied'] = _applied_json(model)
     # Through JSON and back, so that the checksum is of what a reader will see.
@@ -162,6 +164,8 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
     model = _gravity(body)
     if 'nuisance' in body:
         model = replace(model, nuisance=_nuisance(body['nuisance']))
+    if 'payload_path' in body:
+        model = replace(model, payload_path=_expansion(body['payload_path']))
     if 'applied' not in body:
         return model
     parts = body['applied']

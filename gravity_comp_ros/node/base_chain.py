@@ -83,7 +83,8 @@ def _made(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityM
     made = GravityModel.from_energy(
         model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
-    return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance)
+    return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance,
+                   payload_path=model.payload_path)
 
 
 def without_friction(chain: GravityModel) -> GravityModel:

@@ -13,6 +13,7 @@ from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -268,9 +269,12 @@ def whole(job: Job) -> GravityModel:
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
     wanted = requests(targets, job.train.names)
-    if not wanted:
-        return fit(job.train, job.options).model
-    return fit_with_effects(job.train, job.train, wanted, job.options).joint.model
+    made = (fit_with_effects(job.train, job.train, wanted, job.options).joint.model if wanted
+            else fit(job.train, job.options).model)
+    if job.base is None or job.base.joints != made.joints:
+        return made
+    # What earlier payloads showed of the arm stays.
+    return replace(made, payload_path=payload_path(job.base, made))
 
 
 def predicted(model: GravityModel, job: Job) -> Prediction:

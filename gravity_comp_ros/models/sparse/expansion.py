@@ -29,6 +29,10 @@ class Expansion:
         object.__setattr__(self, 'indices', indices)
         object.__setattr__(self, 'weights', weights)
 
+    def evaluate(self, q: FloatArray) -> FloatArray:
+        """Return the sum (M,) at poses q (M, N) in rad."""
+        return np.asarray(dictionary.columns(q, self.indices) @ self.weights)
+
     def gradient(self, n_joints: int, joint: int) -> Expansion:
         """Return d/dq_joint of this sum, which lies in the dictionary again."""
         features, signs = dictionary.derivative(self.indices, n_joints, joint)

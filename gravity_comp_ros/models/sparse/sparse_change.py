@@ -43,6 +43,8 @@ class ChangeProblem:
     :param covariance: C (P, P).
     :param may_change: K of the P numbers.
     :param size: how far a number may jump at most.
+    :param along: directions (L, P) along which many numbers may jump together, the largest of
+        each 1. They count as numbers that may change, after the others.
     """
 
     columns: FloatArray
@@ -50,6 +52,18 @@ class ChangeProblem:
     covariance: FloatArray
     may_change: IntArray
     size: float
+    along: FloatArray | None = None
+
+    @property
+    def jumps(self) -> FloatArray:
+        """Return the directions (K + L, P) of all jumps."""
+        single = np.zeros((len(self.may_change), len(self.columns)))
+        single[np.arange(len(self.may_change)), self.may_change] = 1.0
+        return single if self.along is None else np.concatenate([single, self.along])
+
+    def numbers(self, support: BoolArray) -> IntArray:
+        """Return which of the P numbers jump with a support (K + L,)."""
+        return np.flatnonzero(self.jumps[support].any(axis=0))
 
 
 @dataclass(frozen=True)
@@ -57,7 +71,8 @@ class Change:
     """
     The posterior of p (P,) on the most likely support, its log evidence; ADMM's run.
 
-    `share` is the likeliest size of a jump, as a share of the largest.
+    `share` is the likeliest size of a jump, as a share of the largest; `chosen` (K + L,) masks the
+    jumps of the support.
     """
 
     mean: FloatArray
@@ -66,6 +81,7 @@ class Change:
     log_evidence: float
     lasso: admm.AdmmResult
     share: float
+    chosen: BoolArray
 
 
 def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
@@ -77,7 +93,8 @@ def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
     lasso, support, best = _likeliest(problem, near)
     mean, covariance = best.posterior(support)
     log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
-    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso, best.share)
+    return Change(mean, covariance, problem.numbers(support), log_evidence, lasso, best.share,
+                  support)
 
 
 def average_change(problem: ChangeProblem, near: Change | None = None, seed: int = 0) -> Change:
@@ -85,19 +102,20 @@ def average_change(problem: ChangeProblem, near: Change | None = None, seed: int
     lasso, support, best = _likeliest(problem, near)
     log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
     mean, covariance = _sample(problem, support, best, np.random.default_rng(seed))
-    return Change(mean, covariance, problem.may_change[support], log_evidence, lasso, best.share)
+    return Change(mean, covariance, problem.numbers(support), log_evidence, lasso, best.share,
+                  support)
 
 
 def full_evidence(problem: ChangeProblem) -> float:
     """Return the log evidence of a change of all numbers that may change, of the largest size."""
     every = _Evidence(problem, _SIZES[0])
-    return every.score(np.ones(len(problem.may_change), dtype=bool)) - 0.5 * float(
+    return every.score(np.ones(len(problem.jumps), dtype=bool)) - 0.5 * float(
         problem.residual @ problem.residual)
 
 
 def propose(problem: ChangeProblem) -> tuple[admm.AdmmResult, BoolArray]:
     """Return ADMM's solution of the L1 problem, and which of the K numbers it moves."""
-    columns = problem.columns[problem.may_change]
+    columns = problem.jumps @ problem.columns
     lengths = np.linalg.norm(columns, axis=1)
     seen = lengths > 1e-9 * max(float(lengths.max(initial=0.0)), 1e-300)
     unit = columns[seen] / lengths[seen, None]
@@ -114,7 +132,7 @@ def _likeliest(problem: ChangeProblem, near: Change | None = None
                ) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
     if near is not None:
         best = _Evidence(problem, near.share)
-        return near.lasso, best.settle(np.isin(problem.may_change, near.support)), best
+        return near.lasso, best.settle(near.chosen), best
     lasso, proposed = propose(problem)
     best = _Evidence(problem, _SIZES[0])
     support = max((best.settle(start) for start in (proposed, np.ones_like(proposed))),
@@ -162,9 +180,8 @@ class _Evidence:
     def __init__(self, problem: ChangeProblem, share: float) -> None:
         self.share = share
         known = _square_root(problem.covariance)
-        count = len(problem.may_change)
-        jumps = np.zeros((len(known), count))
-        jumps[problem.may_change, np.arange(count)] = share * problem.size
+        jumps = share * problem.size * problem.jumps.T
+        count = jumps.shape[1]
         self.n_known = known.shape[1]
         self.w = np.hstack([known, jumps])
         seen = self.w.T @ problem.columns

@@ -1,0 +1,72 @@
+"""
+How a payload travels along an arm whose lengths are unknown: the first change teaches it.
+
+A body of mass m on the last link adds m times a fixed offset to the moment of every link before
+it (Yu 2022, Eq. (19)), and its own first moment to those of the last. So what one payload changed
+of the inner links, the next one changes in proportion to its mass. It is kept as an energy,
+which does not depend on how the frames of a chain are placed, and is expressed in the moments of
+the chain that is to change.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
+from gravity_comp_ros.models.sparse.expansion import Expansion
+import numpy as np
+
+_POSES = 200
+# A change of the torque below this many times the noise teaches nothing.
+_SEEN = 10.0
+
+
+def payload_path(before: GravityModel, after: GravityModel) -> Expansion | None:
+    """
+    Return the energy in J that a payload added, the larger one of this and of payloads before.
+
+    :return: None where no payload was seen yet.
+    """
+    if before.energy is None or after.energy is None:
+        return before.payload_path
+    change = _difference(before.energy, after.energy)
+    size = _size(change, before)
+    least = _SEEN * float(np.max(before.nuisance.noise if before.nuisance.noise.size
+                                 else before.noise))
+    if before.payload_path is not None:
+        least = max(least, _size(before.payload_path, before))
+    return change if size > least else before.payload_path
+
+
+def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
+    """
+    Return the change of a chain's moments (2N,) in N·m that acts like an energy.
+
+    :param box: lower and upper ends (2, N) in rad of poses at which the two are alike.
+    """
+    q = _poses(box)
+    columns = ForwardKinematics(chain.axes, q).moment_columns()
+    rows = columns.reshape(len(columns), -1).T
+    return np.asarray(np.linalg.lstsq(rows, _torque(path, q).T.ravel(), rcond=1e-6)[0])
+
+
+def _size(path: Expansion, model: GravityModel) -> float:
+    box = np.stack([model.coverage.q_min, model.coverage.q_max])
+    return float(np.sqrt((_torque(path, _poses(box)) ** 2).mean(axis=0)).max())
+
+
+def _poses(box: FloatArray) -> FloatArray:
+    return np.random.default_rng(0).uniform(box[0], box[1], (_POSES, box.shape[1]))
+
+
+def _torque(energy: Expansion, q: FloatArray) -> FloatArray:
+    parts = [energy.gradient(q.shape[1], joint) for joint in range(q.shape[1])]
+    return np.stack([part.evaluate(q) for part in parts], axis=1)
+
+
+def _difference(before: Expansion, after: Expansion) -> Expansion:
+    indices = np.union1d(before.indices, after.indices)
+    weights = np.zeros(len(indices))
+    weights[np.searchsorted(indices, after.indices)] += after.weights
+    weights[np.searchsorted(indices, before.indices)] -= before.weights
+    return Expansion(indices, weights)
