@@ -37,6 +37,8 @@ _TELLS_OFFSET = 0.2
 _USUAL = {OFFSET: 0.02, COULOMB: 0.1, VISCOUS: 0.1, INERTIA: 1.0}
 # A joint's torque counts as this share of the largest joint's at least.
 _LEAST_TORQUE = 0.1
+# White noise counts as this share of a joint's torque at most.
+_LARGEST_NOISE = 0.02
 # rad/s: slower joints may go either way.
 _MOVING = 0.01
 # A normal distribution has its median absolute value here.
@@ -153,7 +155,9 @@ def _spread(columns: tuple[Column, ...], values: FloatArray, samples: JointSampl
     """Return the standard deviation (K,) of each coefficient before any data, per N·m of noise."""
     torque = np.sqrt((samples.tau ** 2).mean(axis=0))
     torque = np.maximum(torque, _LEAST_TORQUE * max(float(torque.max(initial=0.0)), 1e-300))
-    relative = torque / _white_noise(samples) * (1.0 + _reversals(samples))
+    # Poses that do not follow each other differ by more than noise.
+    noise = np.minimum(_white_noise(samples), _LARGEST_NOISE * torque)
+    relative = torque / noise * (1.0 + _reversals(samples))
     size = np.sqrt((values ** 2).mean(axis=1))
     usual = np.array([_USUAL[column.kind] * relative[column.joint] for column in columns])
     return np.asarray(usual / np.maximum(size, 1e-300)) if columns else np.zeros(0)
