@@ -24,6 +24,8 @@ _COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'joint_sprin
 # same part of the chance of a false alarm.
 MOTION, COMMON, RARE = 'motion', 'common', 'rare'
 _DYNAMICS = 'dynamics'
+# Directions of scaled columns below this are rounding.
+_RANK = 1e-9
 _SCAN_ROWS = 4000
 
 
@@ -169,9 +171,21 @@ class _Scan:
         total = 0.0
         for n in joints:
             part = (columns[:, n] if columns.ndim == 3 else columns)[self.rows]
-            part = part - self.nuisance[n] @ (self.nuisance[n].T @ part)
-            basis, r = np.linalg.qr(part)
-            solid = np.abs(np.diag(r)) > 1e-9
+            # The residual is orthogonal to the nuisance terms already.
+            inside, c = self.nuisance[n].T @ part, part.T @ self.residual[n]
+            gram = part.T @ part - inside.T @ inside
             noise = float(self.residual[n] @ self.residual[n]) or 1.0
-            total += float(((basis[:, solid].T @ self.residual[n]) ** 2).sum()) / noise
+            total += _explained(gram, c) / noise
         return total
+
+
+def _explained(gram: FloatArray, c: FloatArray) -> float:
+    """Return c.T gram^+ c: the squared projection of a residual on columns of these products."""
+    lengths = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    solid = lengths > 1e-9
+    if solid.sum() < 2:
+        return float(((c[solid] / lengths[solid]) ** 2).sum())
+    unit = gram[np.ix_(solid, solid)] / np.outer(lengths[solid], lengths[solid])
+    values, vectors = np.linalg.eigh(unit)
+    kept = values > _RANK
+    return float(((vectors[:, kept].T @ (c[solid] / lengths[solid])) ** 2 / values[kept]).sum())
