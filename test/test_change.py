@@ -1,5 +1,6 @@
 """Sparse change of Gaussian numbers: evidence, search, averages."""
 
+from dataclasses import replace
 from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -124,3 +125,23 @@ def test_numbers_known_exactly_stay():
     found = average_change(fixed)
     assert found.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
     assert found.mean[0] == pytest.approx(2.0, abs=0.4)
+
+
+def test_a_search_goes_on_where_other_numbers_may_change(small):
+    # Which moments act changes as a chain moves.
+    near = find_change(small)
+    fewer = replace(small, may_change=np.array([0, 3, 4]))
+    assert set(find_change(fewer, near).support) == {0, 3}
+    assert set(find_change(small, find_change(fewer)).support) == {0, 3}
+
+
+def test_numbers_may_jump_together():
+    together = np.array([4.0, -2.0, 0.0, 3.0, 0.0, 0.0])
+    given = problem(together, seed=3, rows=12)
+    path = (together / 4.0)[None]
+    found = find_change(replace(given, along=path))
+    np.testing.assert_array_equal(found.along, [True])
+    assert set(found.support) >= {0, 1, 3} and not found.single.size
+    alone = find_change(given)
+    assert np.abs(found.mean - together).max() < np.abs(alone.mean - together).max() + 0.05
+    assert found.log_evidence > alone.log_evidence

@@ -71,8 +71,8 @@ class Change:
     """
     The posterior of p (P,) on the most likely support, its log evidence; ADMM's run.
 
-    `share` is the likeliest size of a jump, as a share of the largest; `chosen` (K + L,) masks the
-    jumps of the support.
+    `share` is the likeliest size of a jump, as a share of the largest; `single` are the numbers
+    that jump by themselves, `along` (L,) masks the directions of the support.
     """
 
     mean: FloatArray
@@ -81,7 +81,8 @@ class Change:
     log_evidence: float
     lasso: admm.AdmmResult
     share: float
-    chosen: BoolArray
+    single: IntArray
+    along: BoolArray
 
 
 def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
@@ -92,18 +93,22 @@ def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
     """
     lasso, support, best = _likeliest(problem, near)
     mean, covariance = best.posterior(support)
-    log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
-    return Change(mean, covariance, problem.numbers(support), log_evidence, lasso, best.share,
-                  support)
+    return _change(problem, support, best, mean, covariance, lasso)
 
 
 def average_change(problem: ChangeProblem, near: Change | None = None, seed: int = 0) -> Change:
     """Return the posterior of p over all supports and sizes, with the likeliest support."""
     lasso, support, best = _likeliest(problem, near)
-    log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
     mean, covariance = _sample(problem, support, best, np.random.default_rng(seed))
+    return _change(problem, support, best, mean, covariance, lasso)
+
+
+def _change(problem: ChangeProblem, support: BoolArray, best: _Evidence, mean: FloatArray,
+            covariance: FloatArray, lasso: admm.AdmmResult) -> Change:
+    log_evidence = best.score(support) - 0.5 * float(problem.residual @ problem.residual)
+    count = len(problem.may_change)
     return Change(mean, covariance, problem.numbers(support), log_evidence, lasso, best.share,
-                  support)
+                  problem.may_change[support[:count]], support[count:])
 
 
 def full_evidence(problem: ChangeProblem) -> float:
@@ -132,7 +137,8 @@ def _likeliest(problem: ChangeProblem, near: Change | None = None
                ) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
     if near is not None:
         best = _Evidence(problem, near.share)
-        return near.lasso, best.settle(near.chosen), best
+        start = np.concatenate([np.isin(problem.may_change, near.single), near.along])
+        return near.lasso, best.settle(start), best
     lasso, proposed = propose(problem)
     best = _Evidence(problem, _SIZES[0])
     support = max((best.settle(start) for start in (proposed, np.ones_like(proposed))),
