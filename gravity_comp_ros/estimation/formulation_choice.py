@@ -131,10 +131,7 @@ def _without_offset(chain: ChainEstimate, options: SparseOptions) -> SparseEstim
     left = _rms(residual_of(_refit(chain, few), few))
     if (_rms(sparse.residual()) > (1.0 + _MORE) * left + floor(few.samples.tau)).any():
         return None
-    first, found = sparse.regression.n_effects, 0.0
-    for k, column in enumerate(sparse.regression.nuisance.columns, first):
-        found += abs(float(sparse.beside[k])) if column.kind == OFFSET else 0.0
-    if found > 0.5 * float(_offsets(chain).sum()):
+    if _offsets(sparse).sum() > 0.5 * _offsets(chain).sum():
         return None
     return sparse if few is chain.regression else estimate_sparse(
         chain.regression, 'potential', options, sparse.energy)
@@ -156,13 +153,15 @@ def _is_structured(chain: ChainEstimate) -> bool:
     return bool((repeats > _WORTHWHILE * gravity + _OF_LARGEST * gravity.max()).any())
 
 
-def _offsets(chain: ChainEstimate) -> FloatArray:
+def _offsets(estimate: ChainEstimate | SparseEstimate) -> FloatArray:
     """Return the size of each joint's offset (N,), N·m."""
-    found = np.zeros(chain.regression.samples.n_joints)
-    first = chain.regression.n_effects
-    for k, column in enumerate(chain.regression.nuisance.columns, first):
+    regression = estimate.regression
+    coefficients = estimate.fit.nuisance if isinstance(estimate, ChainEstimate) \
+        else estimate.beside
+    found = np.zeros(regression.samples.n_joints)
+    for k, column in enumerate(regression.nuisance.columns, regression.n_effects):
         if column.kind == OFFSET:
-            found[column.joint] = abs(chain.fit.nuisance[k])
+            found[column.joint] = abs(coefficients[k])
     return found
 
 

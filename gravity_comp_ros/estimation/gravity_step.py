@@ -10,16 +10,13 @@ model stays.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.right_angles import TOLERANCE
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
-from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 import numpy as np
 
 # rad; axes of a chain are known to about this before any data.
@@ -35,11 +32,6 @@ class Part:
 
     unknowns: IntArray
     columns: FloatArray
-
-
-def step_size(model: GravityModel) -> int:
-    """Return how many numbers K a step has."""
-    return len(step_scale(model))
 
 
 def step_scale(model: GravityModel) -> FloatArray:
@@ -83,26 +75,6 @@ def step_columns(model: GravityModel, q: FloatArray) -> list[Part]:
         parts.append(Part(unknowns, dictionary.columns(q, torque.indices)))
         first += len(unknowns)
     return parts
-
-
-def moved(model: GravityModel, step: FloatArray, covariance: FloatArray) -> GravityModel:
-    """Return the model after a step (K,) that is known with `covariance` (K, K)."""
-    if model.energy is None:
-        cuts = np.cumsum(model.n_features())[:-1]
-        return replace(model, torques=tuple(
-            Expansion(torque.indices, torque.weights + change)
-            for torque, change in zip(model.torques, np.split(step, cuts))))
-    uncertainty: ChainUncertainty | EnergyUncertainty
-    if model.chain is not None:
-        chain = model.chain.moved(step)
-        energy, uncertainty = expand(chain), ChainUncertainty(chain, covariance)
-    else:
-        chain, energy = None, Expansion(model.energy.indices, model.energy.weights + step)
-        uncertainty = EnergyUncertainty(energy.indices, covariance)
-    made = GravityModel.from_energy(
-        model.joints, model.formulation, energy, model.noise, model.coverage, model.provenance,
-        chain, uncertainty)
-    return replace(made, applied=model.applied, history=model.history)
 
 
 def _weights(model: GravityModel) -> FloatArray:
