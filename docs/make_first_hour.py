@@ -246,8 +246,12 @@ def tests(session: Session, log: Path) -> None:
     """Show the end of what `make test` printed."""
     session.begin(TESTS, 'The second command, on the same machine, at another time. Its last line '
                   'has its time.')
-    session.parts.append(f'```\n$ make test\n[...]\n{log.read_text().rstrip().splitlines()[-1]}'
-                         f'\n```\n')
+    last = log.read_text().rstrip().splitlines()[-1]
+    taken = re.search(r' in ([0-9.]+)s', last)
+    if taken is None:
+        raise SystemExit(f'{log}: the last line is not that of a run of tests: {last!r}')
+    session.times[-1] = (TESTS, float(taken[1]))
+    session.parts.append(f'```\n$ make test\n[...]\n{last}\n```\n')
 
 
 def main() -> None:
