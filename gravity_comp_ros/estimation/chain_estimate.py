@@ -45,6 +45,16 @@ class ChainEstimate:
     def chain(self) -> Chain:
         return self.fit.chain
 
+    @property
+    def beside(self) -> FloatArray:
+        """Return the coefficients (K,) of `regression.beside()`."""
+        return self.fit.nuisance
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Return the covariance (K, K) of `beside`, gravity fitted beside."""
+        return self.fit.nuisance_covariance
+
     def residual(self) -> FloatArray:
         """Return what gravity and everything beside it leave, (m, N) in N·m."""
         return residual_of(self.fit, self.regression)

@@ -42,6 +42,8 @@ _MUCH = 40.0
 _FOLLOWED = 5
 # Poses that the predictions of nearly equal hypotheses are compared at.
 _COMPARED = 100
+# Hypotheses with less than this share of the evidence of the likeliest one are not taken.
+_UNLIKELY = 0.01
 # By how much (chi^2) the average over supports may fit worse than the likeliest one.
 _STRAIGHT = 10.0
 
@@ -136,7 +138,7 @@ def _central(found: list[_Hypothesis], box: FloatArray) -> int:
     q = np.random.default_rng(0).uniform(box[0], box[1], (_COMPARED, box.shape[1]))
     torques = np.array([each.here.torque(q) for each in found])
     distance = ((torques - np.tensordot(weights, torques, axes=1)) ** 2).sum(axis=(1, 2))
-    return int(np.argmin(distance + 1e300 * (weights < 0.01 * weights.max())))
+    return int(np.argmin(np.where(weights < _UNLIKELY * weights.max(), np.inf, distance)))
 
 
 def _all_moments(chain: Chain, covariance: FloatArray, new: NewSamples,

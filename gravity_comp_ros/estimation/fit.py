@@ -164,11 +164,7 @@ def estimate_gravity(regression: Regression, options: FitOptions,
         choice = Choice(estimate_sparse(regression, formulation, options.sparse, before, settled),
                         'it was asked for')
     found, k = choice.estimate, regression.n_effects
-    if isinstance(found, ChainEstimate):
-        coefficients, covariance = found.fit.nuisance, found.fit.nuisance_covariance
-    else:
-        coefficients, covariance = found.beside, found.covariance
-    return Estimate(choice, found.regression, coefficients[:k], covariance[:k, :k])
+    return Estimate(choice, found.regression, found.beside[:k], found.covariance[:k, :k])
 
 
 def gravity_model(estimate: Estimate, samples: JointSamples) -> GravityModel:
@@ -197,12 +193,8 @@ def gravity_model(estimate: Estimate, samples: JointSamples) -> GravityModel:
 
 def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]) -> Any:
     regression, k = found.regression, found.regression.n_effects
-    if isinstance(found, ChainEstimate):
-        coefficients, covariance = found.fit.nuisance, found.fit.nuisance_covariance
-    else:
-        coefficients, covariance = found.beside, found.covariance
     left = np.sqrt((regression.trust * found.residual() ** 2).mean(axis=0))
-    return regression.nuisance.terms(names, coefficients[k:], covariance[k:, k:], left)
+    return regression.nuisance.terms(names, found.beside[k:], found.covariance[k:, k:], left)
 
 
 def fast_accelerations(samples: JointSamples) -> FloatArray | None:

@@ -156,12 +156,10 @@ def _is_structured(chain: ChainEstimate) -> bool:
 def _offsets(estimate: ChainEstimate | SparseEstimate) -> FloatArray:
     """Return the size of each joint's offset (N,), N·m."""
     regression = estimate.regression
-    coefficients = estimate.fit.nuisance if isinstance(estimate, ChainEstimate) \
-        else estimate.beside
     found = np.zeros(regression.samples.n_joints)
     for k, column in enumerate(regression.nuisance.columns, regression.n_effects):
         if column.kind == OFFSET:
-            found[column.joint] = abs(coefficients[k])
+            found[column.joint] = abs(estimate.beside[k])
     return found
 
 

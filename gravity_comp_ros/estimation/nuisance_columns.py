@@ -16,7 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, least_widths, Shape)
-from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.models.noise import floor, of_second_differences
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.projected import orthonormal_basis
@@ -41,8 +41,6 @@ _LEAST_TORQUE = 0.1
 _LARGEST_NOISE = 0.02
 # rad/s: slower joints may go either way.
 _MOVING = 0.01
-# A normal distribution has its median absolute value here.
-_MEDIAN = 0.6745
 # rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
 _LEAST_ACCELERATION = 0.05
 
@@ -175,14 +173,10 @@ def _reversals(samples: JointSamples) -> FloatArray:
 
 def _white_noise(samples: JointSamples) -> FloatArray:
     """Return the standard deviation (N,) in N·m of what differs from one sample to the next."""
-    bends = np.diff(samples.tau, 2, axis=0)
-    within = (samples.runs[2:] == samples.runs[:-2])
+    within = samples.runs[2:] == samples.runs[:-2]
     if not within.any():
         return np.full(samples.n_joints, floor(samples.tau))
-    # The second difference of white noise has six times its variance; the median leaves out
-    # reversals of friction.
-    spread = np.median(np.abs(bends[within]), axis=0) / (_MEDIAN * np.sqrt(6.0))
-    return np.asarray(np.maximum(spread, floor(samples.tau)))
+    return np.maximum(of_second_differences(samples.tau, within), floor(samples.tau))
 
 
 def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArray:

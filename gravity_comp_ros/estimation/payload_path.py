@@ -13,7 +13,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
 import numpy as np
 
 _POSES = 200
@@ -31,8 +31,7 @@ def payload_path(before: GravityModel, after: GravityModel) -> Expansion | None:
         return before.payload_path
     change = _difference(before.energy, after.energy)
     size = _size(change, before)
-    least = _SEEN * float(np.max(before.nuisance.noise if before.nuisance.noise.size
-                                 else before.noise))
+    least = _SEEN * float(before.noise_beside.max())
     if before.payload_path is not None:
         least = max(least, _size(before.payload_path, before))
     return change if size > least else before.payload_path
@@ -60,8 +59,8 @@ def _poses(box: FloatArray) -> FloatArray:
 
 
 def _torque(energy: Expansion, q: FloatArray) -> FloatArray:
-    parts = [energy.gradient(q.shape[1], joint) for joint in range(q.shape[1])]
-    return np.stack([part.evaluate(q) for part in parts], axis=1)
+    n = q.shape[1]
+    return torque_of([energy.gradient(n, joint) for joint in range(n)], q)
 
 
 def _difference(before: Expansion, after: Expansion) -> Expansion:

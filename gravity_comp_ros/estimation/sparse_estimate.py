@@ -17,7 +17,7 @@ from gravity_comp_ros.estimation.regression import Regression
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.nuisance import OFFSET
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
 from gravity_comp_ros.models.sparse.per_joint import fit_per_joint
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.projected import nuisance_coefficients, scaled_spread
@@ -43,8 +43,7 @@ class SparseEstimate:
 
     def gravity(self, q: FloatArray) -> FloatArray:
         """Return the gravity torque (M, N) in N·m of poses q (M, N)."""
-        return np.stack([dictionary.columns(q, torque.indices) @ torque.weights
-                         for torque in self.torques], axis=1)
+        return torque_of(self.torques, q)
 
     def residual(self) -> FloatArray:
         """Return what gravity and everything beside it leave, (m, N) in N·m."""
@@ -111,8 +110,7 @@ def _torque_columns(q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray
 
 def _sigma(fits: list[SparseFit], q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray:
     """Return the standard deviation (m, N) of the noise, correlation in time counted in."""
-    predicted = np.stack([dictionary.columns(q, torque.indices) @ torque.weights
-                          for torque in torques], axis=1)
+    predicted = torque_of(torques, q)
     absolute = np.concatenate([fit.noise.absolute for fit in fits])
     relative = np.concatenate([fit.noise.relative for fit in fits])
     inflation = np.concatenate([np.full(len(fit.noise.absolute), fit.inflation) for fit in fits])
@@ -127,8 +125,7 @@ def _coefficients(regression: Regression, gravity: FloatArray, weights: FloatArr
     if columns is None:
         return np.zeros(0), np.zeros((0, 0))
     samples = regression.samples
-    left = samples.tau - np.stack([dictionary.columns(samples.q, torque.indices) @ torque.weights
-                                   for torque in torques], axis=1)
+    left = samples.tau - torque_of(torques, samples.q)
     rows = (columns * weights.T).reshape(-1, samples.tau.size)
     spread = scaled_spread(beside.spread, columns.reshape(len(columns), -1).T, rows.T)
     assert spread is not None

@@ -22,7 +22,7 @@ from gravity_comp_ros.estimation.payload_path import path_moments, payload_path
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerms
@@ -102,9 +102,8 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None) -> UpdateResult:
     # Friction and offsets that were seen before the change are carried over.
     samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
-    sigma = np.maximum(model.nuisance.noise if model.nuisance.noise.size else model.noise,
-                       noise.floor(samples.tau))
-    new = NewSamples(samples.q, samples.tau, sigma, _trust(model, samples))
+    sigma = np.maximum(model.noise_beside, noise.floor(samples.tau))
+    new = NewSamples(samples.q, samples.tau, sigma, change_trust(model, samples))
     found = _step(model, new, geometry)
     sigma = _noise(found.model, samples, new, options)
     if not np.allclose(sigma, new.sigma, rtol=_SAME_NOISE):
@@ -118,20 +117,25 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     if nuisance.noise.size:
         nuisance = NuisanceTerms(nuisance.terms, nuisance.width, nuisance.hold, sigma)
     updated = replace(found.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
-                      coverage=_coverage(model, samples), provenance=provenance)
+                      coverage=_coverage(model, samples), provenance=provenance,
+                      payload_path=payload_path(model, found.model))
     return UpdateResult(updated, report)
 
 
-def _trust(model: GravityModel, samples: JointSamples) -> FloatArray:
-    """Return how far each torque is trusted (M, N): transients and pushes are no tool."""
-    residual = samples.tau - model.predict(samples.q)
+def change_trust(model: GravityModel, samples: JointSamples) -> FloatArray:
+    """
+    Return how far each torque is trusted (M, N): transients and pushes are no tool.
+
+    :param model: of the arm before the change, a chain or a potential.
+    :param samples: after the change; their torque is gravity.
+    """
     if model.chain is not None:
-        columns = model.chain.jacobian(samples.q)[2 * model.n_joints:]
+        columns = ForwardKinematics(model.chain.axes, samples.q).moment_columns()
     else:
         assert model.energy is not None
         design = EnergyDesign(samples.q, np.ones(samples.tau.shape))
-        columns = design.columns(model.energy.indices).T
-    return robust.trust_beside(residual, columns.reshape(len(columns), *residual.T.shape),
+        columns = design.columns(model.energy.indices).T.reshape(-1, *samples.tau.T.shape)
+    return robust.trust_beside(samples.tau - model.predict(samples.q), columns,
                                noise.floor(samples.tau))
 
 
@@ -236,7 +240,7 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,
-                   nuisance=model.nuisance, payload_path=payload_path(model, changed))
+                   nuisance=model.nuisance)
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,

@@ -139,6 +139,11 @@ class GravityModel:
     def n_joints(self) -> int:
         return len(self.joints)
 
+    @property
+    def noise_beside(self) -> FloatArray:
+        """Return the residual's standard deviation (N,) in N·m beside the nuisance terms."""
+        return self.nuisance.noise if self.nuisance.noise.size else self.noise
+
     def predict(self, q: FloatArray) -> FloatArray:
         """
         Return the gravity torque (M, N) in N·m of poses q (M, N) in rad.

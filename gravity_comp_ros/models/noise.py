@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 
 # No joint is believed to be better than this share of the arm's largest torque: a joint that
@@ -24,6 +24,8 @@ _EVIDENCE = 8.0
 # No sensor's error is a larger part of the load: what seems to be is a model that fits badly, and
 # must not give the samples with little load all the weight.
 _MOST_RELATIVE = 0.5
+# Median absolute deviation to standard deviation.
+_MAD = 1.4826
 # Steps of the estimate, and the longest of them in ln a^2 and ln b^2.
 _MOST_STEPS = 100
 _LONGEST = 2.0
@@ -49,6 +51,19 @@ class NoiseModel:
 def floor(tau: FloatArray) -> float:
     """Return the least standard deviation that is believed, N·m."""
     return float(max(_FLOOR * np.sqrt((tau ** 2).mean(axis=0)).max(initial=0.0), 1e-9))
+
+
+def of_second_differences(values: FloatArray, kept: BoolArray) -> FloatArray:
+    """
+    Return the standard deviation (N,) of white noise in values (M, N) that change slowly beside.
+
+    The second difference of white noise has six times its variance; the median leaves out the few
+    places where something sets in.
+
+    :param kept: which of the M - 2 differences count.
+    """
+    bends = np.diff(values, 2, axis=0)[kept]
+    return np.asarray(_MAD * np.median(np.abs(bends), axis=0) / np.sqrt(6.0))
 
 
 def first_guess(tau: FloatArray) -> NoiseModel:

@@ -9,6 +9,7 @@ the joints agree with each other.
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.noise import of_second_differences
 import numpy as np
 
 # A part of the largest torque below which no residual is called large, per joint.
@@ -22,8 +23,6 @@ OWN_PART, LARGEST_PART = 0.35, 0.1
 OWN_GRAVITY = 0.25
 # Neighbours in time of which differences are noise, s.
 _NEIGHBOURS = 0.6
-# Median absolute deviation to standard deviation.
-_MAD = 1.4826
 
 
 def reference_noise(known: FloatArray, samples: JointSamples, predicted: FloatArray) -> FloatArray:
@@ -41,10 +40,9 @@ def reference_noise(known: FloatArray, samples: JointSamples, predicted: FloatAr
 def _sample_noise(samples: JointSamples, residual: FloatArray) -> FloatArray:
     near = (np.diff(samples.t) < _NEIGHBOURS) & (np.diff(samples.runs) == 0)
     triples = near[1:] & near[:-1]
-    second = (residual[2:] - 2.0 * residual[1:-1] + residual[:-2])[triples]
-    if len(second) < 5:
+    if triples.sum() < 5:
         return np.zeros(residual.shape[1])
-    return np.asarray(_MAD * np.median(np.abs(second), axis=0) / np.sqrt(6.0))
+    return of_second_differences(residual, triples)
 
 
 def first_model_objection(train: JointSamples, residual: FloatArray) -> str | None:

@@ -26,7 +26,7 @@ STANDSTILL = 0.01
 
 def residual_noise(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,) in N·m of the residual beside friction and offset."""
-    noise = model.nuisance.noise if model.nuisance.noise.size else model.noise
+    noise = model.noise_beside
     return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
@@ -40,3 +41,8 @@ class Expansion:
         order = np.argsort(features[present])
         return Expansion(features[present][order],
                          (self.weights[present] * signs[present])[order])
+
+
+def torque_of(torques: Sequence[Expansion], q: FloatArray) -> FloatArray:
+    """Return the torques (M, N) in N·m of one expansion per joint, at poses q (M, N) in rad."""
+    return np.stack([torque.evaluate(q) for torque in torques], axis=1)

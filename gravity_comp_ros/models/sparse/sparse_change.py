@@ -20,6 +20,7 @@ covariance are averages over supports and sizes drawn from their posterior (Gibb
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.sparse import admm
@@ -54,7 +55,7 @@ class ChangeProblem:
     size: float
     along: FloatArray | None = None
 
-    @property
+    @cached_property
     def jumps(self) -> FloatArray:
         """Return the directions (K + L, P) of all jumps."""
         single = np.zeros((len(self.may_change), len(self.columns)))
