@@ -62,7 +62,6 @@ class Rig:
     def stand(self, q: np.ndarray) -> float:
         """Return the drift in degrees of an arm that the node's torque alone supports."""
         self._approach(q)
-        # The controller lets go over half a second, when the node has sent the pose's torque.
         drift, first = 0.0, self.arm.q
         for k in range(round(STANDS * RATE)):
             tau = self.node_torque()
@@ -118,9 +117,9 @@ def measure(build: str, seed: int, described: bool, poses: int) -> dict[str, lis
             drawn = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
             before = probe.status['model'].message
             found[name] = [rig.stand(q) for q in drawn]
-            error = np.sqrt(((rig.arm.gravity(drawn)) ** 2).mean())
+            size = np.sqrt((rig.arm.gravity(drawn) ** 2).mean())
             print(f'  {build} {seed} {name}: drift {np.round(found[name], 2)} degrees, gravity '
-                  f'{error:.1f} N·m; {before[:90]}; '
+                  f'{size:.1f} N·m; {before[:90]}; '
                   f'{probe.status["learning"].message[:150]} '
                   f'{probe.values("learning").get("last fit", "")[:300]}', flush=True)
 

@@ -101,8 +101,8 @@ def work(job: Job) -> Outcome:
     """
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
-    job, left_out = _without_outliers(job, chain)
-    found = list(_candidates(job, chain))
+    job, left_out, first = _without_outliers(job, chain)
+    found = list(_candidates(job, chain, first))
     how, model, here = _best(found, job)
     more = job.old is not None and len(job.train) > job.old.coverage.n_samples
     verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
@@ -122,25 +122,32 @@ def work(job: Job) -> Outcome:
                    job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
 
 
-def _without_outliers(job: Job, chain: GravityModel | None) -> tuple[Job, Mapping[str, int]]:
-    """Return the job without samples at which something else than gravity acted for a moment."""
+def _without_outliers(job: Job, chain: GravityModel | None
+                      ) -> tuple[Job, Mapping[str, int], tuple[str, GravityModel] | None]:
+    """
+    Return the job without samples at which something else than gravity acted for a moment.
+
+    Without a chain a model is fitted to find them; it is returned where it is one of the job's.
+    """
+    first = None
     every, names = outliers.both(job.train, job.held), job.train.names
     if chain is not None and chain.joints == names:
         gravity = concatenate(_beside_friction(job.base or chain, job))
         found = outliers.outliers_of_change(gravity, chain)
     else:
         try:
-            model = next(_wholes(replace(job, effects=())))[1]
+            how, model = next(_wholes(replace(job, effects=())))
         except (FitError, DataError):
-            return job, {}
+            return job, {}, None
         found = outliers.outliers_of_fit(every.tau - model.predict(every.q), every.tau)
+        first = None if job.effects else (how, model)
     if not found.any():
-        return job, {}
+        return job, {}, first
     train, held = found[:len(job.train)], found[len(job.train):]
     return replace(job, train=outliers.without(job.train, train),
                    held=outliers.without(job.held, held),
                    sent=outliers.sent_without(job.sent, train, held)), outliers.counts(
-                       names, found)
+                       names, found), None
 
 
 def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, GravityModel, Prediction]:
@@ -169,7 +176,9 @@ def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
                      for (name, _), error in zip(found, errors))
 
 
-def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, GravityModel]]:
+def _candidates(job: Job, chain: GravityModel | None,
+                first: tuple[str, GravityModel] | None) -> Iterator[tuple[str, GravityModel]]:
+    """Yield the models to judge; `first` is the first whole one where it was fitted already."""
     base = chain or job.base
     if base is not None and (base.energy is None or base.joints != job.train.names):
         base = None
@@ -184,14 +193,15 @@ def _candidates(job: Job, chain: GravityModel | None) -> Iterator[tuple[str, Gra
     if base is not None:
         yield CHANGE, changed(base, job.train)
     if base is None:
-        yield from _wholes(job)
+        yield from _wholes(job, first)
     elif len(job.train) >= FROM_NOTHING:
         # There is a result already; samples that show too little for a whole one do no harm.
         with suppress(FitError, DataError):
-            yield from _wholes(job)
+            yield from _wholes(job, first)
 
 
-def _wholes(job: Job) -> Iterator[tuple[str, GravityModel]]:
+def _wholes(job: Job, first: tuple[str, GravityModel] | None = None
+            ) -> Iterator[tuple[str, GravityModel]]:
     """
     Yield models fitted to the samples alone: the one that is asked for.
 
@@ -199,14 +209,18 @@ def _wholes(job: Job) -> Iterator[tuple[str, GravityModel]]:
     tested against the samples (`estimation.formulation_choice`).
     """
     if job.options.formulation != 'auto':
-        yield WHOLE, whole(job)
+        yield first or (WHOLE, whole(job))
+        return
+    if first is not None and first[0] == SPARSE:
+        # The chain has failed.
+        yield first
         return
     known = job.geometry is not None and job.geometry.joints == job.train.names
     options = replace(job.options, formulation='auto', geometry=job.geometry) if known \
         else replace(job.options, formulation='chain')
     # The sparse fit must succeed; the chain beside it may fail.
     with suppress(FitError, DataError):
-        yield f'{WHOLE}, chain', whole(replace(job, options=options))
+        yield first or (f'{WHOLE}, chain', whole(replace(job, options=options)))
     yield SPARSE, whole(replace(job, options=replace(job.options, formulation='potential')))
 
 

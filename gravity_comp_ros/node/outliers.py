@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
 from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.update import change_trust
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node.self_confirmation import Sent
 import numpy as np
@@ -30,11 +30,7 @@ def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     :param gravity: samples whose torque is gravity, after the change.
     :param chain: of the arm before the change.
     """
-    assert chain.chain is not None
-    columns = ForwardKinematics(chain.chain.axes, gravity.q).moment_columns()
-    weights = robust.trust_beside(gravity.tau - chain.predict(gravity.q), columns,
-                                  floor(gravity.tau))
-    return _unless_many(weights == 0.0)
+    return _unless_many(change_trust(chain, gravity) == 0.0)
 
 
 def outliers_of_fit(residual: FloatArray, tau: FloatArray) -> BoolArray:
