@@ -68,6 +68,16 @@ INJECT = """() => {
 }"""
 
 
+def heap(page) -> float:
+    """Return the JavaScript heap of a page in MB, after its garbage is collected."""
+    session = page.context.new_cdp_session(page)
+    for _ in range(3):
+        session.send('HeapProfiler.collectGarbage')
+    used = session.send('Runtime.getHeapUsage')['usedSize']
+    session.detach()
+    return used / 1e6
+
+
 def chromium() -> str:
     """Return the browser's path; skip without one, or fail where it is required."""
     found = next((path for path in map(shutil.which, NAMES) if path), None)
@@ -100,6 +110,14 @@ class Watched:
         """Keep what is on the screen as an artefact of the test run."""
         PICTURES.mkdir(exist_ok=True)
         self.page.screenshot(path=PICTURES / f'{name}.png', full_page=True)
+
+    def drag(self, box: dict, start: float, end: float) -> None:
+        """Drag over a plot, from one share of its width to another."""
+        self.page.mouse.move(box['x'] + start * box['width'], box['y'] + 0.2 * box['height'])
+        self.page.mouse.down()
+        self.page.mouse.move(box['x'] + end * box['width'], box['y'] + 0.95 * box['height'],
+                             steps=4)
+        self.page.mouse.up()
 
     def plots(self) -> list:
         """Return title, width and height of every plot that is on the page."""

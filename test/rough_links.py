@@ -32,3 +32,14 @@ def two_links(seed=0, count=1200, names=JOINTS, one_way=False, rough=1.0):
         + rough * (COULOMB * np.tanh(qd[:, 0] / 0.005) + VISCOUS * qd[:, 0]),
         both + rough * OFFSET])
     return JointSamples.single_run(names, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
+
+
+def two_link_urdf(names=JOINTS):
+    """Return a description of two links in an upright plane, 0.4 m each, hanging at q = 0."""
+    joints = ''.join(
+        f'<joint name="{name}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        f'<origin xyz="0 0 {0.8 if k == 0 else -0.4}"/><axis xyz="0 1 0"/>'
+        f'<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for k, name in enumerate(names))
+    links = ''.join(f'<link name="l{k}"/>' for k in range(len(names) + 1))
+    return f'<robot name="two">{links}{joints}</robot>'

@@ -13,11 +13,13 @@ from gravity_comp_ros.report.pairs import pair_grid, places
 from gravity_comp_ros.report.spectra import over_angle, over_time
 from hypothesis import given, settings, strategies as st
 import numpy as np
+import pytest
 from rough_links import COULOMB, two_links
 
 
 def test_few_samples_are_all_drawn():
-    assert keep_extremes(np.zeros(5, dtype=int), np.ones((5, 2)), 10).tolist() == [0, 1, 2, 3, 4]
+    rows, weights = keep_extremes(np.zeros(5, dtype=int), np.ones((5, 2)), 10)
+    assert rows.tolist() == [0, 1, 2, 3, 4] and weights.tolist() == [1.0] * 5
 
 
 @settings(max_examples=40, deadline=None)
@@ -28,7 +30,9 @@ def test_no_peak_is_lost(seed, m, k):
     peaks = rng.integers(0, m, k)
     values[peaks, np.arange(k)] = rng.choice([-50.0, 50.0], k)
     runs = np.sort(rng.integers(0, 3, m))
-    rows = keep_extremes(runs, values, 200)
+    rows, weights = keep_extremes(runs, values, 200)
+    # Every sample is stood for once.
+    assert weights.sum() == pytest.approx(m) and (weights >= 1.0).all()
     assert (np.diff(rows) > 0).all() and len(rows) <= 320
     assert set(peaks) <= set(rows)
     for run in np.unique(runs):
@@ -40,8 +44,20 @@ def test_an_hour_is_drawn_with_few_rows():
     m = 360_000
     values = np.zeros((m, 14))
     values[123_457, 3] = 9.0
-    rows = keep_extremes(np.zeros(m, dtype=int), values)
+    rows, _ = keep_extremes(np.zeros(m, dtype=int), values)
     assert len(rows) < 12_000 and 123_457 in rows
+
+
+def test_the_rmse_of_a_selection_has_no_bias_from_drawn_extremes():
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(200_000, 7))
+    rows, weights = keep_extremes(np.zeros(len(values), dtype=int), values)
+    part = (rows >= 50_000) & (rows < 150_000)
+    rms = np.sqrt((weights[part, None] * values[rows[part]] ** 2).sum(axis=0)
+                  / weights[part].sum())
+    plain = np.sqrt((values[rows[part]] ** 2).mean(axis=0))
+    # Beside the error of chance in about a thousand samples, and far from that of all alike.
+    assert (np.abs(rms - 1.0) < 0.1).all() and (plain > 1.2).all()
 
 
 def test_pairs_of_joints_by_hand():

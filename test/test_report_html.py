@@ -15,12 +15,14 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.recordings.bag import read_bags
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.report.arm import described_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.report.headline import headline, named_joint
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.views import joints
+import numpy as np
 import pytest
-from rough_links import two_links
+from rough_links import two_link_urdf, two_links
 
 pytestmark = pytest.mark.slow
 
@@ -136,11 +138,7 @@ def test_the_report_in_a_browser(diagnosed, watched):
         assert tab.selected()[0] == 0
         first = page.locator('#time .bk-Figure').first
         first.scroll_into_view_if_needed()
-        box = first.bounding_box()
-        page.mouse.move(box['x'] + 200, box['y'] + 40)
-        page.mouse.down()
-        page.mouse.move(box['x'] + 420, box['y'] + 120, steps=4)
-        page.mouse.up()
+        tab.drag(first.bounding_box(), 0.2, 0.4)
         page.wait_for_function(f'({_selected_count}) > 0')
         rows, glyphs = tab.selected()
         # One table behind every plot, so what is selected is marked in all of them.
@@ -148,10 +146,92 @@ def test_the_report_in_a_browser(diagnosed, watched):
         told = page.evaluate(_selection)
         assert f'<b>{rows} selected</b>: run1.mcap, ' in told
         assert re.search(r'[\d.]+ to [\d.]+ s. RMSE, N·m: shoulder [\d.]+, elbow [\d.]+</p>', told)
+        page.wait_for_function(f'({_chosen_cells})()[0] > 0')
         marked = page.evaluate(_chosen_cells)
-        assert 0 < marked[0] < marked[1], marked
+        assert marked[0] < marked[1], marked
         tab.picture('report')
         assert tab.complaints == [] and tab.requests == [] and tab.dialogs == []
+
+
+@pytest.fixture(scope='module')
+def large(tmp_path_factory):
+    """Return a page of more samples than are drawn, of an arm with a description."""
+    samples = two_links(count=24_000)
+    slow = samples.select(np.arange(0, 24_000, 40))
+    model = fit(slow, FitOptions('potential')).model
+    contents = Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',
+                        (), Origin('', ''), arm=described_arm(two_link_urdf(), samples.names))
+    page = tmp_path_factory.mktemp('large') / 'large.html'
+    page.write_text(report_html(contents))
+    return page, contents
+
+
+def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
+    page, contents = large
+    with watched(page.as_uri()) as tab:
+        tab.open(page.as_uri())
+        whole = np.array(tab.page.evaluate(_lines)[0])
+        assert len(whole) < 7500
+        # Over an axis the wheel zooms that axis alone.
+        last = tab.page.locator('#time .bk-Figure').last
+        last.scroll_into_view_if_needed()
+        box = last.bounding_box()
+        tab.page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + box['height'] - 25)
+        tab.page.keyboard.down('Control')
+        for _ in range(4):
+            tab.page.mouse.wheel(0, -300)
+        tab.page.keyboard.up('Control')
+        tab.page.wait_for_function(
+            f'() => {{ const [t] = ({_lines})(); return t[t.length - 1] - t[0] < 300 }}')
+        near, errors = tab.page.evaluate(_lines)
+        inside = (contents.samples.t > near[0] - 1e-3) & (contents.samples.t < near[-1] + 1e-3)
+        # As many as there are, and every one as it was measured.
+        assert len(near) == inside.sum() > 2 * ((whole > near[0]) & (whole < near[-1])).sum()
+        np.testing.assert_allclose(errors, contents.residual[inside, 0], atol=1e-4)
+        tab.drag(box, 0.4, 0.6)
+        tab.page.wait_for_function(f'({_selection})() != ""')
+        told = tab.page.evaluate(_selection)
+        count, start, end, rmse = map(float, re.search(
+            r'<b>(\d+) selected</b>: .*?([\d.]+) to ([\d.]+) s.*shoulder ([\d.]+)', told).groups())
+        chosen = tab.page.evaluate(_chosen)
+        assert len(chosen) == count > 100
+        assert [start, end] == pytest.approx(contents.samples.t[chosen][[0, -1]], abs=6e-3)
+        assert rmse == pytest.approx(np.sqrt((contents.residual[chosen, 0] ** 2).mean()), abs=1e-3)
+        assert tab.complaints == []
+
+
+def test_the_arm_moves_with_the_slider_and_shows_what_is_selected(large, watched):
+    page, contents = large
+    with watched(page.as_uri()) as tab:
+        tab.open(page.as_uri())
+        told = tab.page.get_by_role('status')
+        assert 'At 0.00 s: shoulder' in told.inner_text()
+        assert 'Not yet visited: shoulder' in told.inner_text()
+        capsules = tab.page.evaluate(_capsules)
+        # By keyboard alone.
+        tab.page.get_by_role('slider').first.focus()
+        for _ in range(3):
+            tab.page.keyboard.press('PageUp')
+        told.filter(has_not_text='At 0.00 s').wait_for()
+        assert tab.page.evaluate(_capsules) != capsules
+        found = re.search(r'At ([\d.]+) s: shoulder (-?[\d.]+) rad, residual (-?[\d.]+) N·m',
+                          told.inner_text())
+        time, angle, error = map(float, found.groups())
+        row = np.abs(contents.samples.t - time).argmin()
+        assert angle == pytest.approx(contents.samples.q[row, 0], abs=6e-3)
+        assert error == pytest.approx(contents.residual[row, 0], abs=1e-3)
+        tab.drag(tab.page.locator('#arm .bk-Figure').bounding_box(), 0.4, 0.6)
+        turned = tab.page.evaluate(_capsules)
+        before = told.inner_text()
+        plot = tab.page.locator('#time .bk-Figure').first
+        plot.scroll_into_view_if_needed()
+        tab.drag(plot.bounding_box(), 0.7, 0.8)
+        told.filter(has_not_text=before.split(':')[0]).wait_for()
+        time = float(re.search(r'At ([\d.]+) s', told.inner_text())[1])
+        assert 0.6 * contents.samples.t[-1] < time < 0.9 * contents.samples.t[-1]
+        assert tab.page.evaluate(_capsules) != turned
+        tab.picture('report-arm')
+        assert tab.complaints == [] and tab.requests == []
 
 
 def test_a_narrow_dark_page_has_all_its_plots_within_it(diagnosed, watched):
@@ -222,6 +302,21 @@ def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(fol
     assert '<img src=x' not in page and '&lt;img src=x onerror=alert(1)&gt;' in page
 
 
+_lines = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'ColumnDataSource' && model.get_column('r0') && !model.get_column('q0'))
+      return [Array.from(model.get_column('t')), Array.from(model.get_column('r0'))]
+}"""
+_chosen = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'ColumnDataSource' && model.get_column('r0') && !model.get_column('q0'))
+      return model.selected.indices.map(row => model.get_column('k')[row])
+}"""
+_capsules = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'ColumnDataSource' && model.get_column('width'))
+      return String(Array.from(model.get_column('x0')).slice(0, 200))
+}"""
 _selected_count = """(() => {
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.type == 'ColumnDataSource' && model.get_column('q0') != null)

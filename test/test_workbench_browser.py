@@ -1,5 +1,6 @@
 """The workbench as people use it: a real browser, a real process, real recordings."""
 
+import base64
 from contextlib import contextmanager
 import http.client
 import os
@@ -46,7 +47,7 @@ def folder(tmp_path_factory):
     write_bag(folder / 'silent.mcap', [JointTopic(
         '/joint_states', samples.names, samples.t, samples.q, samples.qd,
         np.full_like(samples.tau, np.nan))])
-    write_bag(folder / EVIL_BAG, [joint_states(two_links(1, names=EVIL),
+    write_bag(folder / EVIL_BAG, [joint_states(two_links(1, 600, names=EVIL),
                                                f'/$${LINK}$$<img src=x>')])
     assert main(['fit', str(folder / 'run1.mcap'), '-o', str(folder / 'arm.json')]) == 0
     return folder
@@ -239,7 +240,6 @@ def _rmse(page, joint):
 def _look_at_all_views(tab):
     for name, (title, at_least) in VIEWS.items():
         _show(tab, name)
-        tab.picture(f'workbench-{name.replace(" ", "-").lower()}')
         assert len(tab.plots()) >= at_least, title
 
 
@@ -275,17 +275,60 @@ def _saved(page, button, path):
     return path
 
 
-@pytest.mark.parametrize('argv, words', [
-    (['silent.mcap'], 'effort is missing, NaN'),
-    (['other.mcap', '--model', 'arm.json'], 'another robot'),
-])
-def test_what_cannot_be_shown_is_said_in_words(folder, watched, argv, words):
-    with served(folder, *argv) as (address, _), watched(address) as tab:
+def test_what_cannot_be_shown_is_said_in_words(folder, watched):
+    with served(folder, 'silent.mcap') as (address, _), watched(address) as tab:
         tab.open(address)
-        place = tab.page.locator('#words')
-        place.filter(has_text=words).wait_for()
-        tab.picture(f'workbench-{argv[0].split(".")[0]}')
+        tab.page.locator('#words').filter(has_text='effort is missing, NaN').wait_for()
         assert tab.complaints == []
+
+
+DROP = """([name, data]) => {
+  const carried = new DataTransfer(), bytes = Uint8Array.from(atob(data), c => c.charCodeAt(0))
+  carried.items.add(new File([bytes], name))
+  document.body.dispatchEvent(new DragEvent('drop', {dataTransfer: carried, bubbles: true}))
+}"""
+
+
+def test_a_recording_is_dropped_into_the_page(folder, server, watched):
+    address = server[0]
+    with watched(address) as tab:
+        page = tab.page
+        tab.open(address)
+        page.get_by_role('button', name='Save the model').wait_for()
+        runs = page.locator('#side input[type=checkbox]')
+        count = runs.count()
+        name = '../../<img src=x onerror=alert(1)> $$x$$.mcap'
+        page.evaluate(DROP, [name, base64.b64encode(b'no recording').decode()])
+        words = page.locator('#bring-words')
+        words.filter(has_text='is no MCAP or rosbag2 recording').wait_for()
+        page.evaluate(DROP, [name, base64.b64encode(
+            (folder / 'run1.mcap').read_bytes()).decode()])
+        words.filter(has_text='was brought').wait_for()
+        page.get_by_text(re.compile('^[0-9a-f]{6}_img_src_x_onerror_alert_1_x.mcap$')).wait_for()
+        assert runs.count() == count + 1 and runs.nth(2).is_checked()
+        # Its name became no path: it lies with its session, for this user alone.
+        kept = list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))
+        assert [path.read_bytes() for path in kept] == [(folder / 'run1.mcap').read_bytes()]
+        # A recording of another robot is not taken, and what was there stays.
+        page.locator('#bring').set_input_files(folder / 'other.mcap')
+        page.locator('#status, .warning').filter(has_text='not taken').first.wait_for()
+        page.locator('#idle').filter(has_text=re.compile('.')).wait_for()
+        assert runs.count() == count + 1
+        assert len(list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))) == 1
+        assert page.evaluate(LIVELY) == [] and tab.dialogs == []
+        # Neither other pages, nor for sessions that nobody has open, nor without end.
+        session = urllib.parse.parse_qs(urllib.parse.urlsplit(page.url).query)['session'][0]
+        host = urllib.parse.urlsplit(address).netloc
+        place, own = f'/bring?session={session}&name=', {'Host': host, 'Content-Length': '9'}
+        site = {'Origin': address.rstrip('/')}
+        for path, headers, status in (
+                (place + 'a.mcap', own, 403),
+                (place + 'a.mcap', {**own, 'Origin': 'http://evil.example'}, 403),
+                (place.replace(session, 'f' * 16) + 'a.mcap', {**own, **site}, 409),
+                (place + 'a.sh', {**own, **site}, 415),
+                (place + 'a.mcap', {'Host': host, 'Content-Length': str(2 ** 40), **site}, 413)):
+            assert _asked(address, path, headers, 'PUT')[0] == status, (path, headers)
+        assert len(tab.complaints) == 1 and '415' in tab.complaints[0]
 
 
 def _asked(address, path, headers, method='GET'):

@@ -134,6 +134,14 @@ def add_html(parser: argparse.ArgumentParser) -> None:
     """Add --html FILE."""
     parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
                         help='write a report to look at, one file with everything in it')
+    add_drawn_arm(parser)
+
+
+def add_drawn_arm(parser: argparse.ArgumentParser) -> None:
+    """Add --urdf of verbs that draw the arm."""
+    parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
+                        help='the page shows the arm in three dimensions by this description '
+                        '(default: /robot_description in the recording, if it holds one)')
 
 
 def _html_file(text: str) -> Path:

@@ -46,12 +46,14 @@ def contents(args: argparse.Namespace, model: GravityModel, samples: JointSample
              previous_name: str = '', shown: tuple[str, ...] = (),
              notes: tuple[str, ...] = (), next_command: str = '') -> Contents:
     """Return what a report tells; `samples` are all that was read."""
+    from gravity_comp_ros.report.arm import find_arm
     from gravity_comp_ros.report.contents import Contents, Origin
     samples = samples.joints(model.joints)
     origin = Origin(args.command, datetime.now(UTC).isoformat(timespec='seconds'),
                     args.model.name if args.model else None, notes)
     return Contents(samples, predict_torque(model, samples), model, comparison, judged, reports,
-                    origin, diagnosis, previous or {}, previous_name, shown, next_command)
+                    origin, diagnosis, previous or {}, previous_name, shown, next_command,
+                    find_arm(args.bags, model.joints, args.urdf))
 
 
 def write(args: argparse.Namespace, found: Contents) -> None:

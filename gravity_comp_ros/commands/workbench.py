@@ -23,5 +23,5 @@ def run(args: argparse.Namespace) -> int:
     serve(ServeOptions(tuple(args.bags), tuple(args.model), arguments.read_options(args),
                        args.formulation, args.live, args.host, args.port, not args.no_browser,
                        args.max_speed, args.all_samples,
-                       None if args.forget else store.folder()))
+                       None if args.forget else store.folder(), args.urdf))
     return 0

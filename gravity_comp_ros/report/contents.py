@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadReport
-from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.report.arm import Arm
 import numpy as np
 
 # Speeds below this are rest, for the colour of a point.
@@ -38,7 +38,8 @@ class Contents:
     belongs to them. `comparison` may be of a part of them (slow motion), which `judged` (a
     sentence) tells. `previous` holds the RMSE by joint in N·m of another model on the same
     part, named `previous_name`. `diagnosis` is None where none was made.
-    `next_command` is the command line that goes on from here, if there is one.
+    `next_command` is the command line that goes on from here, if there is one; `arm` is there
+    where a robot description is.
     """
 
     samples: JointSamples
@@ -53,6 +54,7 @@ class Contents:
     previous_name: str = ''
     shown: tuple[str, ...] = ()
     next_command: str = ''
+    arm: Arm | None = None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -70,9 +72,9 @@ class Contents:
         return np.asarray(self.samples.tau - self.predicted)
 
     @cached_property
-    def rows(self) -> IntArray:
-        """Return which samples are drawn; extremes of torque and residual are among them."""
-        return keep_extremes(self.samples.runs, np.hstack([self.samples.tau, self.residual]))
+    def extent(self) -> FloatArray:
+        """Return what is drawn over time (M, 2 N) in N·m, whose extremes are always kept."""
+        return np.hstack([self.samples.tau, self.residual])
 
     @cached_property
     def facts(self) -> RecordingFacts:

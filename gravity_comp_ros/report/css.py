@@ -51,6 +51,12 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
 """
 
+# Of controls within plots.
+CONTROL = """
+:host { color: var(--text) }
+.bk-input { background-color: var(--ground); color: var(--text); border-color: var(--line) }
+"""
+
 PAGE = TOKENS + """
 * { box-sizing: border-box }
 body { margin: 0; background: var(--ground); color: var(--text);

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import fields
 import json
-import re
 import secrets
 
+from bokeh.core.json_encoder import serialize_json
 from bokeh.document import Document
-from bokeh.embed import components
 from bokeh.resources import Resources
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Contents
@@ -25,43 +24,45 @@ _POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
  font-src data:"""
 # Without MathJax, text in $$ is text: MathJax would make links of \href in a joint's name.
 _COMPONENTS = ('bokeh', 'bokeh-widgets')
-# Who prefers dark pages gets one: every colour of the light style becomes that of the dark one.
-# Paper stays light.
-_DARKEN = """
-const colours = new Map(%s)
+# Parts are drawn one after another, so that the first one is there at once and the page answers
+# meanwhile. Who prefers dark pages gets one: every colour of the light style becomes that of the
+# dark one before anything is drawn. Paper stays light.
+_DRAW = """
+const colours = new Map(COLOURS)
 const turned = (value) => {
   if (typeof value == 'string') return colours.get(value) || value
+  // A palette runs from what is near the ground to what stands out from it.
+  if (Array.isArray(value) && value.length == 256) return [...value].reverse()
   if (Array.isArray(value) && value.every(each => typeof each == 'string'))
     return value.some(each => colours.has(each)) ? value.map(turned) : value
   if (value && Object.getPrototypeOf(value) == Object.prototype && colours.has(value.value))
     return {...value, value: turned(value.value)}
   return value
 }
-const darken = () => {
+const darken = (plots) => {
   document.documentElement.classList.add('dark')
   for (const spot of document.querySelectorAll('.key i'))
     spot.style.background = turned(spot.getAttribute('style').replace('background:', ''))
-  for (const each of Bokeh.documents)
-    for (const model of each._all_models.values())
-      for (const name of Object.keys(model.properties)) {
-        if (!/color|palette/.test(name)) continue
-        const old = model[name], now = turned(old)
-        if (now !== old) model[name] = now
-      }
+  for (const model of plots._all_models.values())
+    for (const name of Object.keys(model.properties)) {
+      if (!/color|palette/.test(name)) continue
+      const old = model[name], now = turned(old)
+      if (now !== old) model[name] = now
+    }
 }
-if (matchMedia('(prefers-color-scheme: dark)').matches) {
-  const wait = () => document.documentElement.dataset.ready ? darken() : setTimeout(wait, 50)
-  wait()
-}
-"""
-# Bokeh's own mark of a page that is drawn, for people who wait and for tests.
-_READY = """
-window.addEventListener('load', () => {
-  const wait = () => document.querySelectorAll('.plots').length ==
-    document.querySelectorAll('.plots > * > *').length
-  const look = () => wait() ? document.documentElement.dataset.ready = 'yes'
-                            : setTimeout(look, 50)
-  look()
+window.addEventListener('load', async () => {
+  const {Document} = Bokeh.require('document')
+  const plots = Document.from_json(DOCUMENT), roots = [...plots.roots()]
+  if (matchMedia('(prefers-color-scheme: dark)').matches) darken(plots)
+  for (const root of roots) plots.remove_root(root)
+  const places = [...document.querySelectorAll('.plots')]
+  await Bokeh.embed.add_document_standalone(plots, document.body, places)
+  for (const [k, root] of roots.entries()) {
+    plots.add_root(root)
+    while (!places[k].firstChild) await new Promise(done => setTimeout(done, 10))
+    await new Promise(done => requestAnimationFrame(() => setTimeout(done)))
+  }
+  document.documentElement.dataset.ready = 'yes'
 })
 """
 
@@ -69,13 +70,11 @@ window.addEventListener('load', () => {
 def report_html(contents: Contents) -> str:
     """Return the whole page; needs no network and no other file."""
     sections = all_sections(contents, LIGHT)
-    plots = {s.key: s.plots for s in sections if s.plots is not None}
     document = Document()
-    with document.models.freeze():
-        for root in plots.values():
-            document.add_root(root)
-    script, places = components(plots) if plots else ('', {})
-    body = ''.join(_section(s, places.get(s.key, '')) for s in sections)
+    for section in sections:
+        if section.plots is not None:
+            document.add_root(section.plots)
+    body = ''.join(map(_section, sections))
     links = ''.join(f'<a href="#{s.key}">{markup.text(s.title)}</a>' for s in sections)
     title = ', '.join(report.path.name for report in contents.reports) or 'recording'
     head = (f'<p class="quiet">{markup.text(title)} · model '
@@ -83,7 +82,8 @@ def report_html(contents: Contents) -> str:
             f'{markup.text(contents.origin.when)}</p>'
             f'<h1 class="verdict" id="verdict">'
             f'{markup.text(markup.units(headline(contents)))}</h1>')
-    scripts = [*_bokeh(), _inside(script), _READY, _DARKEN % _pairs()] if plots else []
+    draw = _DRAW.replace('COLOURS', _pairs()).replace('DOCUMENT', _inside(document))
+    scripts = [*_bokeh(), f'{{{draw}}}'] if document.roots else []
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
                  [*scripts, markup.COPY])
 
@@ -104,14 +104,13 @@ def _pairs() -> str:
                        for field in fields(LIGHT) if field.name != 'name'])
 
 
-def _inside(element: str) -> str:
-    """Return the script within a script element."""
-    found = re.fullmatch(r'\s*<script[^>]*>(.*)</script>\s*', element, re.DOTALL)
-    return found[1] if found else ''
+def _inside(document: Document) -> str:
+    """Return a document as JSON that is safe within a script."""
+    return serialize_json(document.to_json(deferred=False)).replace('<', '\\u003c')
 
 
-def _section(section: Section, plots: str) -> str:
-    drawn = f'<div class="plots">{plots}</div>' if plots else ''
+def _section(section: Section) -> str:
+    drawn = '<div class="plots"></div>' if section.plots is not None else ''
     return (f'<section id="{section.key}"><h2>{markup.text(section.title)}</h2>{section.lead}'
             f'{drawn}{section.after}</section>\n')
 

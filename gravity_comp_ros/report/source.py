@@ -3,15 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
-from bokeh.models import ColumnDataSource
+from bokeh.models import ColumnDataSource, CustomJS, Span
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.report.contents import Contents, plot_time, STILL
+from gravity_comp_ros.report.decimate import keep_extremes
+from gravity_comp_ros.report.style import padded, PURPLE
 import numpy as np
 from numpy.typing import NDArray
 
 # A break in a line: longer than this many usual steps, and than this many seconds.
 _BREAK_STEPS, _BREAK_SECONDS = 20.0, 2.0
+# So many rows of lines go into a page by itself, for those who zoom.
+_FINE_ROWS = 30_000
+Columns = dict[str, NDArray[Any]]
+
+# Both tables know samples by number. Such code runs later than the change that it answers, so
+# each side remembers what it was told.
+_SAME_SAMPLES = """
+if (cb_obj !== to && String(from.selected.indices) == from.matched) return
+const number = from.get_column('k'), other = to.get_column('k')
+const wanted = new Set(from.selected.indices.map(row => number[row])), found = []
+if (wanted.size)
+  for (let row = 0; row < other.length; row++) if (wanted.has(other[row])) found.push(row)
+to.matched = String(found)
+to.selected.indices = found
+"""
+# Without a server a page draws what it holds: of a short window all that is there.
+_ZOOM = """
+if (!fine.whole) fine.whole = lines.data
+clearTimeout(fine.waits)
+fine.waits = setTimeout(() => {
+  const t = fine.get_column('t')
+  let first = t.length, last = 0
+  for (let row = 0; row < t.length; row++)
+    if (t[row] >= range.start && t[row] <= range.end) {
+      first = Math.min(first, row)
+      last = row
+    }
+  first = Math.max(first - 1, 0)
+  last = Math.min(last + 2, t.length)
+  let data = fine.whole
+  if (last > first && last - first < most) {
+    data = {}
+    for (const name of fine.columns()) {
+      const whole = fine.get_column(name), kind = name == 'k' ? Int32Array : Float32Array
+      data[name] = new kind(whole.buffer, whole.byteOffset + 4 * first, last - first)
+    }
+    for (const n of numbers) data['r' + n] = data['m' + n].map((m, row) => m - data['p' + n][row])
+  }
+  if (data !== lines.data) lines.data = data
+}, 60)
+"""
 
 
 class Table:
@@ -19,32 +63,40 @@ class Table:
     The drawn rows of all samples, with breaks between runs and over long gaps.
 
     Columns, for the model's joint n: `q{n}` rad, `v{n}` rad/s, `m{n}`, `p{n}` and `r{n}` N·m
-    (measured, predicted, residual), `d{n}` the direction of motion as -1, 0, 1; and `t` in s
-    with runs one after another. `rows` (R,) are sample numbers, -1 for a break.
+    (measured, predicted, residual), `d{n}` the direction of motion as -1, 0, 1; `t` in s with
+    runs one after another; the sample's number `k`, and `w`, how many samples it stands for.
+    `rows` (R,) are sample numbers, -1 for a break. `lines` has what is drawn over time, in the
+    window `range` that is looked at. `cursor` marks the time of the pose that is shown.
     """
 
     def __init__(self, contents: Contents) -> None:
         samples = contents.samples
-        time, self.starts = plot_time(samples)
-        self.rows = _with_breaks(contents)
-        self.time = time
-        data = {'t': self.column(time)}
+        self.contents = contents
+        self.time, self.starts = plot_time(samples)
+        self.rows, self._weights = self._drawn(np.arange(samples.n_samples), None)
+        self.range = padded(0.0, float(self.time.max()), 0.01)
+        self._window = (self.range.start, self.range.end)
+        data = self._over_time(self.rows, self._weights)
+        more: Columns = {}
         for n in contents.numbers:
             speed = samples.qd[:, n]
             direction = np.where(np.abs(speed) <= STILL, 0.0, np.sign(speed))
-            for letter, values in (('q', samples.q[:, n]), ('v', speed),
-                                   ('m', samples.tau[:, n]), ('p', contents.predicted[:, n]),
-                                   ('r', contents.residual[:, n]), ('d', direction)):
-                data[f'{letter}{n}'] = self.column(values)
-        self.source = ColumnDataSource(data)
-        # A box that touches a line would select all of it, so lines have a table of their own.
-        self.lines = ColumnDataSource({k: v for k, v in data.items() if k[0] in 'tmpr'})
+            more |= {f'q{n}': self.column(samples.q[:, n]), f'v{n}': self.column(speed),
+                     f'd{n}': self.column(direction)}
+        self.source = ColumnDataSource({**data, **more})
+        # The time that the arm is shown at, in all plots over time.
+        self.cursor = Span(dimension='height', visible=False, line_width=1.5, line_color=PURPLE)
+        # What is looked at closely has more rows than what all plots share.
+        self.lines = ColumnDataSource(data)
+        to_lines, back = (CustomJS(args={'from': a, 'to': b}, code=_SAME_SAMPLES) for a, b in (
+            (self.source, self.lines), (self.lines, self.source)))
+        self.source.selected.js_on_change('indices', to_lines)
+        self.lines.selected.js_on_change('indices', back)
+        self.lines.js_on_change('data', to_lines)
 
     def column(self, values: FloatArray | IntArray) -> NDArray[np.float32]:
         """Return values (M,) at the drawn rows; not a number at breaks."""
-        drawn = np.asarray(values, dtype=np.float32)[np.maximum(self.rows, 0)]
-        drawn[self.rows < 0] = np.nan
-        return drawn
+        return _at(self.rows, values)
 
     def spread(self, values: FloatArray) -> NDArray[np.float32]:
         """Return a column of values at the drawn rows that are no breaks."""
@@ -52,7 +104,7 @@ class Table:
         column[self.rows >= 0] = values
         return column
 
-    def add(self, columns: Mapping[str, NDArray[np.float32]]) -> None:
+    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
         """Add columns, all at once: a page that is open gets the whole table anew."""
         self.source.data = {**self.source.data, **columns}
 
@@ -61,14 +113,77 @@ class Table:
         """Return the drawn sample numbers without breaks."""
         return self.rows[self.rows >= 0]
 
+    @property
+    def is_thinned(self) -> bool:
+        """Return whether there are more samples than are drawn."""
+        return len(self.drawn) < self.contents.samples.n_samples
 
-def _with_breaks(contents: Contents) -> IntArray:
-    samples, rows = contents.samples, contents.rows
+    def follow_window(self) -> None:
+        """Draw the window that is looked at as finely as can be seen, from all samples."""
+        window = (self.range.start, self.range.end)
+        if window == self._window or not self.is_thinned:
+            return
+        self._window = window
+        inside = np.flatnonzero((self.time >= window[0]) & (self.time <= window[1]))
+        if not len(inside):
+            return
+        # Lines go on beyond the edges, and what all plots share stays where it is.
+        first, last = max(inside[0] - 1, 0), min(inside[-1] + 2, len(self.time))
+        rows, weights = self._drawn(np.arange(first, last), self.drawn)
+        self.lines.data = dict(self._over_time(rows, weights))
+
+    def embed_fine_lines(self) -> None:
+        """Give a page without a server more rows to zoom into."""
+        if not self.is_thinned:
+            return
+        rows, weights = self._drawn(np.arange(len(self.time)), self.drawn, _FINE_ROWS)
+        columns = self._over_time(rows, weights)
+        fine = ColumnDataSource({name: column for name, column in columns.items()
+                                 if name[0] != 'r'})
+        follow = CustomJS(args={'lines': self.lines, 'fine': fine, 'range': self.range,
+                                'most': len(self.rows), 'numbers': self.contents.numbers},
+                          code=_ZOOM)
+        for edge in ('start', 'end'):
+            self.range.js_on_change(edge, follow)
+
+    def _drawn(self, among: IntArray, always: IntArray | None,
+               most: int | None = None) -> tuple[IntArray, FloatArray]:
+        """Return rows to draw of some samples, -1 at breaks, and their weights."""
+        samples = self.contents.samples
+        options = {} if most is None else {'most': most}
+        kept, weights = keep_extremes(samples.runs[among], self.contents.extent[among], **options)
+        rows = among[kept]
+        if always is not None:
+            more = np.setdiff1d(always[(always >= among[0]) & (always <= among[-1])], rows)
+            order = np.argsort(np.concatenate([rows, more]))
+            rows = np.concatenate([rows, more])[order]
+            weights = np.concatenate([weights, np.zeros(len(more))])[order]
+        places = _breaks(self.contents, rows)
+        return np.insert(rows, places, -1), np.insert(weights, places, 0.0)
+
+    def _over_time(self, rows: IntArray, weights: FloatArray) -> Columns:
+        contents = self.contents
+        columns: Columns = {'t': _at(rows, self.time), 'k': rows.astype(np.int32),
+                            'w': weights.astype(np.float32)}
+        for n in contents.numbers:
+            columns |= {f'm{n}': _at(rows, contents.samples.tau[:, n]),
+                        f'p{n}': _at(rows, contents.predicted[:, n]),
+                        f'r{n}': _at(rows, contents.residual[:, n])}
+        return columns
+
+
+def _at(rows: IntArray, values: FloatArray | IntArray) -> NDArray[np.float32]:
+    drawn = np.asarray(values, dtype=np.float32)[np.maximum(rows, 0)]
+    drawn[rows < 0] = np.nan
+    return drawn
+
+
+def _breaks(contents: Contents, rows: IntArray) -> IntArray:
+    samples = contents.samples
     new_run = np.diff(samples.runs[rows]) > 0
     steps = np.diff(samples.t)
     usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     # A gap of the recording, not one that comes from drawing fewer rows.
     gaps = np.flatnonzero((steps > _BREAK_STEPS * usual) & (steps > _BREAK_SECONDS))
     gap = np.diff(np.searchsorted(gaps, rows)) > 0
-    places = np.flatnonzero(new_run | gap) + 1
-    return np.insert(rows, places, -1)
+    return np.flatnonzero(new_run | gap) + 1

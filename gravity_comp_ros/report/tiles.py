@@ -28,7 +28,7 @@ def tiles(rows: Sequence[Sequence[figure]], least: int = 240) -> UIElement:
         for plot in each:
             plot.toolbar_location = None
             plot.min_width = min(least, 240)
-            plot.styles = {'flex': f'1 1 {least}px', 'width': 'auto'}
+            plot.styles = {'flex': f'1 1 {least}px', 'width': 'auto', 'contain': 'layout style'}
         lines.append(row(*each, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}))
     inside = column(*lines, sizing_mode='stretch_width')
     return GridPlot(children=[(inside, 0, 0)], toolbar=_toolbar(plots), toolbar_location='above',
@@ -44,7 +44,7 @@ def _toolbar(plots: list[figure]) -> Toolbar:
     def merged(kind: type, group: list) -> SaveTool | None:
         return SaveTool() if issubclass(kind, SaveTool) else None
 
-    grouped = group_tools(tools, merge=merged, ignore={'overlay'})
+    grouped = group_tools(tools, merge=merged, ignore={'overlay', 'renderers'})
     made = Toolbar(tools=grouped, logo=None, styles=_AT_HAND, stylesheets=[_NARROW])
     for tool in grouped:
         if isinstance(tool, ToolProxy) and active in tool.tools:

@@ -52,10 +52,9 @@ class Learn:
 
 @dataclass(frozen=True)
 class Learned:
-    """The model, and its held-out RMSE by joint in N·m (empty where it has no energy)."""
+    """The model, and what the fit warns of."""
 
     model: GravityModel
-    held_out: dict[str, float]
     warnings: tuple[str, ...]
 
 
@@ -128,18 +127,12 @@ class Bench:
 
 
 def learn(recording: Recording, choice: Choice, progress: Progress) -> Learned:
-    """Return the model that `gravity_comp fit` gives, and its held-out error."""
+    """Return the model that `gravity_comp fit` gives."""
     options = FitOptions(formulation=choice.formulation)
     result = fit_model(recording, options, progress=progress).result
-    held_out: dict[str, float] = {}
-    if result.model.energy is not None:
-        progress('held-out error', 0.8)
-        # A refit without anything new: only its held-out error is wanted.
-        refitted = add_to_model(result.model, recording, (), choice.refit_options()).refit
-        held_out = refitted.by_joint()[0]
     # As `fit --joints --urdf none` has it.
     provenance = {**result.model.provenance, 'description': None, 'joint_order': '--joints'}
-    return Learned(replace(result.model, provenance=provenance), held_out,
+    return Learned(replace(result.model, provenance=provenance),
                    tuple(result.report['warnings']))
 
 

@@ -31,6 +31,7 @@ class OpenSession:
         self.id, self.session, self.place = identity, session, place
         self.worker = worker or Worker()
         self.trouble, self.done, self.warning = '', '', ''
+        self._refused = ''
         self.progress: Progressed | None = None
         self.version = 0
         self.page: object | None = None
@@ -63,6 +64,13 @@ class OpenSession:
         self._interrupt()
         self.session.learn(choice)
         self._go_on()
+
+    def bring(self, path: Path) -> None:
+        """Put one more recording on the bench."""
+        self._interrupt()
+        self.session.bring(path)
+        self.start()
+        self._news()
 
     def judge(self, choice: Choice) -> None:
         """Judge the present model on something else."""
@@ -146,6 +154,11 @@ class OpenSession:
         if isinstance(event, Failed):
             self.trouble = f'{described(event.job)} was cancelled' if event.cancelled else \
                 event.reason
+            brought = self.session.give_back() if isinstance(event.job, Read) else ()
+            for path in brought:
+                # The work goes on without it.
+                self._refused, self.trouble = f'not taken: {self.trouble or self._refused}', ''
+                path.unlink(missing_ok=True)
         elif isinstance(event, Finished):
             self._finished(event)
         self._news()
@@ -156,6 +169,8 @@ class OpenSession:
         try:
             if isinstance(job, Read) and isinstance(answer, WasRead):
                 session.take(answer, job.options)
+                self.warning, self._refused = self._refused, ''
+                self._save()
                 changed = store.changed_recordings(session, self.hashes)
                 if changed:
                     self.warning = (f'{", ".join(changed)} changed since this session was kept: '

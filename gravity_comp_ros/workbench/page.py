@@ -120,6 +120,8 @@ class Page:
                 self._refresh()
             else:
                 self._say(one)
+            if self.views is not None:
+                self.views.follow_window()
         if self.live is not None:
             self.live.update(self.view == LIVE)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bokeh import __version__
 from gravity_comp_ros.report import css, markup
+from gravity_comp_ros.workbench import bring
 from jinja2 import Template
 
 # In every widget and text: custom properties of the page reach into them.
@@ -58,7 +59,8 @@ body { margin: 0; background: var(--ground); color: var(--text);
   max-width: 1600px; margin: 0 auto; padding: .6rem 1rem 4rem }
 header { grid-column: 1 / -1; border-bottom: 1px solid var(--line); padding-bottom: .4rem }
 main { min-width: 0 }
-aside { padding-top: .8rem }
+aside { padding-top: .8rem; overflow-wrap: anywhere }
+input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
 .skip:focus { left: 1rem; top: .5rem; background: var(--ground); padding: .4rem; z-index: 9 }
@@ -71,7 +73,10 @@ aside { padding-top: .8rem }
 <a class="skip" href="#views">Skip to the views</a>
 <div class="page">
 <header aria-live="polite" id="head" tabindex="-1">{{ embed(roots.head) }}</header>
-<aside aria-label="Choices" id="side">{{ embed(roots.side) }}</aside>
+<aside aria-label="Choices" id="side">{{ embed(roots.side) }}
+<p><label>Bring a recording (or drop it anywhere): one .mcap or .db3
+<input type="file" id="bring" accept=".mcap,.db3"></label></p>
+<p id="bring-words" role="status" class="quiet"></p></aside>
 <main>
 <div class="above">
 <section aria-label="What is missing" id="missing">{{ embed(roots.missing) }}</section>
@@ -81,6 +86,7 @@ aside { padding-top: .8rem }
 </main>
 </div>
 <script nonce="NONCE">COPY</script>
+<script nonce="NONCE">{BRING}</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -90,6 +96,6 @@ aside { padding-top: .8rem }
 def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
-    text = text.replace('COPY', markup.COPY)
+    text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

@@ -22,6 +22,7 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
+from gravity_comp_ros.workbench.bring import Bring
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.live_view import Follower
@@ -52,6 +53,7 @@ class ServeOptions:
     max_speed: float | None = None
     all_samples: bool = False
     place: Path | None = field(default_factory=store.folder)
+    urdf: Path | None = None
 
 
 def serve(options: ServeOptions) -> None:
@@ -76,7 +78,7 @@ def serve(options: ServeOptions) -> None:
 
         document.on_session_destroyed(ended)
 
-    server = _server(options, Application(FunctionHandler(start)))
+    server = _server(options, Application(FunctionHandler(start)), sessions)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
     address = f'http://{options.host if options.host in _LOCAL else "127.0.0.1"}:{server.port}/'
@@ -103,7 +105,7 @@ def _session(options: ServeOptions, given: tuple[Given, ...]) -> Session:
     reading = options.reading
     choice = Choice((), reading.joints or (), options.formulation, dict(reading.effort_scale),
                     reading.differentiate, options.max_speed, options.all_samples)
-    return Session(options.bags, choice, given, reading.topic)
+    return Session(options.bags, choice, given, reading.topic, options.urdf)
 
 
 def _asked_for(document: Document) -> str:
@@ -113,7 +115,8 @@ def _asked_for(document: Document) -> str:
     return b''.join(arguments.get('session', [b''])).decode('ascii', 'replace')
 
 
-def _server(options: ServeOptions, application: Application) -> BaseServer:
+def _server(options: ServeOptions, application: Application,
+            sessions: Sessions) -> BaseServer:
     try:
         port = options.port or _free_port(options.host)
         sockets, port = bind_sockets(options.host, port)
@@ -127,6 +130,7 @@ def _server(options: ServeOptions, application: Application) -> BaseServer:
     # Pages of other sites may not talk to this one, and other hosts' names do not reach it.
     guarded = GuardedApplication(
         {'/': application}, hosts, options.host, extra_websocket_origins=list(hosts),
+        extra_patterns=[('/bring', Bring, {'sessions': sessions})],
         unused_session_lifetime_milliseconds=_UNUSED_MS,
         check_unused_sessions_milliseconds=5000)
     http = HTTPServer(guarded)

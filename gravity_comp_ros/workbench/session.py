@@ -21,6 +21,7 @@ from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.recordings.bag import ReadOptions
+from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
 from gravity_comp_ros.workbench.choice import Choice
@@ -63,8 +64,11 @@ class Session:
     """One user's work: what was read, the stages of the model, and the choices."""
 
     def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
-                 given: tuple[Given, ...] = (), topic: str | None = None) -> None:
+                 given: tuple[Given, ...] = (), topic: str | None = None,
+                 urdf: Path | None = None) -> None:
         self.paths, self.choice, self.given, self.topic = paths, choice, given, topic
+        self.urdf = urdf
+        self._arm: tuple[tuple[object, ...], Arm | None] | None = None
         self.read: WasRead | None = None
         self.read_with: ReadOptions | None = None
         self.joints: tuple[str, ...] = choice.joints
@@ -107,7 +111,8 @@ class Session:
         if self.read is None and model is not None and not self.choice.joints:
             self.choice = replace(self.choice, joints=model.model.joints)
         options = self.choice.reading(self.topic)
-        if self.read is None or options != self.read_with:
+        if self.read is None or options != self.read_with \
+                or len(self.read.reports) != len(self.paths):
             return Read(self.paths, options, model.name if model else '')
         if not self.choice.runs:
             return None
@@ -144,6 +149,19 @@ class Session:
                             f'these joints, or choose those')
         self.choice = replace(choice, formulation=self.choice.formulation)
 
+    def bring(self, path: Path) -> None:
+        """Put one more recording on the bench; it is read next."""
+        self.paths = (*self.paths, path)
+
+    def give_back(self) -> tuple[Path, ...]:
+        """Take away what was brought and could not be read."""
+        known = len(self.paths) if self.read is None else len(self.read.reports)
+        refused = self.paths[known:]
+        if refused:
+            # The process that reads has lost the others.
+            self.paths, self.read_with = self.paths[:known], None
+        return refused
+
     # What came back.
 
     def take(self, read: WasRead, options: ReadOptions) -> None:
@@ -161,11 +179,15 @@ class Session:
                 raise ModelMismatchError(
                     f'the model {name} is of another robot: it has the joints '
                     f'{", ".join(model.joints)}, and the recordings have {", ".join(names)}')
+        # What was brought since is chosen as well.
+        new = range(len(self.read.reports) if self.read else read.samples.n_runs,
+                    read.samples.n_runs)
         # The same samples, by their names.
         self.read, self.read_with = read, replace(options, joints=names)
         self.joints = self.joints or names
         joints = self.choice.joints or names
-        runs = self.choice.runs or tuple(range(read.samples.n_runs))
+        runs = (*self.choice.runs, *new) if self.choice.runs else tuple(
+            range(read.samples.n_runs))
         self.choice = replace(self.choice, joints=joints, runs=runs)
         if self.given and first:
             self._go_on(Stage(self.given[0].name, self.given[0].model, self.choice,
@@ -174,19 +196,23 @@ class Session:
     def learned(self, answer: Learned, choice: Choice) -> None:
         """Begin anew with a fitted model."""
         self.to_learn = False
-        self._go_on(Stage('gravity', answer.model, choice, held_out=answer.held_out))
+        self._go_on(Stage('gravity', answer.model, choice))
 
     def diagnosed(self, answer: Diagnosis, job: Ask) -> None:
         """Keep what was found beside the model that it is about."""
         for k, stage in enumerate(self.stages):
             if stage.model is job.model:
-                self.stages[k] = replace(stage, diagnosis=answer, judged_with=job.choice)
+                held_out = stage.held_out or {
+                    name: joint.rmse_before for name, joint in answer.joints.items()}
+                self.stages[k] = replace(stage, diagnosis=answer, judged_with=job.choice,
+                                         held_out=held_out)
 
     def added(self, answer: Added, job: Add) -> None:
         """Go on with a model that has more effects."""
         parent = next((k for k, s in enumerate(self.stages) if s.model is job.model), self.at)
         before, after = answer.result.by_joint()
-        if parent is not None and not self.stages[parent].held_out:
+        if parent is not None:
+            # Of the same samples as the error after it.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
         self._go_on(Stage('+ ' + ', '.join(answer.result.added), answer.model, job.choice, parent,
                           tuple(answer.result.added), held_out=after))
@@ -257,7 +283,15 @@ class Session:
             compare_model(stage.model, recording), recording.gated.sentence(), recording.reports,
             Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
-            previous.name if previous else '', next_command=self._next_command())
+            previous.name if previous else '', next_command=self._next_command(),
+            arm=self.arm(stage.model.joints))
+
+    def arm(self, joints: tuple[str, ...]) -> Arm | None:
+        """Return the arm of these joints, if a description says what it looks like."""
+        key = (self.paths, joints)
+        if self._arm is None or self._arm[0] != key:
+            self._arm = (key, find_arm(self.paths, joints, self.urdf))
+        return self._arm[1]
 
     def preview(self) -> Contents:
         """
@@ -282,7 +316,8 @@ class Session:
             samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples, samples.n_runs))
         return Contents(samples, predict_torque(model, samples), model, compare(model, samples),
                         f'all {samples.n_samples} samples, against a constant torque',
-                        recording.reports, Origin('\n'.join(self.commands()), now()))
+                        recording.reports, Origin('\n'.join(self.commands()), now()),
+                        arm=self.arm(samples.names))
 
     def few_slow(self) -> str:
         """Return a warning where nearly no sample is slow, nothing otherwise."""

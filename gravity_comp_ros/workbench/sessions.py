@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 import secrets
+from tempfile import TemporaryDirectory
 import time
 
 from gravity_comp_ros.errors import GravityCompError
@@ -32,6 +33,7 @@ class Sessions:
                  most: int = MOST_PROCESSES, warm: bool = False) -> None:
         self._fresh, self.place, self._most = fresh, place, most
         self.open: dict[str, OpenSession] = {}
+        self._passing: TemporaryDirectory[str] | None = None
         # The first page finds a process that is warm already.
         self._spare: list[Worker] = [Worker(warm=True)] if warm else []
 
@@ -48,6 +50,14 @@ class Sessions:
         for one in self.open.values():
             if one.page is page:
                 one.page, one.left = None, time.monotonic()
+
+    def brought(self, identity: str) -> Path:
+        """Return where recordings lie that a browser brings to a session."""
+        if self.place is not None:
+            return self.place / 'recordings' / identity
+        if self._passing is None:
+            self._passing = TemporaryDirectory(prefix='gravity_comp')
+        return Path(self._passing.name) / identity
 
     def poll(self) -> None:
         """Take what the processes have done, and end those that nobody waits for."""
@@ -67,6 +77,8 @@ class Sessions:
         """End all work."""
         for worker in [*self._spare, *(one.worker for one in self.open.values())]:
             worker.close()
+        if self._passing is not None:
+            self._passing.cleanup()
 
     def _new(self) -> OpenSession:
         return self._opened(secrets.token_hex(8), self._fresh())

@@ -13,6 +13,7 @@ import json
 import os
 from pathlib import Path
 import re
+import shutil
 import tempfile
 from typing import Any
 
@@ -77,8 +78,10 @@ def save(place: Path, identity: str, session: Session) -> None:
     read = session.read
     document = {
         'version': _VERSION, 'changed': now(), 'topic': session.topic,
+        'urdf': None if session.urdf is None else str(session.urdf.resolve()),
         'recordings': [{'path': str(path.resolve()),
-                        'sha256': read.reports[k].sha256 if read else None}
+                        'sha256': read.reports[k].sha256 if read and k < len(read.reports)
+                        else None}
                        for k, path in enumerate(session.paths)],
         'given': [str(given.path.resolve()) for given in session.given],
         'joints': list(session.joints), 'choice': asdict(session.choice), 'at': session.at,
@@ -88,6 +91,7 @@ def save(place: Path, identity: str, session: Session) -> None:
     path.chmod(0o600)
     for old in _newest_first(place)[_MOST:]:
         old.unlink(missing_ok=True)
+        shutil.rmtree(place / 'recordings' / old.stem, ignore_errors=True)
 
 
 def load(place: Path, identity: str) -> tuple[Session, dict[str, str]]:
@@ -103,7 +107,9 @@ def load(place: Path, identity: str) -> tuple[Session, dict[str, str]]:
         given = tuple(Given(Path(path), load_model(path)) for path in document['given']
                       if Path(path).is_file())
         paths = tuple(Path(entry['path']) for entry in document['recordings'])
-        session = Session(paths, _choice(document['choice']), given, document['topic'])
+        urdf = document.get('urdf')
+        session = Session(paths, _choice(document['choice']), given, document['topic'],
+                          None if urdf is None else Path(urdf))
         session.joints = tuple(document['joints'])
         session.stages = [_unstage(entry) for entry in document['stages']]
         session.at, session.to_learn = document['at'], bool(document['to_learn'])

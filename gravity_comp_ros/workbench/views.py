@@ -12,11 +12,15 @@ from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
-    answer, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
+    answer, arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 from gravity_comp_ros.workbench import widgets
 
-NAMES = ('Answer', 'Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum', 'Effects', 'Model',
-         'Data', 'Origin')
+NAMES = ('Answer', 'Errors', 'Over time', 'Arm', 'Residual', 'Pairs', 'Spectrum', 'Effects',
+         'Model', 'Data', 'Origin')
+
+_NO_ARM = Section('arm', 'The arm', markup.paragraph(
+    'No recording here holds a /robot_description of these joints. Name a URDF with --urdf when '
+    'the workbench is started.'))
 
 
 class Views:
@@ -34,6 +38,10 @@ class Views:
         """Return which drawn rows are selected."""
         return list(self.table.source.selected.indices)
 
+    def follow_window(self) -> None:
+        """Draw what is zoomed in on from all samples."""
+        self.table.follow_window()
+
     def show(self, name: str) -> UIElement:
         """Return a view by its name."""
         if name not in self._made:
@@ -46,6 +54,7 @@ class Views:
             'Answer': lambda: answer.section(contents, table, style),
             'Errors': lambda: joints.section(contents),
             'Over time': lambda: time.section(contents, table, style),
+            'Arm': lambda: arm.section(contents, table, style) or _NO_ARM,
             'Residual': lambda: residuals.section(contents, table, style),
             'Pairs': lambda: pairs.section(contents, table, style),
             'Spectrum': lambda: spectrum.section(contents, style),

@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                       help='fastest joint speed that a sample may have')
     gate.add_argument('--all-samples', action='store_true',
                       help='use every sample, fast or slow')
+    arguments.add_drawn_arm(parser)
     arguments.add_reading(parser)
 
 

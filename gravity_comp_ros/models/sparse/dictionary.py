@@ -23,6 +23,8 @@ ONE, SIN, COS = 0, 1, 2
 # 3^12 features are 4 MB a vector; one more joint would triple every product for arms that
 # nobody has.
 MAX_JOINTS = 12
+# Columns of so many poses at a time fit the cache.
+_AT_ONCE = 1024
 
 
 def n_features(n_joints: int) -> int:
@@ -74,10 +76,10 @@ def columns(q: FloatArray, indices: IntArray) -> FloatArray:
     :param indices: K features.
     :return: shape (M, K).
     """
-    factors, choice = joint_factors(q), digits(indices, q.shape[1])
-    product = np.ones((q.shape[0], len(choice)))
-    for n in range(q.shape[1]):
-        product *= factors[n][:, choice[:, n]]
+    product = np.empty((q.shape[0], len(indices)))
+    for start in range(0, q.shape[0], _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        product[rows] = Halves(q[rows]).columns(indices).T
     return product
 
 

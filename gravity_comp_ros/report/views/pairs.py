@@ -8,7 +8,7 @@ from bokeh.models import (
     LogColorMapper, LogTicker, Range1d, Select)
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import printable
-from gravity_comp_ros.report import markup
+from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.pairs import pair_grid, PairGrid, places
 from gravity_comp_ros.report.section import Section
@@ -79,6 +79,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     counts = _matrix(style, 'samples', names, cells, 'count', count_colours)
     counts.select_one(ColorBar).ticker = LogTicker(desired_num_ticks=4)
     choice = Select(title='residual of joint', value=str(worst), width=260,
+                    stylesheets=[css.CONTROL],
                     options=[(str(k), canvas_text(printable(x))) for k, x in enumerate(names)])
     choice.js_on_change('value', CustomJS(args={'cells': cells, 'colours': error_colours},
                                           code=_SHOW_JOINT))

@@ -2,39 +2,50 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from bokeh.layouts import column
 from bokeh.models import CustomJS, Div, HoverTool, Label, Range1d, Span
+from bokeh.models.tools import SelectTool
 from bokeh.plotting import figure
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, padded, plot, short, Style
+from gravity_comp_ros.report.style import canvas_text, plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
-# What is selected, in numbers: samples, time in its recording, RMSE of each joint.
+# What is selected, in numbers: samples, time in its recording, RMSE of each joint. What was
+# selected in a zoomed plot is known more finely there.
 _NUMBERS = """
-const rows = samples.selected.indices
+const table = lines.selected.indices.length > samples.selected.indices.length ? lines : samples
+const rows = table.selected.indices
 if (!rows.length) { told.text = ''; return }
-const t = samples.get_column('t')
-let low = Infinity, high = -Infinity
-for (const row of rows) { low = Math.min(low, t[row]); high = Math.max(high, t[row]) }
+const t = table.get_column('t'), w = table.get_column('w')
+let low = Infinity, high = -Infinity, count = 0
+for (const row of rows) {
+  low = Math.min(low, t[row])
+  high = Math.max(high, t[row])
+  count += w[row]
+}
 const place = (time) => {
   let run = 0
-  while (run + 1 < starts.length && starts[run + 1] <= time + 1e-9) run++
-  return [run, (time - starts[run]).toFixed(2)]
+  while (run + 1 < starts.length && starts[run + 1] <= time + 1e-3) run++
+  return [run, Math.max(time - starts[run], 0).toFixed(2)]
 }
 const [first, from] = place(low), [last, to] = place(high)
 const where = first == last ? `${runs[first]}, ${from} to ${to} s`
   : `${runs[first]} at ${from} s to ${runs[last]} at ${to} s`
 const errors = joints.map((name, k) => {
-  const r = samples.get_column('r' + numbers[k])
+  const r = table.get_column('r' + numbers[k])
   let sum = 0
-  for (const row of rows) sum += r[row] * r[row]
-  return `${name} ${Math.sqrt(sum / rows.length).toFixed(3)}`
+  for (const row of rows) sum += w[row] * r[row] * r[row]
+  return `${name} ${Math.sqrt(sum / count).toFixed(3)}`
 })
-told.text = `<p><b>${rows.length} selected</b>: ${where}. RMSE, N·m: ${errors.join(', ')}</p>`
+const about = rows.some(row => w[row] != 1) ? 'about ' : ''
+told.text = `<p><b>${about}${Math.round(count)} selected</b>: ${where}. ` +
+  `RMSE, N·m: ${errors.join(', ')}</p>`
 """
 _TALL, _LOW, _AXIS = 150, 112, 42
 _MOST_LABELS = 12
@@ -42,7 +53,7 @@ _MOST_LABELS = 12
 
 def section(contents: Contents, table: Table, style: Style) -> Section:
     """Return two plots a joint, all with the same time axis."""
-    time = padded(0.0, float(table.time.max()), 0.01)
+    time = table.range
     plots: list[figure] = []
     last = contents.numbers[-1]
     for n in contents.numbers:
@@ -54,13 +65,12 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
                        (style.marked, 'selected')])
     grid = tiles([[p] for p in plots])
     more = ', one after another' if runs > 1 else ''
-    thinned = len(table.drawn) < contents.samples.n_samples
     told = (f'{contents.samples.n_samples} samples of {runs} run{"s" if runs > 1 else ""}{more}. '
             'Drag to select: what is selected here is marked in every plot of this page. Zoom is '
             'common to all joints.')
-    if thinned:
+    if table.is_thinned:
         told += (f' {len(table.drawn)} samples are drawn, the largest and smallest of every '
-                 'stretch of time among them.')
+                 'stretch of time among them, and more where you zoom in.')
     numbers = _numbers(contents, table)
     return Section('time', 'Over time', markup.paragraph(told, 'quiet') + lead,
                    column(numbers, grid, sizing_mode='stretch_width'))
@@ -71,10 +81,11 @@ def _numbers(contents: Contents, table: Table) -> Div:
     told = Div(text='', disable_math=True, sizing_mode='stretch_width', name='selection',
                styles={'color': 'var(--text)', 'font-size': '14px'})
     runs = [markup.text(short(name, 40)) for _, name in table.starts]
-    told_by = {'samples': table.source, 'told': told, 'runs': runs,
+    told_by = {'samples': table.source, 'lines': table.lines, 'told': told, 'runs': runs,
                'starts': [start for start, _ in table.starts], 'numbers': contents.numbers,
                'joints': [markup.text(name) for name in contents.joints]}
-    table.source.selected.js_on_change('indices', CustomJS(args=told_by, code=_NUMBERS))
+    for each in (table.source, table.lines):
+        each.selected.js_on_change('indices', CustomJS(args=told_by, code=_NUMBERS))
     return told
 
 
@@ -82,14 +93,14 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
             first: bool) -> figure:
     name = contents.model.joints[n]
     made = plot(style, name, '', 'N·m', _TALL, x_range=time)
-    made.line('t', f'm{n}', source=table.lines, color=style.measured, line_width=1.2)
-    made.line('t', f'p{n}', source=table.lines, color=style.predicted, line_width=1.4,
-              line_dash=[6, 3], nonselection_line_alpha=1.0)
+    _line(made, table, f'm{n}', color=style.measured, line_width=1.2)
+    _line(made, table, f'p{n}', color=style.predicted, line_width=1.4, line_dash=[6, 3])
     _marks(made, table, style, f'm{n}')
     made.add_tools(_cursor(made, [('measured', f'@m{n}{{0.000}} N·m'),
                                   ('predicted', f'@p{n}{{0.000}} N·m'),
                                   ('residual', f'@r{n}{{0.000}} N·m')]))
     made.xaxis.visible = False
+    made.add_layout(table.cursor)
     _runs(made, table, style, labelled=first)
     return made
 
@@ -98,13 +109,14 @@ def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> 
     made = plot(style, '', 'time in s' if last else '', 'residual, N·m', _LOW + _AXIS * last,
                 x_range=time)
     made.title.visible = False
-    made.line('t', f'r{n}', source=table.lines, color=style.residual, line_width=1.0)
+    _line(made, table, f'r{n}', color=style.residual, line_width=1.0)
     _marks(made, table, style, f'r{n}')
     made.add_tools(_cursor(made, [('residual', f'@r{n}{{0.000}} N·m')]))
     made.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
     made.xaxis.visible = last
     made.yaxis.ticker.desired_num_ticks = 4
     made.yaxis.axis_label_text_font_size = '11px'
+    made.add_layout(table.cursor)
     _runs(made, table, style, labelled=False)
     return made
 
@@ -115,12 +127,20 @@ def _cursor(made: figure, values: list[tuple[str, str]]) -> HoverTool:
                      tooltips=[('time', '@t{0.00} s'), *values])
 
 
+def _line(made: figure, table: Table, column: str, **looks: Any) -> None:
+    """Draw a line that looks the same whatever is selected."""
+    drawn = made.line('t', column, source=table.lines, **looks)
+    drawn.selection_glyph = drawn.nonselection_glyph = None
+
+
 def _marks(made: figure, table: Table, style: Style, column: str) -> None:
-    """Draw points that show only where they are selected."""
-    made.scatter('t', column, source=table.source, size=5, line_color=None,
-                 fill_color=style.marked, fill_alpha=0.0, selection_fill_alpha=0.9,
-                 nonselection_fill_alpha=0.0, selection_line_color=None,
-                 nonselection_line_color=None)
+    """Draw points that show only where they are selected; a box selects points, not lines."""
+    marks = made.scatter('t', column, source=table.lines, size=5, line_color=None,
+                         fill_color=style.marked, fill_alpha=0.0, selection_fill_alpha=0.9,
+                         nonselection_fill_alpha=0.0, selection_line_color=None,
+                         nonselection_line_color=None)
+    for tool in made.select({'type': SelectTool}):
+        tool.renderers = [marks]
 
 
 def _runs(made: figure, table: Table, style: Style, labelled: bool) -> None:

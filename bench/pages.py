@@ -1,0 +1,111 @@
+"""
+How long the pages take for an hour of seven joints at 100 Hz, and how their memory grows.
+
+    python bench/pages.py [FOLDER]
+
+Prints seconds of wall time in headless Chromium: of a report, to its first paint and to its last
+plot; of the workbench, from the command to the views and to the model, from a click on Add to
+the new error; and the JavaScript heap before and after 100 actions.
+"""
+
+from contextlib import contextmanager
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test'))
+
+from browser import heap, watched  # noqa: E402
+
+_PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
+_HOUR = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',
+         '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1']
+_PAINT = "performance.getEntriesByType('paint')[0].startTime / 1000"
+_VIEWS = ('Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum')
+_WAIT = 300_000
+
+
+def _command(folder: Path, *words: str) -> float:
+    started = time.monotonic()
+    subprocess.run([*_PROGRAM, *words], cwd=folder, check=True, stdout=subprocess.DEVNULL,
+                   stderr=subprocess.DEVNULL)
+    return time.monotonic() - started
+
+
+def _told(what: str, value: float, unit: str = 's') -> None:
+    print(f'{what:<58}{value:8.2f} {unit}', flush=True)
+
+
+def report(folder: Path) -> None:
+    """Time the report of an hour."""
+    _told('compare --html', _command(folder, 'compare', 'hour.mcap', '--model', 'hour.json',
+                                     '--html', 'hour.html'))
+    address = (folder / 'hour.html').as_uri()
+    with watched(address) as tab:
+        started = time.monotonic()
+        tab.open(address)
+        _told('report: all plots', time.monotonic() - started)
+        _told('report: first paint', tab.page.evaluate(_PAINT))
+        _told('report: plots', len(tab.plots()), '')
+
+
+@contextmanager
+def served(folder: Path):
+    """Yield the address of a workbench on the hour."""
+    process = subprocess.Popen([*_PROGRAM, 'workbench', 'hour.mcap', '--port', '0', '--no-browser',
+                                '--forget'], cwd=folder, stdout=subprocess.PIPE, text=True)
+    try:
+        yield re.search(r'http://\S+/', process.stdout.readline())[0]
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait()
+
+
+def workbench(folder: Path) -> None:
+    """Time the workbench on an hour, then measure its heap."""
+    started = time.monotonic()
+    with served(folder) as address, watched(address) as tab:
+        page = tab.page
+        page.set_default_timeout(_WAIT)
+        tab.open(address)
+        page.get_by_role('button', name='Save the model').wait_for()
+        page.wait_for_function('document.querySelectorAll(".bk-Figure, canvas") != null')
+        _told('workbench: recording shown', time.monotonic() - started)
+        page.locator('#verdict').wait_for()
+        _told('workbench: model shown', time.monotonic() - started)
+        add = page.get_by_role('button', name=re.compile('^Add coulomb_friction:iiwa_joint_4'))
+        add.wait_for()
+        _told('workbench: what is missing is named', time.monotonic() - started)
+        page.locator('#idle').wait_for()
+        started = time.monotonic()
+        add.click()
+        page.locator('.fall').wait_for()
+        _told('workbench: Add, to the new error', time.monotonic() - started)
+        page.locator('#idle').wait_for()
+        before = heap(page)
+        for number in range(100):
+            page.get_by_role('button', name=_VIEWS[number % len(_VIEWS)], exact=True).click()
+            page.wait_for_timeout(300)
+        _told('workbench: heap before 100 actions', before, 'MB')
+        _told('workbench: heap after them', heap(page), 'MB')
+
+
+def main() -> None:
+    """Record an hour once, then time both pages."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(sys.argv[1] if len(sys.argv) > 1 else name)
+        if not (folder / 'hour.mcap').exists():
+            _command(folder, 'synth', *_HOUR, '-o', 'hour.mcap')
+        if not (folder / 'hour.json').exists():
+            _command(folder, 'fit', 'hour.mcap', '-o', 'hour.json')
+        report(folder)
+        workbench(folder)
+
+
+if __name__ == '__main__':
+    main()
