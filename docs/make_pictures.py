@@ -19,12 +19,13 @@ sys.path.insert(0, str(ROOT / 'test'))
 from browser import watched  # noqa: E402
 from PIL import Image  # noqa: E402
 
+URDF = ROOT / 'bags' / 'iiwa7.urdf'
 PICTURES = ROOT / 'docs' / 'pictures'
 MOTION = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '20', '--duration', '60',
           '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8']
 _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
 _WAIT = 300
-_TALLEST, _COLOURS = 860, 200
+_TALLEST, _COLOURS = 960, 200
 _NARROW, _DRAWN = {'width': 400, 'height': 860}, 2000
 
 
@@ -36,7 +37,7 @@ def _gravity_comp(folder: Path, *argv: str) -> None:
 def _report(folder: Path) -> None:
     page = folder / 'report.html'
     _gravity_comp(folder, 'diagnose', 'run1.mcap', 'run2.mcap', '--model', 'arm.json', '--html',
-                  page.name)
+                  page.name, '--urdf', str(URDF))
     with watched(page.as_uri(), color_scheme='dark') as tab:
         tab.page.set_viewport_size(_NARROW)
         tab.open(page.as_uri())
@@ -45,14 +46,14 @@ def _report(folder: Path) -> None:
     with watched(page.as_uri()) as tab:
         tab.open(page.as_uri())
         tab.page.screenshot(path=PICTURES / 'report-top.png')
-        for part in ('residuals', 'pairs', 'effects'):
+        for part in ('residuals', 'arm', 'pairs', 'effects'):
             place = tab.page.locator(f'#{part}')
             place.screenshot(path=PICTURES / f'report-{part}.png')
 
 
 def _workbench(folder: Path) -> None:
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'run1.mcap', 'run2.mcap', '--port', '0',
-                                '--no-browser', '--forget'], cwd=folder,
+                                '--no-browser', '--forget', '--urdf', str(URDF)], cwd=folder,
                                stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     try:
@@ -73,8 +74,11 @@ def _workbench(folder: Path) -> None:
             tab.page.get_by_role('heading', name='against 1. gravity').wait_for()
             tab.page.wait_for_timeout(_DRAWN)
             tab.page.screenshot(path=PICTURES / 'workbench-dark.png')
-            tab.page.get_by_role('button', name='Light').click()
             tab.page.set_viewport_size(_NARROW)
+            tab.page.get_by_role('button', name='Arm').click()
+            tab.page.wait_for_timeout(_DRAWN)
+            tab.page.locator('#views').screenshot(path=PICTURES / 'workbench-arm-narrow.png')
+            tab.page.get_by_role('button', name='Light').click()
             tab.page.get_by_role('button', name='Answer').click()
             tab.page.wait_for_timeout(_DRAWN)
             tab.page.locator('#views').screenshot(path=PICTURES / 'workbench-narrow.png')

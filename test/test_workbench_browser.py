@@ -13,7 +13,7 @@ import time
 import urllib.parse
 
 from bokeh.util.token import generate_jwt_token, generate_session_id
-from browser import browsing, INJECT, LIVELY, PLOTS, ROOT
+from browser import browsing, heap, INJECT, LIVELY, PLOTS, ROOT
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
@@ -120,6 +120,13 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         # A reader of the screen stands at the answer, not nowhere.
         page.wait_for_function("document.activeElement.id == 'head'")
         _look_at_all_views(tab)
+        # What a page no longer shows does not stay in its memory.
+        before = heap(page)
+        for number in range(60):
+            page.get_by_role('button', name=('Errors', 'Data', 'Answer')[number % 3],
+                             exact=True).click()
+        page.locator('#views').get_by_role('heading', name='Error of each joint').wait_for()
+        assert heap(page) < before + 8.0
         _select(tab)
         saved = _saved(page, 'Save the model', tmp_path / 'saved.json')
         effect = load_model(saved).applied.effects[0]

@@ -114,6 +114,15 @@ class Table:
         return self.rows[self.rows >= 0]
 
     @property
+    def selected(self) -> list[int]:
+        """Return which samples are selected, by number."""
+        return [int(row) for row in self.rows[self.source.selected.indices] if row >= 0]
+
+    def select(self, numbers: list[int]) -> None:
+        """Select samples by number, as far as they are drawn."""
+        self.source.selected.indices = np.flatnonzero(np.isin(self.rows, numbers)).tolist()
+
+    @property
     def is_thinned(self) -> bool:
         """Return whether there are more samples than are drawn."""
         return len(self.drawn) < self.contents.samples.n_samples

@@ -30,6 +30,10 @@ h1, h2, h3 { margin-top: .5rem }
 h1 { font-size: 1.3rem; margin-bottom: 0 }
 """
 
+# Every plot of Bokeh listens to the viewport for ever, and keeps itself and its data alive by that
+# when it is gone. A plot hears of a new size of its own place as well.
+_FORGET = 'if (window.visualViewport) visualViewport.addEventListener = () => {}'
+
 # Only the page's own scripts run, and only this server is asked for anything. Bokeh makes
 # functions of its own callbacks, which needs 'unsafe-eval'.
 _POLICY = """default-src 'none'; base-uri 'none'; form-action 'none';
@@ -87,6 +91,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 </div>
 <script nonce="NONCE">COPY</script>
 <script nonce="NONCE">{BRING}</script>
+<script nonce="NONCE">FORGET</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -97,5 +102,6 @@ def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
+    text = text.replace('FORGET', _FORGET)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.api.steps import compare_model, with_enough_motion
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
@@ -75,6 +75,7 @@ class Session:
         self.stages: list[Stage] = []
         self.at: int | None = None
         self.to_learn = not given
+        self.ungated = ''
         self._contents: tuple[_Key, Contents] | None = None
         self._preview: tuple[_Key, Contents] | None = None
         self._few: tuple[_Key, str] | None = None
@@ -189,9 +190,17 @@ class Session:
         runs = (*self.choice.runs, *new) if self.choice.runs else tuple(
             range(read.samples.n_runs))
         self.choice = replace(self.choice, joints=joints, runs=runs)
+        if first and not self.given:
+            self._use_fast_samples_where_few_are_slow()
         if self.given and first:
             self._go_on(Stage(self.given[0].name, self.given[0].model, self.choice,
                               given=self.given[0].path))
+
+    def _use_fast_samples_where_few_are_slow(self) -> None:
+        """Judge a model on the samples that `fit` takes of a fast recording: all."""
+        self.ungated = with_enough_motion(self.recording)[1] if self.choice.runs else ''
+        if self.ungated:
+            self.choice = replace(self.choice, all_samples=True)
 
     def learned(self, answer: Learned, choice: Choice) -> None:
         """Begin anew with a fitted model."""
@@ -320,15 +329,17 @@ class Session:
                         arm=self.arm(samples.names))
 
     def few_slow(self) -> str:
-        """Return a warning where nearly no sample is slow, nothing otherwise."""
+        """Return what follows where nearly no sample is slow, nothing otherwise."""
         key = _Key(self.choice, self.read)
         if self._few is None or self._few[0] != key:
             self._few = (key, self._count_slow())
         return self._few[1]
 
     def _count_slow(self) -> str:
-        if self.read is None or self.choice.all_samples or not self.choice.runs:
+        if self.read is None or not self.choice.runs:
             return ''
+        if self.choice.all_samples:
+            return self.ungated
         recording = self.recording
         try:
             kept = len(recording.slow)

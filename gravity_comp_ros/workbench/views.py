@@ -29,14 +29,13 @@ class Views:
     def __init__(self, contents: Contents, style: Style, selected: list[int]) -> None:
         self.contents, self.style = contents, style
         self.table = Table(contents)
-        if selected and max(selected) < len(self.table.rows):
-            self.table.source.selected.indices = selected
+        self.table.select(selected)
         self._made: dict[str, UIElement] = {}
 
     @property
     def selected(self) -> list[int]:
-        """Return which drawn rows are selected."""
-        return list(self.table.source.selected.indices)
+        """Return which samples are selected, by number."""
+        return self.table.selected
 
     def follow_window(self) -> None:
         """Draw what is zoomed in on from all samples."""
