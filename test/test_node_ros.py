@@ -70,19 +70,21 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         probe.commands.clear()
         later = bags['eq17_later']
         probe.stream(later, start=200.0)
-        # While the fits took longer than `stale_after`, torque was published without input.
+        # While the fits took longer than `stale_after`, torque was published without input. And a
+        # joint state may be lost on a busy machine: the node takes them as best effort.
         probe.until(lambda: len(answers(probe.torques)) == len(probe.predictions)
-                    == len(probe.residuals) == len(later) <= len(probe.commands), 60,
-                    'torque for every message')
+                    == len(probe.residuals) > 0.95 * len(later)
+                    and len(probe.torques) == len(probe.commands), 60, 'torque for every message')
     model = load_model(path)
     rows, torques = published(later, answers(probe.torques), 200.0)
     np.testing.assert_allclose(torques, model.predict(later.q[rows]), atol=1e-9)
-    commands = [list(m.data) for m in probe.commands][-len(later):]
+    commands = [list(m.data) for m in probe.commands][-len(rows):]
     np.testing.assert_array_equal(torques, commands)
     rows, predictions = published(later, probe.predictions, 200.0)
-    assert replay_command(path, tmp_path) == pytest.approx(predictions, abs=1e-9)
+    assert replay_command(path, tmp_path)[rows] == pytest.approx(predictions, abs=1e-9)
     rows, residuals = published(later, probe.residuals, 200.0)
-    np.testing.assert_allclose(residuals, later.tau[rows] - predictions, atol=1e-9)
+    np.testing.assert_allclose(residuals, later.tau[rows] - model.predict(later.q[rows]),
+                               atol=1e-9)
     # 0.1 N·m of it is noise, and some is the inertia that a gravity model leaves out.
     assert np.sqrt(np.mean(residuals ** 2, axis=0)).max() < 0.2
     assert list(probe.torques[0].name) == list(later.names)

@@ -10,14 +10,12 @@ from gravity_comp_ros.data.gate import RATE
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
-from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
-from gravity_comp_ros.node.fit_job import Job, Outcome
+from gravity_comp_ros.node.fit_messages import Findings, Job, Look, Outcome, Question, Seen
 from gravity_comp_ros.node.fit_process import Failure, FitProcess
-from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
 from gravity_comp_ros.node.fit_requests import FitRequests, Reply, Request
 from gravity_comp_ros.node.live_friction import usual_residual
 from gravity_comp_ros.node.messages import Reading
@@ -254,9 +252,8 @@ class Live:
 
     def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
         self._jobs += 1
-        options = FitOptions(formulation=str(self.settings['formulation']))
         job = Job(self._jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held(),
-                  self._base, self.models.model, options,
+                  self._base, self.models.model, str(self.settings['formulation']),
                   cast(tuple[str, ...], self.settings['effects']), asked,
                   payload_limits(self.settings), arm.geometry, arm.epoch.sent())
         self.fits.submit(job, now)

@@ -13,7 +13,7 @@ import math
 from typing import cast
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.payload_test import PayloadLimits
+from gravity_comp_ros.node.payload import PayloadLimits
 
 Value = bool | int | float | str | tuple[float, ...] | tuple[str, ...]
 
