@@ -15,6 +15,8 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import read_bag
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from ros_harness import ROOT, running, set_parameter
@@ -339,17 +341,28 @@ WRONG_FILES = [('half a file', lambda whole: whole[:len(whole) // 2]), ('nothing
                ('another format', lambda _: b'{"format": "a cake"}')]
 
 
-@pytest.mark.parametrize('name, harm', WRONG_FILES, ids=[name for name, _ in WRONG_FILES])
-def test_a_harmed_model_file_is_named_and_left_alone(name, harm, model_file, recording):
-    harmed = harm(model_file.read_bytes())
-    model_file.write_bytes(harmed)
+def test_a_harmed_model_file_is_named_and_left_alone(model_file, recording):
+    whole = model_file.read_bytes()
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        status = probe.report('model')
-        assert status.level == b'\x02' and 'model.json' in status.message
-        probe.stream(recording.select(np.arange(20)))
-        assert node.process.poll() is None and not probe.torques and not probe.commands
-        assert not probe.call('save_model').success
-    assert model_file.read_bytes() == harmed
+        for name, harm in WRONG_FILES:
+            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+                assert changed_state(probe, transition), name
+            harmed = harm(whole)
+            model_file.write_bytes(harmed)
+            for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+                assert changed_state(probe, transition), name
+            probe.until_node()
+            status = probe.report('model')
+            assert status.level == b'\x02' and 'model.json' in status.message, name
+            probe.stream(recording.select(np.arange(20)))
+            assert node.process.poll() is None and not probe.torques and not probe.commands, name
+            assert not probe.call('save_model').success, name
+            assert model_file.read_bytes() == harmed, name
+
+
+def changed_state(probe, transition):
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return probe.call('change_state', request=request).success
 
 
 def test_a_model_file_of_another_arm(model_file, recording):

@@ -366,23 +366,24 @@ def test_diagnose_names_what_the_model_lacks(model_file, bags):
     assert 'coulomb_friction:iiwa_joint_4 (established)' in answer.message
 
 
-@pytest.mark.parametrize('rate, reliable', [(10, True), (10, False), (1000, True), (1000, False)])
-def test_rates_and_publishers(rate, reliable, model_file, bags):
+@pytest.mark.parametrize('reliable', [True, False])
+def test_rates_and_publishers(reliable, model_file, bags):
     later = bags['eq17_later']
     model = load_model(model_file)
     options = {**UNLIMITED, 'model_file': model_file, 'max_torque': '[176.0]', 'stale_after': 10.0}
-    count = max(15, rate)
     with running(options, reliable=reliable) as (_, probe):
-        start = time.monotonic()
-        for k in range(count):
-            row = k % len(later)
-            probe.send(later.names, 1000.0 + k / rate, later.q[row], later.qd[row],
-                       later.tau[row])
-            probe.spin(max(1e-4, start + (k + 1) / rate - time.monotonic()))
-        # On a busy machine a best-effort queue may run over: that is the publisher's choice.
-        probe.until(lambda: len(probe.torques) > 0.5 * count, 60, 'answers')
-        assert probe.report('input').level in (b'\x00', b'\x01')
-        for message in probe.torques:
-            t = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-            row = round((t - 1000.0) * rate) % len(later)
-            assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6
+        for rate, first in ((10, 1000.0), (1000, 2000.0)):
+            probe.torques.clear()
+            start, count = time.monotonic(), max(15, rate)
+            for k in range(count):
+                row = k % len(later)
+                probe.send(later.names, first + k / rate, later.q[row], later.qd[row],
+                           later.tau[row])
+                probe.spin(max(1e-4, start + (k + 1) / rate - time.monotonic()))
+            # On a busy machine a best-effort queue may run over: that is the publisher's choice.
+            probe.until(lambda n=count: len(probe.torques) > 0.5 * n, 60, 'answers')
+            assert probe.report('input').level in (b'\x00', b'\x01')
+            for message in probe.torques:
+                t = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+                row = round((t - first) * rate) % len(later)
+                assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6
