@@ -70,7 +70,7 @@ class FeedForwardOptions:
                               'be fade or hold')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Source:
     """
     A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
