@@ -28,8 +28,9 @@ LEAST_TORQUE = 1e-4
 PERIODS = 2.0
 # Messages over which the usual period is the median, and the least that it is taken for, s.
 PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
-# N·m/s; from one model to the next torque changes no faster: 0.04 N·m a message at 250 Hz.
-SWAP_RATE = 10.0
+# N·m within `ramp_time`: a larger change of the model takes longer. At the default of 1 s that is
+# 0.048 N·m a message at 250 Hz.
+SWAP_CHANGE = 12.0
 # One call of the watchdog counts for at most this, s.
 WATCH_PERIOD = 0.02
 
@@ -41,8 +42,8 @@ class FeedForward:
     A gain between 0 and 1 multiplies the model's torque. It rises over `ramp_time` when a
     first model, input or permission comes, and falls when permission goes or input is stale
     for longer than `hold_time`. From one model to the next torque is blended over the same
-    time, or at `SWAP_RATE` if that takes longer. Limits act on the sum of it all, so nothing
-    that is published breaks them.
+    time, a change of more than `SWAP_CHANGE` over a longer one. Limits act on the sum of it
+    all, so nothing that is published breaks them.
 
     :param n_joints: the number N of joints.
     """
@@ -235,9 +236,9 @@ class FeedForward:
 
         after = go(1.0)
         # A message that comes late makes no larger step.
-        most = SWAP_RATE * min(dt, self._period())
+        most = SWAP_CHANGE * min(dt, self._period()) / ramp if ramp > 0.0 else math.inf
         change = float(np.abs(after - before).max())
-        return go(most / change) if ramp > 0.0 and change > most else after
+        return go(most / change) if change > most else after
 
     def _blended(self, source: Source, q: FloatArray) -> FloatArray:
         new = self._torque(source, q)
