@@ -10,7 +10,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.fit_questions import Look, look
+from gravity_comp_ros.node.fit_messages import Look
+from gravity_comp_ros.node.fit_questions import look
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, LiveFriction, residual_noise, usual_residual)
 from gravity_comp_ros.node.payload_watch import PayloadWatch, WINDOWS
@@ -50,6 +51,14 @@ def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0):
     return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
 
 
+def pushed(force, start=170.0, seed=0):
+    """Return ten seconds of slow motion against a steady force (3,) on the last link, N."""
+    samples = window(start=start, seed=seed)
+    data = ARM.model.createData()
+    torque = [bench.force_torque(ARM, data, q, np.array(force)) for q in samples.q]
+    return replace(samples, tau=samples.tau + np.array(torque))
+
+
 def finding(model, samples, geometry=None):
     return look(Look(1, samples, model, geometry=geometry)).finding
 
@@ -71,6 +80,18 @@ def test_a_payload_is_found_and_its_mass_is_said(mass, known, model, geometry):
 def test_friction_and_a_touch_are_no_payload(change, model, geometry):
     for axes in (None, geometry):
         assert not finding(model, window(**change), axes).is_payload
+
+
+@pytest.mark.parametrize('force, known', [((10.0, 0.0, 0.0), False), ((0.0, 3.0, 10.0), True)])
+def test_a_push_that_lasts_is_no_payload_and_said(force, known, model, geometry):
+    found = finding(model, pushed(force), geometry if known else None)
+    assert not found.is_payload and found.is_other, found.text
+    assert 'pushes or pulls the last link, and not only downwards' in found.text
+
+
+def test_what_only_bears_down_is_a_weight(model, geometry):
+    for axes in (None, geometry):
+        assert finding(model, pushed((0.0, 0.0, 15.0)), axes).is_payload
 
 
 def test_broken_effort_is_no_payload_and_said(model):
@@ -148,7 +169,7 @@ def test_an_uncertain_change_is_used_in_part(change, std):
 def playing(model, **settings):
     """Return the core of a node with a model in use."""
     core = bench.Core(model, False)
-    core.live.set({**core.live.settings, **settings})
+    core.live.set(replace(core.live.settings, **settings))
     return core
 
 
@@ -161,7 +182,7 @@ def play(core, samples, until):
             core.live.message(core._message(bench.Sample(t, q, samples.qd[k], 0.0 * q),
                                             samples.tau[k]), t, t)
         core.live.tick(t, time.monotonic())
-        while core.live.fits.state != 'ready':
+        while core.live.learner.fits.state != 'ready':
             time.sleep(0.002)
             core.live.tick(t, time.monotonic())
         if until():
@@ -173,10 +194,10 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
     core = playing(model, on_suspected_payload=action, settle_time=0.0)
     live = core.live
     try:
-        play(core, window(seed=1), lambda: live.events)
-        assert not live.events
-        play(core, window(2.0, start=190.0), lambda: live.events)
-        event = live.events.popleft()
+        play(core, window(seed=1), lambda: live.learner.events)
+        assert not live.learner.events
+        play(core, window(2.0, start=190.0), lambda: live.learner.events)
+        event = live.learner.events.popleft()
         assert 'another payload is suspected' in event.text and event.since > 175.0
         assert any('another payload' in text for _, text in live.news)
         status = {each.name: each for each in live.statuses(200.0)}['payload']
@@ -185,8 +206,8 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
             assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
-            play(core, window(2.0, start=200.0), lambda: live.events)
-            assert not live.events, 'said once'
+            play(core, window(2.0, start=200.0), lambda: live.learner.events)
+            assert not live.learner.events, 'said once'
             play(core, window(start=210.0), lambda: False)
             status = {each.name: each for each in live.statuses(220.0)}['payload']
             assert status.level == OK
