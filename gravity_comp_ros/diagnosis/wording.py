@@ -48,6 +48,12 @@ def sentence(finding: Finding) -> str:
     return f'{what}; {change}'
 
 
+def evidence_sentence(name: str, place: str, before: float, after: float, p: float) -> str:
+    """Return the evidence for an effect, before and after as fractions of the range."""
+    return (f'{name} on {place}: held-out error {before:.2%} to {after:.2%} of the range, '
+            f'p = {p:.1e} after all that was tried')
+
+
 def where(finding: Finding) -> str:
     """Return the finding's place in words."""
     return 'the whole arm' if finding.joint is None else f'joint {finding.joint}'

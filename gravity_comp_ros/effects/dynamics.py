@@ -145,6 +145,7 @@ EFFECTS = (
         coefficients=(_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint '
                                                              'j, and per factor of angles')),
         columns=_inertia,
+        pointwise=True,
         confounders=('joint_spring', 'coriolis'),
         experiment='move joint {joint} to and fro over the same short way at two speeds; '
                    'inertia grows with the square of the speed',
@@ -166,6 +167,7 @@ EFFECTS = (
                     'values over the poses, so that it holds in a narrow range only.',
         coefficients=(Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),),
         columns=_coriolis,
+        pointwise=True,
         confounders=('inertia',),
         experiment='move joint {joint} and its neighbours together at two speeds; this torque '
                    'grows with the square of the speed and does not turn with direction',

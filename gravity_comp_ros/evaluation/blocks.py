@@ -8,6 +8,7 @@ of ten correlation times is nearly independent of the next, so tests and interva
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
@@ -22,7 +23,7 @@ _FEWEST_PLACES = 5
 _MOST = 120
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """
     M samples cut into B blocks, each within one run, and the blocks put into folds.
@@ -59,6 +60,14 @@ class Blocks:
             here = np.flatnonzero(runs == run)
             place[here] = run * parts + np.arange(len(here)) * parts // len(here)
         return np.unique(place, return_inverse=True)[1].astype(np.int64)
+
+    @cached_property
+    def by_fold(self) -> tuple[IntArray, tuple[slice, ...]]:
+        """Return the samples (M,) in the order of their folds, and the place of each fold there."""
+        lengths = np.diff(self.starts)
+        order = np.argsort(np.repeat(self.fold, lengths), kind='stable')
+        ends = np.cumsum([0, *(lengths[self.fold == f].sum() for f in range(self.n_folds))])
+        return order, tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:]))
 
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sum of `values` (M, ...) over each block."""
