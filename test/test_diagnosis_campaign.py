@@ -21,9 +21,8 @@ def judged(arm, name, seed, **changes):
     samples = recordings(entry, seed, RATE)
     diagnosis = diagnose(samples)
     for found in diagnosis.findings:
-        # Of the many sizes of inertia, which can stand for each other, each may be 0.
-        many = found.effect == 'inertia' and len(found.coefficients) > 1
-        if found.verdict == 'established' or found.verdict in FOUND and not many:
+        if found.verdict in FOUND:
+            assert found.nrmse_after < found.nrmse_before
             assert any(low * high > 0.0 for low, high in (
                 e.ci95 for e in found.coefficients.values())), found.to_json()
     return diagnosis, score(entry, diagnosis.to_json(), samples.names)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, MOTION, RARE
+from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
@@ -54,7 +54,10 @@ class Criteria:
     def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray) -> Gain:
         """Return the gain; what fast motion needs shows in the few blocks that have it."""
         how = gain_of_motion if candidate.expectation == MOTION else gain
-        return how(before, after, self.tests(candidate))
+        found = how(before, after, self.tests(candidate))
+        if candidate.expectation == COMMON and found.share >= self.options.evident_share:
+            return how(before, after, float(len(self._tried)))
+        return found
 
     def least_share(self, candidate: Candidate) -> float:
         """Return the share of the error that must go; shared effects count on all joints."""

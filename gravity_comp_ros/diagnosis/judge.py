@@ -62,7 +62,8 @@ def judge(selection: Selection, motion: Motion, span: FloatArray, noise: FloatAr
     findings.sort(key=lambda f: f.verdict not in (Verdict.ESTABLISHED, Verdict.LIKELY))
     arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
            if joint is None}
-    reports = {name: _report(scale, n, float(noise[n]), chosen, findings) for n, name in enumerate(scale.names)}
+    reports = {name: _report(scale, n, float(noise[n]), chosen, findings)
+               for n, name in enumerate(scale.names)}
     return Judged(Diagnosis(tuple(findings), reports, arm), chosen)
 
 
@@ -135,8 +136,9 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
         gains = []
         for place in {None if c.shared else c.joint for c in remaining}:
             here = [c for c in remaining if (None if c.shared else c.joint) == place]
+            now = fits.errors(place, ordered)
             for c, after in zip(here, fits.errors_with_each(place, ordered, here)):
-                gains.append((float((fits.errors(place, ordered) - after).sum()), -remaining.index(c), c))
+                gains.append((float((now - after).sum()), -remaining.index(c), c))
         best = max(gains, key=lambda entry: entry[:2])[2]
         ordered.append(best)
         remaining.remove(best)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, expectation, MOTION, RARE
+from gravity_comp_ros.diagnosis.candidates import Candidate, expectation, RARE
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing
 from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
@@ -14,6 +14,7 @@ from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.evaluation.gain import Gain, not_worse
+from gravity_comp_ros.printable import counted
 import numpy as np
 
 
@@ -48,19 +49,18 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
         return Verdict.UNTESTABLE, f'this motion cannot tell it from {", ".join(proof.twins)}'
     if proof.after >= (1.0 - options.least_reduction) * proof.before:
         return Verdict.WEAK, 'the held-out error of the joint hardly falls'
-    if proof.n_effective < options.least_effective:
+    if proof.n_effective < options.fewest_effective:
         return Verdict.WEAK, (
             f'the recording is worth only {proof.n_effective:.0f} independent samples here, and '
-            f'{options.least_effective:.0f} are asked for')
+            f'{options.fewest_effective:.0f} are the fewest')
     if not not_worse(proof.elsewhere_before, proof.elsewhere_after):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
+    if each_may_be_nothing(proof.sizes):
+        together = len(proof.sizes) > 1 and not all_may_be_nothing(fits, chosen, candidate)
+        return Verdict.WEAK, ('this motion does not tell its coefficients from each other'
+                              if together else 'its size may be 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
-    if each_may_be_nothing(proof.sizes):
-        there = (candidate.expectation == MOTION and len(proof.sizes) > 1
-                 and not all_may_be_nothing(fits, chosen, candidate))
-        return ((Verdict.LIKELY, 'its coefficients stand for each other') if there
-                else (Verdict.WEAK, 'its size may be 0'))
     doubt = _doubt(fits, chosen, candidate, proof, options)
     return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')
 
@@ -70,8 +70,8 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
     """Return why an effect is likely at most, '' if nothing speaks against more."""
     asked = options.least_effective + options.effective_each * (len(proof.sizes) - 1)
     if proof.n_effective < asked:
-        return (f'{len(proof.sizes)} coefficients ask for {asked:.0f} independent samples, and '
-                f'the recording is worth {proof.n_effective:.0f}')
+        return (f'the recording is worth {proof.n_effective:.0f} independent samples here, and '
+                f'{counted(len(proof.sizes), "coefficient")} ask for {asked:.0f}')
     fit = fits.fit(candidate.joint or 0, chosen)
     here = np.isin(fit.columns, candidate.columns)
     if not (np.sign(fit.without[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():

@@ -63,7 +63,7 @@ class Blocks:
 
     @cached_property
     def by_fold(self) -> tuple[IntArray, tuple[slice, ...]]:
-        """Return the samples (M,) in the order of their folds, and the place of each fold there."""
+        """Return the samples (M,) in the order of their folds, and where each fold lies."""
         lengths = np.diff(self.starts)
         order = np.argsort(np.repeat(self.fold, lengths), kind='stable')
         ends = np.cumsum([0, *(lengths[self.fold == f].sum() for f in range(self.n_folds))])
