@@ -85,3 +85,26 @@ def test_other_folds_keep_columns_and_effects():
     for before, after in zip(chosen, moved):
         np.testing.assert_allclose(again.coefficients(after, moved),
                                    every.coefficients(before, chosen), rtol=1e-5)
+
+
+@settings(max_examples=10)
+@given(st.integers(0, 10 ** 6), st.sampled_from([0.0, 3.0]))
+def test_what_an_effect_explains_is_what_the_fit_to_all_data_loses(seed, prior):
+    every, arm, own = fits(seed, prior)
+
+    def cost(chosen):
+        total = 0.0
+        for joint, rows in enumerate(every.rows):
+            fit = every.fit(joint, chosen)
+            left = rows.y - rows.x[:, fit.columns] @ fit.all_data
+            n_shared = len(every.shared(chosen))
+            ridge = rows.ridge[fit.columns]
+            total += float(left @ left) + float(ridge @ fit.all_data ** 2)
+            assert n_shared <= len(fit.columns)
+        return total
+
+    chosen = [own[0], own[2]]
+    for candidate, found in zip([*arm, own[4]],
+                                every.explained_by_each(chosen, [*arm, own[4]])):
+        wanted = cost(chosen) - cost([*chosen, candidate])
+        assert found == pytest.approx(wanted, rel=1e-3, abs=1e-3)

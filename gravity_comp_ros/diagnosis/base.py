@@ -29,6 +29,7 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
+_ROUGH_SAMPLES = 500
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
@@ -66,8 +67,8 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
     :param samples: without the torque of the effects that the model has.
     :param model: the user's model, whose effects are `Base.given`; None if there is none.
     """
-    few = _thin(samples, _SAMPLES)
-    motion = build_motion(samples, _potential(samples.select(few)))
+    rough = _potential(samples.select(_thin(samples, _ROUGH_SAMPLES)))
+    motion, few = build_motion(samples, rough), _thin(samples, _SAMPLES)
     cleaned = replace(samples, tau=samples.tau - _nuisance(motion))
     chosen = levelled(_potential(cleaned.select(few)), samples.q)
     if model is not None:

@@ -14,6 +14,11 @@ from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
 
 Key = tuple[str, int | None]
+# A candidate that takes less than this part of what is asked for off the fit to all data does
+# not take that off the held-out error, or off that of a typical block.
+_PROMISING = 0.25
+# An alternative explains at least this part of what an effect explains in its place.
+_COMPARABLE = 0.5
 # (candidate, coefficients in its own units) -> why they are not physical, or None.
 Implausible = Callable[[Candidate, FloatArray], 'str | None']
 
@@ -68,6 +73,16 @@ class Criteria:
         joint = None if candidate.shared else candidate.joint
         after, = self.fits.errors_with_each(joint, rest, [candidate])
         return self.gain_of(candidate, self.fits.errors(joint, rest), after)
+
+    def promising(self, candidates: Sequence[Candidate],
+                  chosen: Sequence[Candidate]) -> list[Candidate]:
+        """Return the candidates that take enough off the fit to all data to be looked at."""
+        if not candidates:
+            return []
+        errors = self.fits.errors(None, chosen).sum(axis=0)
+        each = self.fits.explained_by_each(chosen, candidates)
+        return [c for c, part in zip(candidates, each) if part >= _PROMISING * self.least_share(c)
+                * float(errors.sum() if c.shared else errors[c.joint or 0])]
 
     def is_needed(self, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
         """Return whether an effect pays beside the rest of what is chosen."""
@@ -127,9 +142,12 @@ class Criteria:
         """
         Return, for each of the others, the errors with a chosen effect and with that instead.
 
-        On the joint of both, or on all joints if either acts on more.
+        On the joint of both, or on all joints if either acts on more. Those that explain far less
+        even of the data that they are fitted to are left out.
         """
         rest = [c for c in chosen if c is not candidate]
+        own, *each = self.fits.explained_by_each(rest, [candidate, *others])
+        others = [c for c, part in zip(others, each) if part >= _COMPARABLE * own]
         joints = {id(c): None if candidate.shared or c.shared else candidate.joint
                   for c in others}
         then: dict[int, FloatArray] = {}

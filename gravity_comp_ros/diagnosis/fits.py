@@ -8,7 +8,8 @@ from functools import reduce
 from operator import add
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.diagnosis.bordered import Border, border, errors_with, Stem, stem
+from gravity_comp_ros.diagnosis.bordered import (
+    Border, border, errors_with, explained, Stem, stem)
 from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, held_out_residual, joint_rows, JointRows, Prior, rebased,
@@ -109,6 +110,20 @@ class Fits:
                     np.column_stack([part[k] for part in parts]) for k, c in enumerate(here)})
         return [self._with[key] if key in self._with else self.errors(joint, [*chosen, c])
                 for key, c in zip(keys, effects)]
+
+    def explained_by_each(self, chosen: Sequence[Candidate],
+                          effects: Sequence[Candidate]) -> list[float]:
+        """Return the sum of squares that each effect takes off the fits of all joints."""
+        ordered = _in_one_order(chosen)
+        found: dict[int, float] = {}
+        for place in {None if c.shared else c.joint for c in effects}:
+            here = [c for c in effects if (None if c.shared else c.joint) == place]
+            others = None
+            if place is None and self.n_joints > 1:
+                others = reduce(add, self._borders(ordered, here)[1:])
+            values = explained(self._stem(place or 0, ordered), [c.columns for c in here], others)
+            found.update(zip(map(id, here), values))
+        return [found[id(c)] for c in effects]
 
     def _with_each(self, joint: int, chosen: Sequence[Candidate], effects: Sequence[Candidate],
                    borders: list[Border] | None) -> list[FloatArray]:

@@ -19,6 +19,7 @@ from gravity_comp_ros.evaluation.gain import Gain, not_worse
 import numpy as np
 
 _ROUNDS = 4
+_NO_GAIN = Gain(np.zeros(2), 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,16 +61,25 @@ class _Search:
         self.chosen: list[Candidate] = []
         self.refused: dict[tuple[str, int | None], str] = {}
         self._gains: dict[int, Gain] = {}
+        # Effects of the arm whose gain is that beside fewer effects of joints.
+        self._old: set[int] = set()
         self._stale = False
 
     def add_best(self) -> bool:
         """Add the simplest of the best effects; return False if none pays."""
         gains, criteria = self._all_gains(), self.criteria
-        paying = [c for c in self._open() if gains[id(c)].p < criteria.options.alpha
-                  and gains[id(c)].share > criteria.least_share(c)]
-        while paying:
+        passed: set[int] = set()
+        while True:
+            paying = [c for c in self._open() if id(c) not in passed
+                      and gains[id(c)].p < criteria.options.alpha
+                      and gains[id(c)].share > criteria.least_share(c)]
+            if not paying:
+                return False
             best = max(paying, key=lambda c: gains[id(c)].mean)
             alike = [c for c in paying if _is_alike(c, best, gains)]
+            if any(id(c) in self._old for c in alike):
+                self._renew([c for c in alike if id(c) in self._old])
+                continue
             taken = min(alike, key=lambda c: (c.complexity, -gains[id(c)].mean))
             reason = criteria.implausible(
                 taken, self.fits.coefficients(taken, [*self.chosen, taken]))
@@ -78,14 +88,14 @@ class _Search:
                 return True
             if reason is not None:
                 self.refused[taken.key] = reason
-            paying.remove(taken)
-        return False
+            passed.add(id(taken))
 
     def add_best_afresh(self) -> bool:
         """Do the same with gains beside what was added on other joints since."""
         if not self._stale:
             return False
         self._gains.clear()
+        self._old.clear()
         self._stale = False
         return self.add_best()
 
@@ -123,15 +133,21 @@ class _Search:
     def _all_gains(self) -> dict[int, Gain]:
         """Return the gain of every candidate that may be added, those not yet known made now."""
         missing = [c for c in self._open() if id(c) not in self._gains]
+        self._gains.update({id(c): _NO_GAIN for c in missing})
+        self._renew(self.criteria.promising(missing, self.chosen))
+        return self._gains
+
+    def _renew(self, candidates: list[Candidate]) -> None:
+        """Work out gains beside what is chosen now."""
         places: list[int | None] = [None, *range(self.fits.n_joints)]
         for place in places:
-            here = [c for c in missing if (None if c.shared else c.joint) == place]
+            here = [c for c in candidates if (None if c.shared else c.joint) == place]
             if not here:
                 continue
             before = self.fits.errors(place, self.chosen)
             for c, after in zip(here, self.fits.errors_with_each(place, self.chosen, here)):
                 self._gains[id(c)] = self.criteria.gain_of(c, before, after)
-        return self._gains
+                self._old.discard(id(c))
 
     def _change(self, chosen: list[Candidate]) -> None:
         """Take a set of effects; forget the gains that it has changed."""
@@ -140,10 +156,13 @@ class _Search:
         self.chosen, self._stale = chosen, True
         if any(c.shared for c in moved):
             self._gains.clear()
+            self._old.clear()
             return
         joints = {c.joint for c in moved}
         for c in self.criteria.candidates:
-            if c.shared or c.joint in joints:
+            if c.shared:
+                self._old.add(id(c))
+            elif c.joint in joints:
                 self._gains.pop(id(c), None)
 
 

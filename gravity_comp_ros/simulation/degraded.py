@@ -9,7 +9,6 @@ from gravity_comp_ros.data.differentiation import differentiate
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
 import numpy as np
-from scipy import signal
 
 
 class Degradation(Protocol):
@@ -45,6 +44,8 @@ class FilteredTorque:
     cutoff: float = 5.0
 
     def apply(self, run: JointSamples, rng: np.random.Generator) -> JointSamples:
+        from scipy import signal  # it takes seconds to load
+
         rate = 1.0 / float(np.median(np.diff(run.t)))
         sections = signal.butter(2, self.cutoff, fs=rate, output='sos')
         begin = signal.sosfilt_zi(sections)[:, :, None] * run.tau[0]
