@@ -28,7 +28,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.fit_job import Job, Outcome, work
+from gravity_comp_ros.node.fit_job import work
+from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
@@ -84,8 +85,7 @@ def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> 
     epoch = Epoch(1, case.samples.names, EpochOptions(block=round(RATE)), has_base=True)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(*row)
-    return Job(1, 1, epoch.train(), epoch.held(), base, base, FitOptions(formulation='auto'),
-               geometry=geometry)
+    return Job(1, 1, epoch.train(), epoch.held(), base, base, geometry=geometry)
 
 
 def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> Outcome | str:

@@ -23,8 +23,8 @@ import time
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.node.node_core import Live
-from gravity_comp_ros.node.parameters import defaults
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.simulation.arms import Arm, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17
 import numpy as np
@@ -122,8 +122,9 @@ class Core:
     """The node without ROS, with a model in use and the fit process it has."""
 
     def __init__(self, model: GravityModel, axes: bool) -> None:
-        self.live = Live({**defaults(), 'joints': ARM.joints, 'unlimited_torque': True,
-                          'auto_fit': False, 'stale_action': 'hold'}, '/joint_states', 0.0)
+        self.live = NodeCore(
+            Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False,
+                       stale_action='hold'), '/joint_states', 0.0)
         self.live.message(self._message(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)),
                                         np.zeros(7)), 0.5, 0.5)
         if axes:
@@ -152,17 +153,17 @@ class Core:
                 tau = tau + touch.torque(arm, data, s)
             self.live.message(self._message(s, tau + NOISE * rng.standard_normal(7)), s.t, s.t)
             self._finish_looks(s.t)
-            while self.live.events:
-                events.append((s.t, self.live.events.popleft().text))
+            while self.live.learner.events:
+                events.append((s.t, self.live.learner.events.popleft().text))
             if events and until_event:
                 break
         return events
 
     def _finish_looks(self, now: float) -> None:
         self.live.tick(now, time.monotonic())
-        if self.live.fits.job is not None:
+        if self.live.learner.fits.job is not None:
             self.looks += 1
-        while self.live.fits.state != 'ready':
+        while self.live.learner.fits.state != 'ready':
             time.sleep(0.002)
             self.live.tick(now, time.monotonic())
 

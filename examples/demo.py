@@ -33,7 +33,7 @@ BAGS = Path(__file__).resolve().parent.parent / 'bags'
 UNLOADED, LOADED = 'eq17_unloaded.mcap', 'eq17_2kg.mcap'
 # Of the 100 s of each recording: what is learned from first, then, and what is judged on.
 FIRST, LEARNED, JUDGED = 10.0, 75.0, 78.0
-SPEED = 20.0
+SPEED = 40.0
 FIT_TIMEOUT = 60.0
 SETTLED = 0.5
 SMALL = 0.05

@@ -41,9 +41,12 @@ PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
 
-def _die_with_parent() -> None:
-    """Make the kernel end this process when a test crashes, as then nobody else would."""
-    _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def _prepare_child() -> None:
+    """Make the kernel end this process when a test crashes; let Ctrl-C end it as at a terminal."""
+    if sys.platform == 'linux':
+        _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    # A shell that starts tests in the background has them, and what they start, ignore it.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def deadline(seconds: float) -> float:
@@ -73,7 +76,7 @@ class NodeProcess:
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
              *arguments], env=environment, stdout=self._output, stderr=subprocess.STDOUT,
-            preexec_fn=_die_with_parent if sys.platform == 'linux' else None)
+            preexec_fn=_prepare_child)
 
     def stop(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> tuple[int, str]:
         """Send a signal and return exit code and output."""

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 
+from fleet_tasks import DEADLINE, die_of, die_once, until_killed
 from gravity_comp_ros import cli
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
@@ -25,7 +26,6 @@ from serial_arms import poses, samples_of, serial_arm
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parent.parent
-DEADLINE = 120.0
 
 
 @pytest.fixture
@@ -107,20 +107,6 @@ def test_what_was_kept_and_is_damaged_is_read_again(fleet, tmp_path):
     assert weights(tmp_path / 'out') == before
 
 
-def die_once(path: str) -> str:
-    """Kill the worker unless the file is there; one more attempt then succeeds."""
-    if path and not os.path.exists(path):
-        Path(path).write_text('died')
-        os.kill(os.getpid(), signal.SIGKILL)
-    return path
-
-
-def die_of(word: str) -> str:
-    if word == 'kill':
-        os.kill(os.getpid(), signal.SIGKILL)
-    return word
-
-
 def test_a_worker_that_dies_loses_nothing(tmp_path):
     items = ['', str(tmp_path / 'died'), '', '']
     assert dict(Engine(workers=2).run(die_once, items)) == dict(enumerate(items))
@@ -149,45 +135,51 @@ def start(*command: str) -> subprocess.Popen:
                                  'DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL': '60s'})
 
 
-@pytest.fixture
-def cluster():
-    """Yield the address of a scheduler with two workers, and the workers' processes."""
-    distributed = pytest.importorskip('distributed')
+@pytest.fixture(scope='module')
+def running():
+    """Yield the address of a scheduler, and its workers by name, of which there are none yet."""
+    pytest.importorskip('distributed')
     scheduler = start('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
                       '--no-dashboard')
-    processes = [scheduler]
+    workers: dict[str, subprocess.Popen] = {}
     try:
-        address = next(line.rsplit(' ', 1)[-1].strip() for line in scheduler.stderr
-                       if 'Scheduler at:' in line)
-        workers = [start('distributed.cli.dask_worker', address, '--nthreads', '1', '--no-nanny',
-                         '--no-dashboard', '--name', f'worker{k}') for k in range(2)]
-        processes += workers
-        with distributed.Client(address, timeout=DEADLINE, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=DEADLINE)
-        yield address, workers
+        yield next(line.rsplit(' ', 1)[-1].strip() for line in scheduler.stderr
+                   if 'Scheduler at:' in line), workers
     finally:
-        for process in processes:
+        for process in (scheduler, *workers.values()):
             process.kill()
             process.wait()
             process.stderr.close()
 
 
-def until_killed(log: str) -> int:
-    """Say which process works, then work until one was killed; return which process it is."""
-    with open(log, 'a') as file:
-        file.write(f'{os.getpid()}\n')
-    end = time.monotonic() + DEADLINE
-    while not os.path.exists(f'{log}.killed') and time.monotonic() < end:
-        time.sleep(0.01)
-    return os.getpid()
+@pytest.fixture
+def cluster(running):
+    """Yield the address of a scheduler with two workers, and those: new ones for killed ones."""
+    from distributed import Client
+    address, workers = running
+    living = [name for name in workers if workers[name].poll() is None]
+    for number in range(len(workers), len(workers) + 2 - len(living)):
+        name = f'worker{number}'
+        workers[name] = start('distributed.cli.dask_worker', address, '--nthreads', '1',
+                              '--no-nanny', '--no-dashboard', '--name', name)
+        living.append(name)
+    with Client(address, timeout=DEADLINE, set_as_default=False) as client:
+        end = time.monotonic() + DEADLINE
+        while known_workers(client) != set(living) and time.monotonic() < end:
+            time.sleep(0.02)
+    return address, {name: workers[name] for name in living}
 
 
-def kill_who_works(log: Path, workers: list, killed: list) -> None:
+def known_workers(client) -> set[str]:
+    return {worker['name'] for worker in client.scheduler_info()['workers'].values()}
+
+
+def kill_who_works(log: Path, workers: dict, killed: list) -> None:
     """Kill the first worker that has begun a task, and tell the others."""
     end = time.monotonic() + DEADLINE
     while not killed and time.monotonic() < end:
         working = set(log.read_text().split()) if log.exists() else set()
-        killed += [worker for worker in workers if str(worker.pid) in working][:1]
+        killed += [worker for worker in workers.values() if str(worker.pid) in working][:1]
         time.sleep(0.01)
     killed[0].send_signal(signal.SIGKILL)
     killed[0].wait(DEADLINE)
@@ -203,21 +195,20 @@ def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
 
 
 def test_a_dask_worker_killed_in_mid_run(tmp_path, cluster):
-    import test_fleet
     address, workers = cluster
     log, killed = tmp_path / 'log', []
     killer = threading.Thread(target=kill_who_works, args=(log, workers, killed))
     killer.start()
-    found = dict(Engine(scheduler=address).run(test_fleet.until_killed, [str(log)] * 20))
+    found = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
     killer.join()
     begun = [int(line) for line in log.read_text().split()]
     assert killed[0].returncode == -signal.SIGKILL and killed[0].pid in begun
-    (survivor,) = set(workers) - set(killed)
+    (survivor,) = set(workers.values()) - set(killed)
     assert set(found) == set(range(20)) and set(found.values()) == {survivor.pid}
     assert len(begun) > 20                          # the task that was lost was begun again
 
 
-def kill_who_fits(address: str, workers: list, killed: list) -> None:
+def kill_who_fits(address: str, workers: dict, killed: list) -> None:
     """Kill the first worker that is seen in the middle of a fit."""
     import distributed
     end = time.monotonic() + DEADLINE
@@ -226,7 +217,7 @@ def kill_who_fits(address: str, workers: list, killed: list) -> None:
             for worker, stacks in client.call_stack().items():
                 if 'fit_robot' in repr(stacks):
                     name = client.scheduler_info()['workers'][worker]['name']
-                    killed.append(workers[int(str(name)[-1])])
+                    killed.append(workers[name])
                     killed[0].send_signal(signal.SIGKILL)
                     return
 

@@ -145,3 +145,13 @@ def test_programs_start_without_the_slow_half_of_scipy():
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                           cwd=ROOT, timeout=120)
     assert done.stdout == '[]\n', done.stdout + done.stderr
+
+
+def test_the_process_of_the_node_loads_neither_scipy_nor_the_estimator():
+    # Its fits run in another process; a controller is restarted in the middle of work.
+    program = ('import sys, gravity_comp_ros.node.node_core\n'
+               'print(sorted(name for name in sys.modules if name == "scipy" or name.startswith(('
+               '"gravity_comp_ros.estimation.fit", "gravity_comp_ros.diagnosis"))))')
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
+                          cwd=ROOT, timeout=120)
+    assert done.stdout == '[]\n', done.stdout + done.stderr

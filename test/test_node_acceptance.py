@@ -15,7 +15,8 @@ from gravity_comp_ros.node.absolute_tests import (
 from gravity_comp_ros.node.base_chain import as_chain
 from gravity_comp_ros.node.fit_job import work
 from gravity_comp_ros.node.outliers import outliers_of_change
-from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
+from gravity_comp_ros.node.payload import PayloadLimits
+from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 import numpy as np
 import pytest
 

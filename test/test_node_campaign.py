@@ -15,6 +15,8 @@ from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import read_bag
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 import numpy as np
 import pytest
 from ros_harness import ROOT, running, set_parameter
@@ -66,7 +68,8 @@ class Range:
         """Send a good joint state, or one with parts replaced."""
         self.k, self.t = (self.k + 1) % len(self.recording), self.t + 0.2
         pose = self.recording.q[self.k]
-        message = JointState(name=NAMES, position=pose.tolist(), velocity=[0.0] * 7,
+        message = JointState(name=NAMES, position=pose.tolist(),
+                             velocity=self.recording.qd[self.k].tolist(),
                              effort=self.recording.tau[self.k].tolist())
         for field, value in change.items():
             if field != 't':
@@ -272,7 +275,8 @@ WRONG_PARAMETERS = [
     ('stale_action', 'drop'), ('joints', ['a']), ('model_file', '/etc/passwd'),
     ('effects', ['gremlins']), ('compensate', ['inertia']), ('no_such_parameter', 1)]
 STORMS = ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model')
-CALLS = 400
+# Many more than a queue of the default depth holds.
+CALLS = 60
 
 
 def test_calls_and_parameters_that_make_no_sense(recording, model_file):
@@ -292,7 +296,7 @@ def test_calls_and_parameters_that_make_no_sense(recording, model_file):
                 assert not answer.success and answer.message
         for name in STORMS:
             with field.fault(f'a storm of {name}'):
-                storm = [probe.ask(name) for _ in range(CALLS if name == 'refit' else 200)]
+                storm = [probe.ask(name) for _ in range(3 * CALLS if name == 'refit' else CALLS)]
                 probe.until(lambda calls=storm: all(call.done() for call in calls), 60,
                             f'all answers of {name}')
                 assert all(call.result().message for call in storm)
@@ -337,17 +341,28 @@ WRONG_FILES = [('half a file', lambda whole: whole[:len(whole) // 2]), ('nothing
                ('another format', lambda _: b'{"format": "a cake"}')]
 
 
-@pytest.mark.parametrize('name, harm', WRONG_FILES, ids=[name for name, _ in WRONG_FILES])
-def test_a_harmed_model_file_is_named_and_left_alone(name, harm, model_file, recording):
-    harmed = harm(model_file.read_bytes())
-    model_file.write_bytes(harmed)
+def test_a_harmed_model_file_is_named_and_left_alone(model_file, recording):
+    whole = model_file.read_bytes()
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        status = probe.report('model')
-        assert status.level == b'\x02' and 'model.json' in status.message
-        probe.stream(recording.select(np.arange(20)))
-        assert node.process.poll() is None and not probe.torques and not probe.commands
-        assert not probe.call('save_model').success
-    assert model_file.read_bytes() == harmed
+        for name, harm in WRONG_FILES:
+            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
+                assert changed_state(probe, transition), name
+            harmed = harm(whole)
+            model_file.write_bytes(harmed)
+            for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+                assert changed_state(probe, transition), name
+            probe.until_node()
+            status = probe.report('model')
+            assert status.level == b'\x02' and 'model.json' in status.message, name
+            probe.stream(recording.select(np.arange(20)))
+            assert node.process.poll() is None and not probe.torques and not probe.commands, name
+            assert not probe.call('save_model').success, name
+            assert model_file.read_bytes() == harmed, name
+
+
+def changed_state(probe, transition):
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return probe.call('change_state', request=request).success
 
 
 def test_a_model_file_of_another_arm(model_file, recording):

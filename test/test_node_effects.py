@@ -1,13 +1,14 @@
 """Effects in the node: fitted when asked for, kept after a tool change, sent when chosen."""
 
+from dataclasses import replace
 import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.node_core import Live
-from gravity_comp_ros.node.parameters import defaults
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -64,11 +65,11 @@ def model_file(tmp_path_factory):
 
 @pytest.fixture
 def node(model_file):
-    settings = {**defaults(), 'model_file': str(model_file), 'auto_fit': False,
-                'settle_time': 0.0, 'ramp_time': 0.0, 'max_torque_rate': (),
-                'max_torque': (50.0,), 'full_samples': 250}
-    node = Live(settings, '/joint_states', 0.0)
-    until(node, lambda: node.fits.state == 'ready')
+    settings = Parameters(model_file=str(model_file), auto_fit=False, settle_time=0.0,
+                          ramp_time=0.0, max_torque_rate=(), max_torque=(50.0,),
+                          full_samples=250)
+    node = NodeCore(settings, '/joint_states', 0.0)
+    until(node, lambda: node.learner.fits.state == 'ready')
     yield node
     node.close()
 
@@ -89,7 +90,7 @@ def refit(node):
 
 
 def change(node, **settings):
-    node.set({**node.settings, **settings})
+    node.set(replace(node.settings, **settings))
 
 
 def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
@@ -154,8 +155,9 @@ def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
     path = tmp_path / 'model.json'
     samples = JointSamples.single_run(['a', 'b'], t, q, qd, tau)
     save_model(path, fit(samples, FitOptions(formulation='per_joint')).model)
-    node = Live({**defaults(), 'model_file': str(path), 'ramp_time': 0.0,
-                 'max_torque_rate': (), 'unlimited_torque': True}, '/joint_states', 0.0)
+    node = NodeCore(Parameters(model_file=str(path), ramp_time=0.0, max_torque_rate=(),
+                               unlimited_torque=True),
+                    '/joint_states', 0.0)
     try:
         far = q.max(axis=0) + 1.0
         found = send(node, 1.0, far, 0 * far, 0 * far)

@@ -9,8 +9,8 @@ import sys
 import time
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import FitOptions
-from gravity_comp_ros.node.fit_job import Job, Outcome, work
+from gravity_comp_ros.node.fit_job import work
+from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
 
 def job(number=1, old=None, mass=1.0, train=None):
     return Job(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
-               FitOptions('potential'))
+               'potential')
 
 
 @contextmanager

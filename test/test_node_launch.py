@@ -52,14 +52,13 @@ def test_without_ros_it_says_so_in_one_line():
 
 def test_examples_of_parameters_are_accepted():
     import yaml
-    from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults
+    from gravity_comp_ros.node.parameters import BY_NAME, Parameters
     found = sorted((ROOT / 'config').glob('gravity_comp*.yaml'))
     assert found
     for path in found:
         chosen = yaml.safe_load(path.read_text())['/**']['ros__parameters']
-        values = {**defaults(), **{k: BY_NAME[k].parse(v) for k, v in chosen.items()}}
-        check_together(values)
-        assert values['max_torque'] and values['joints'], path.name
+        values = Parameters(**{k: BY_NAME[k].parse(v) for k, v in chosen.items()})
+        assert values.max_torque and values.joints, path.name
 
 
 READ = """

@@ -8,8 +8,8 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.diagnostics import (
     ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
-from gravity_comp_ros.node.node_core import Live
-from gravity_comp_ros.node.parameters import defaults
+from gravity_comp_ros.node.node_core import NodeCore
+from gravity_comp_ros.node.parameters import Parameters
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -38,8 +38,8 @@ def live():
     made = []
 
     def make(**settings):
-        settings = {**defaults(), 'unlimited_torque': True, **settings}
-        made.append(Live(settings, '/joint_states', 0.0))
+        given = Parameters(**{'unlimited_torque': True, **settings})
+        made.append(NodeCore(given, '/joint_states', 0.0))
         return made[-1]
 
     yield make
@@ -105,11 +105,11 @@ def test_a_model_of_other_joints_is_not_used(live, model_file):
 def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     now = feed(node, 80)
-    until(node, now, lambda: node.fits.state == 'ready')
+    until(node, now, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(time.monotonic())
-    assert node.fits.state == 'fitting'
+    assert node.learner.fits.state == 'fitting'
     assert node.payload_changed(now)[0]
     before = node.models.model
     until(node, now, lambda: answers)
@@ -131,7 +131,7 @@ def test_a_first_message_that_names_no_arm(live):
     assert node.message(joint_state(1.0, [0.0] * 11, [0.0] * 11, names), 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
     assert node.message(joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
-    assert node.arm.joints == ('a', 'b') and node.problem == ''
+    assert node.arm.joints == ('a', 'b') and node.models.problem == ''
 
 
 def test_levels_of_the_input(live):
@@ -202,12 +202,12 @@ def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
 def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
     feed(node, 80)
-    until(node, 0.0, lambda: node.fits.state == 'ready')
+    until(node, 0.0, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(20.0, time.monotonic())
     node.tick(1e6, time.monotonic())
-    assert node.fits.state == 'fitting' and not answers
+    assert node.learner.fits.state == 'fitting' and not answers
     end = time.monotonic() + 30.0
     while not answers:
         assert time.monotonic() < end
@@ -231,13 +231,13 @@ def test_a_machine_that_is_too_slow_is_told(live, model_file):
 def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     now = feed(node, 80)
-    until(node, now, lambda: node.fits.state == 'ready')
+    until(node, now, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     assert node.payload_changed(now)[0] and not answers
     node.tick(time.monotonic())
     assert answers == [(False, 'no slow samples yet: move the arm slowly through its range')]
-    assert node.fits.state == 'ready' and status(node, 'learning').level == OK
+    assert node.learner.fits.state == 'ready' and status(node, 'learning').level == OK
 
 
 def test_no_torque_without_a_bound_and_the_description_gives_one(live, model_file):

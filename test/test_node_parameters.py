@@ -6,7 +6,8 @@ import sys
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
-from gravity_comp_ros.node.parameters import BY_NAME, check_together, defaults, markdown, TABLE
+from gravity_comp_ros.node.parameters import BY_NAME, Parameters, TABLE
+from gravity_comp_ros.node.parameters_page import markdown
 import pytest
 import yaml
 
@@ -19,14 +20,14 @@ def test_the_documentation_is_current():
 
 def test_the_documentation_needs_no_ros():
     code = ('import sys; sys.modules["rclpy"] = None; import runpy; '
-            'runpy.run_module("gravity_comp_ros.node.parameters", run_name="__main__")')
+            'runpy.run_module("gravity_comp_ros.node.parameters_page", run_name="__main__")')
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                           cwd=ROOT, check=True)
     assert done.stdout == markdown()
 
 
 def test_defaults_are_allowed_by_the_table_itself():
-    check_together(defaults())
+    Parameters()
     for row in TABLE:
         assert row.parse(row.default) == row.default
 
@@ -65,12 +66,12 @@ def test_whole_numbers_stand_for_doubles():
     ({'min_samples': 600}, 'more than full_samples'), ({'capacity': 100}, 'more than capacity')])
 def test_values_that_contradict_each_other_are_refused(change, why):
     with pytest.raises(OptionError, match=why):
-        check_together({**defaults(), **change})
+        Parameters(**change)
 
 
 def test_the_example_configuration_is_accepted():
     values = yaml.safe_load((ROOT / 'config' / 'gravity_comp.yaml').read_text())
     given = values['/**']['ros__parameters']
-    check_together({**defaults(), **{k: BY_NAME[k].parse(v) for k, v in given.items()}})
+    Parameters(**{k: BY_NAME[k].parse(v) for k, v in given.items()})
     controllers = yaml.safe_load((ROOT / 'config' / 'controllers.yaml').read_text())
     assert controllers['gravity_controller']['ros__parameters']['joints'] == given['joints']

@@ -70,19 +70,21 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         probe.commands.clear()
         later = bags['eq17_later']
         probe.stream(later, start=200.0)
-        # While the fits took longer than `stale_after`, torque was published without input.
+        # While the fits took longer than `stale_after`, torque was published without input. And a
+        # joint state may be lost on a busy machine: the node takes them as best effort.
         probe.until(lambda: len(answers(probe.torques)) == len(probe.predictions)
-                    == len(probe.residuals) == len(later) <= len(probe.commands), 60,
-                    'torque for every message')
+                    == len(probe.residuals) > 0.95 * len(later)
+                    and len(probe.torques) == len(probe.commands), 60, 'torque for every message')
     model = load_model(path)
     rows, torques = published(later, answers(probe.torques), 200.0)
     np.testing.assert_allclose(torques, model.predict(later.q[rows]), atol=1e-9)
-    commands = [list(m.data) for m in probe.commands][-len(later):]
+    commands = [list(m.data) for m in probe.commands][-len(rows):]
     np.testing.assert_array_equal(torques, commands)
     rows, predictions = published(later, probe.predictions, 200.0)
-    assert replay_command(path, tmp_path) == pytest.approx(predictions, abs=1e-9)
+    assert replay_command(path, tmp_path)[rows] == pytest.approx(predictions, abs=1e-9)
     rows, residuals = published(later, probe.residuals, 200.0)
-    np.testing.assert_allclose(residuals, later.tau[rows] - predictions, atol=1e-9)
+    np.testing.assert_allclose(residuals, later.tau[rows] - model.predict(later.q[rows]),
+                               atol=1e-9)
     # 0.1 N·m of it is noise, and some is the inertia that a gravity model leaves out.
     assert np.sqrt(np.mean(residuals ** 2, axis=0)).max() < 0.2
     assert list(probe.torques[0].name) == list(later.names)
@@ -364,23 +366,24 @@ def test_diagnose_names_what_the_model_lacks(model_file, bags):
     assert 'coulomb_friction:iiwa_joint_4 (established)' in answer.message
 
 
-@pytest.mark.parametrize('rate, reliable', [(10, True), (10, False), (1000, True), (1000, False)])
-def test_rates_and_publishers(rate, reliable, model_file, bags):
+@pytest.mark.parametrize('reliable', [True, False])
+def test_rates_and_publishers(reliable, model_file, bags):
     later = bags['eq17_later']
     model = load_model(model_file)
     options = {**UNLIMITED, 'model_file': model_file, 'max_torque': '[176.0]', 'stale_after': 10.0}
-    count = max(15, rate)
     with running(options, reliable=reliable) as (_, probe):
-        start = time.monotonic()
-        for k in range(count):
-            row = k % len(later)
-            probe.send(later.names, 1000.0 + k / rate, later.q[row], later.qd[row],
-                       later.tau[row])
-            probe.spin(max(1e-4, start + (k + 1) / rate - time.monotonic()))
-        # On a busy machine a best-effort queue may run over: that is the publisher's choice.
-        probe.until(lambda: len(probe.torques) > 0.5 * count, 60, 'answers')
-        assert probe.report('input').level in (b'\x00', b'\x01')
-        for message in probe.torques:
-            t = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-            row = round((t - 1000.0) * rate) % len(later)
-            assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6
+        for rate, first in ((10, 1000.0), (1000, 2000.0)):
+            probe.torques.clear()
+            start, count = time.monotonic(), max(15, rate)
+            for k in range(count):
+                row = k % len(later)
+                probe.send(later.names, first + k / rate, later.q[row], later.qd[row],
+                           later.tau[row])
+                probe.spin(max(1e-4, start + (k + 1) / rate - time.monotonic()))
+            # On a busy machine a best-effort queue may run over: that is the publisher's choice.
+            probe.until(lambda n=count: len(probe.torques) > 0.5 * n, 60, 'answers')
+            assert probe.report('input').level in (b'\x00', b'\x01')
+            for message in probe.torques:
+                t = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+                row = round((t - first) * rate) % len(later)
+                assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6

@@ -10,7 +10,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.fit_questions import Look, look
+from gravity_comp_ros.node.fit_messages import Look
+from gravity_comp_ros.node.fit_questions import look
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, LiveFriction, residual_noise, usual_residual)
 from gravity_comp_ros.node.payload_watch import PayloadWatch, WINDOWS
@@ -148,7 +149,7 @@ def test_an_uncertain_change_is_used_in_part(change, std):
 def playing(model, **settings):
     """Return the core of a node with a model in use."""
     core = bench.Core(model, False)
-    core.live.set({**core.live.settings, **settings})
+    core.live.set(replace(core.live.settings, **settings))
     return core
 
 
@@ -161,7 +162,7 @@ def play(core, samples, until):
             core.live.message(core._message(bench.Sample(t, q, samples.qd[k], 0.0 * q),
                                             samples.tau[k]), t, t)
         core.live.tick(t, time.monotonic())
-        while core.live.fits.state != 'ready':
+        while core.live.learner.fits.state != 'ready':
             time.sleep(0.002)
             core.live.tick(t, time.monotonic())
         if until():
@@ -173,10 +174,10 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
     core = playing(model, on_suspected_payload=action, settle_time=0.0)
     live = core.live
     try:
-        play(core, window(seed=1), lambda: live.events)
-        assert not live.events
-        play(core, window(2.0, start=190.0), lambda: live.events)
-        event = live.events.popleft()
+        play(core, window(seed=1), lambda: live.learner.events)
+        assert not live.learner.events
+        play(core, window(2.0, start=190.0), lambda: live.learner.events)
+        event = live.learner.events.popleft()
         assert 'another payload is suspected' in event.text and event.since > 175.0
         assert any('another payload' in text for _, text in live.news)
         status = {each.name: each for each in live.statuses(200.0)}['payload']
@@ -185,8 +186,8 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
             assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
-            play(core, window(2.0, start=200.0), lambda: live.events)
-            assert not live.events, 'said once'
+            play(core, window(2.0, start=200.0), lambda: live.learner.events)
+            assert not live.learner.events, 'said once'
             play(core, window(start=210.0), lambda: False)
             status = {each.name: each for each in live.statuses(220.0)}['payload']
             assert status.level == OK

@@ -35,6 +35,16 @@ def test_straight_line_is_exact_at_any_sampling(slope, offset, seed, count):
     np.testing.assert_allclose(speed, slope, atol=1e-9)
 
 
+@pytest.mark.parametrize(('count', 'rate'), [(5, 50.0), (40, 50.0), (500, 200.0)])
+def test_it_is_a_filter_of_savitzky_and_golay(count, rate):
+    from scipy.signal import savgol_filter
+    t = np.arange(count) / rate
+    q = np.random.default_rng(count).standard_normal((count, 3))
+    length = min(max(2 * round(0.1 * rate) + 1, 5), count)
+    wanted = savgol_filter(q, length, 3, deriv=1, delta=1.0 / rate, axis=0)
+    np.testing.assert_allclose(differentiate(t, q), wanted, atol=1e-9)
+
+
 def test_noise_of_the_encoder_stays_small():
     t = np.arange(0, 10, 0.001)
     noise = 1e-4 * np.random.default_rng(0).standard_normal((t.size, 1))

@@ -38,16 +38,14 @@ class Fitted:
 
 
 Method = Callable[[Scene], Fitted]
-_KNOWN: dict[bytes, GravityModel] = {}
+_KNOWN: dict[tuple[bytes, str, bool, bool], GravityModel] = {}
 
 
 def formulation(name: str, friction: bool = False) -> Method:
     """Return the fit of a formulation, with Coulomb friction as an effect if wanted."""
     def method(scene: Scene) -> Fitted:
         start = time.perf_counter()
-        options = FitOptions(name)
-        model = _with_friction(scene.train, options) if friction else \
-            fit(scene.train, options).model
+        model = _learned(scene.train, FitOptions(name), friction)
         return _fitted(model, scene.train.n_samples, start)
     return method
 
@@ -74,17 +72,19 @@ def stale(scene: Scene) -> Fitted:
 
 
 def _before(scene: Scene, geometry: Geometry | None = None) -> GravityModel:
-    """Return the chain of the arm before its payload; several methods start from the same."""
+    """Return the chain of the arm before its payload."""
     assert scene.before is not None
-    key = scene.before.tau.tobytes() + (b'u' if geometry else b'')
+    return _learned(scene.before, FitOptions('chain', geometry=geometry), friction=True)
+
+
+def _learned(samples: JointSamples, options: FitOptions, friction: bool) -> GravityModel:
+    """Return a model, with friction if wanted; several methods and figures start from the same."""
+    key = samples.tau.tobytes(), options.formulation, options.geometry is not None, friction
     if key not in _KNOWN:
-        _KNOWN[key] = _with_friction(scene.before, FitOptions('chain', geometry=geometry))
+        wanted = requests(['coulomb_friction'], samples.names)
+        _KNOWN[key] = (fit_with_effects(samples, samples, wanted, options).joint.model
+                       if friction else fit(samples, options).model)
     return _KNOWN[key]
-
-
-def _with_friction(samples: JointSamples, options: FitOptions) -> GravityModel:
-    wanted = requests(['coulomb_friction'], samples.names)
-    return fit_with_effects(samples, samples, wanted, options).joint.model
 
 
 def _fitted(model: GravityModel, count: int, start: float) -> Fitted:

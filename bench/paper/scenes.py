@@ -37,7 +37,8 @@ class Sizes:
     anywhere: int = 1000
 
 
-TINY = Sizes(60, 80, 20, 25, 50)
+# Fewer samples take longer: a chain is not found at the first attempt.
+TINY = Sizes(200, 250, 20, 50, 50)
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,6 @@ def differentiate(t: ArrayLike, q: ArrayLike,
 
 def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
     """Return the speed over one stretch without a gap."""
-    from scipy.signal import savgol_filter  # half a second that most runs do not need
     if len(t) < 2:
         return np.full_like(q, np.nan)
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
@@ -79,5 +78,23 @@ def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatA
         slope = np.gradient(regular, spacing, axis=0)
     else:
         length = min(length, count if count % 2 else count - 1)
-        slope = savgol_filter(regular, length, _ORDER, deriv=1, delta=spacing, axis=0)
+        slope = _sliding_slope(regular, length) / spacing
     return np.stack([np.interp(t, grid, column) for column in slope.T], axis=1)
+
+
+def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
+    """
+    Return the slope per row of cubics through `length` rows of q (M, N), an odd number.
+
+    `scipy.signal.savgol_filter` does the same, but its import takes as long as a fit.
+    """
+    from scipy.ndimage import correlate1d  # time that most runs do not need to spend
+    half = length // 2
+    powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
+    cubic = np.linalg.pinv(powers)
+    slope = np.asarray(correlate1d(q, cubic[1], axis=0, mode='nearest'))
+    # The first and the last cubic hold up to the ends.
+    derivative = powers[:, :-1] * np.arange(1, _ORDER + 1)
+    slope[:half] = (derivative @ (cubic[1:] @ q[:length]))[:half]
+    slope[-half:] = (derivative @ (cubic[1:] @ q[-length:]))[-half:]
+    return slope

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import fields, replace
-from typing import Any, cast
+from dataclasses import replace
+from typing import cast
 
-from gravity_comp_ros.data.gate import Gate, GateOptions
+from gravity_comp_ros.data.gate import Gate
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -15,15 +14,16 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
-from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.epoch import Epoch
+from gravity_comp_ros.node.feedforward import FeedForward, Source
 from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
 from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
-from gravity_comp_ros.node.parameters import Value
+from gravity_comp_ros.node.options import (
+    compensate_options, epoch_options, feedforward_options, gate_options)
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload_watch import CALM, PayloadWatch
-from gravity_comp_ros.node.realtime_effects import (
-    compensable, CompensateOptions, InstantEffects)
+from gravity_comp_ros.node.realtime_effects import compensable, InstantEffects
 from gravity_comp_ros.node.self_confirmation import SentTorque
 from gravity_comp_ros.node.unsure_change import UnsureChange
 import numpy as np
@@ -38,14 +38,14 @@ SHARE_PERIOD = 0.2
 class Arm:
     """The state that exists once the joints are known."""
 
-    def __init__(self, joints: tuple[str, ...], settings: Mapping[str, Value],
+    def __init__(self, joints: tuple[str, ...], settings: Parameters,
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
         self._settings = settings
-        self.reader = Reader(joints, cast(tuple[float, ...], settings['effort_scale']),
-                             cast(tuple[str, ...], settings['continuous_joints']))
+        self.reader = Reader(joints, settings.effort_scale,
+                             settings.continuous_joints)
         self.described: ArmDescription | None = None
-        self._allowed = bool(settings['enabled'])
+        self._allowed = settings.enabled
         self.is_interleaved = False
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
@@ -94,7 +94,7 @@ class Arm:
     @property
     def is_limited(self) -> bool:
         """Whether there is a bound for the torque, or a parameter says that none is needed."""
-        return bool(self.feed.options.max_torque) or bool(self._settings['unlimited_torque'])
+        return bool(self.feed.options.max_torque) or self._settings.unlimited_torque
 
     def _limit(self) -> None:
         options = feedforward_options(self._settings)
@@ -105,13 +105,13 @@ class Arm:
 
     def _bound(self) -> str:
         """Return where the bound of the torque is from, in a word."""
-        if self._settings['max_torque']:
+        if self._settings.max_torque:
             return 'set'
         if self.feed.options.max_torque:
             return SOURCE
         return 'unlimited' if self.is_limited else 'none'
 
-    def set(self, settings: Mapping[str, Value]) -> None:
+    def set(self, settings: Parameters) -> None:
         """Use changed settings from now on."""
         self._settings = settings
         self.gate = Gate(len(self.joints), gate_options(settings))
@@ -239,11 +239,11 @@ class Arm:
         self.effects_problem = ''
         model = self._model
         if model is None or not model.applied.effects:
-            if self._settings['compensate']:
+            if self._settings.compensate:
                 self.effects_problem = 'the model has no effect to compensate'
             return
         try:
-            wanted = compensable(cast(tuple[str, ...], self._settings['compensate']),
+            wanted = compensable(self._settings.compensate,
                                  self.joints)
             every = InstantEffects(model)
             sent = InstantEffects(model, wanted, compensate_options(self._settings))
@@ -257,15 +257,15 @@ class Arm:
 
     def is_settled(self, now: float) -> bool:
         """Return whether messages of the new payload have come since it changed."""
-        if self.learn_from - now > cast(float, self._settings['settle_time']) + 0.1:
+        if self.learn_from - now > self._settings.settle_time + 0.1:
             # The clock was set back; nobody waits for that hour to pass again.
             self.learn_from = now
         return now >= self.learn_from
 
-    def new_epoch(self, settings: Mapping[str, Value], now: float, has_base: bool) -> None:
+    def new_epoch(self, now: float, has_base: bool) -> None:
         """Forget all samples and start to collect, once old messages have passed."""
-        self.learn_from = now + cast(float, settings['settle_time'])
-        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(settings),
+        self.learn_from = now + self._settings.settle_time
+        self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(self._settings),
                            has_base=has_base)
         self.health.restart()
         self.payload.forget()
@@ -307,35 +307,6 @@ class Arm:
         if model is None or self._friction is None:
             return None
         return np.array([model.noise, usual_residual(model)])
-
-
-def gate_options(settings: Mapping[str, Value]) -> GateOptions:
-    """Return the gate's options from the parameters."""
-    return GateOptions(cast(float, settings['max_speed']),
-                       cast(float, settings['max_acceleration']) or None,
-                       cast(float, settings['sample_rate']))
-
-
-def epoch_options(settings: Mapping[str, Value]) -> EpochOptions:
-    """Return the epoch's options from the parameters."""
-    rate = cast(float, settings['sample_rate'])
-    return EpochOptions(cast(int, settings['capacity']), cast(int, settings['min_samples']),
-                        cast(int, settings['first_samples']),
-                        cast(int, settings['full_samples']), cast(float, settings['min_span']),
-                        block=max(5, round(rate)))
-
-
-def feedforward_options(settings: Mapping[str, Value]) -> FeedForwardOptions:
-    """Return the feed-forward's options from the parameters."""
-    names = [field.name for field in fields(FeedForwardOptions)]
-    return FeedForwardOptions(**cast(Any, {name: settings[name] for name in names}))
-
-
-def compensate_options(settings: Mapping[str, Value]) -> CompensateOptions:
-    """Return how effects are compensated from the parameters."""
-    return CompensateOptions(cast(float, settings['compensate_fraction']),
-                             cast(float, settings['compensate_speed']),
-                             cast(float, settings['max_speed']))
 
 
 def source_of(model: GravityModel) -> Source:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from difflib import get_close_matches
+from typing import Any
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.parameters import BY_NAME, check_together, Parameter, TABLE, Value
+from gravity_comp_ros.node.parameter import Parameter
+from gravity_comp_ros.node.parameters import BY_NAME, Parameters, TABLE
 from rcl_interfaces.msg import (FloatingPointRange, IntegerRange, ParameterDescriptor,
                                 SetParametersResult)
 from rclpy.node import Node
@@ -23,40 +26,40 @@ class Settings:
     :raises rclpy.exceptions.InvalidParameterValueException: if an override is refused.
     """
 
-    def __init__(self, node: Node, check: Callable[[Mapping[str, Value]], None],
-                 changed: Callable[[Mapping[str, Value]], None]) -> None:
-        self.values: dict[str, Value] = {}
+    def __init__(self, node: Node, check: Callable[[Parameters], None],
+                 changed: Callable[[Parameters], None]) -> None:
         self._declared = False
         self._extra_check = check
         self._changed = changed
         node.add_on_set_parameters_callback(self._check)
+        given = {}
         for row in TABLE:
             default = list(row.default) if isinstance(row.default, tuple) else row.default
             node.declare_parameter(row.name, default, _descriptor(row))
-            self.values[row.name] = row.parse(node.get_parameter(row.name).value)
-        check_together(self.values)
+            given[row.name] = row.parse(node.get_parameter(row.name).value)
+        self.values = Parameters(**given)  # type: ignore[arg-type]
         self._declared = True
         node.add_post_set_parameters_callback(self._apply)
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
-        values = dict(self.values)
         try:
-            for parameter in parameters:
-                if parameter.name in BY_NAME:
-                    values[parameter.name] = BY_NAME[parameter.name].parse(parameter.value)
+            ours = _parsed(parameters)
             if self._declared:
-                check_together(values)
-                self._extra_check(values)
+                self._extra_check(replace(self.values, **ours))
         except OptionError as problem:
             return SetParametersResult(successful=False, reason=str(problem))
         return SetParametersResult(successful=True)
 
     def _apply(self, parameters: list[RosParameter]) -> None:
-        ours = [parameter for parameter in parameters if parameter.name in BY_NAME]
-        for parameter in ours:
-            self.values[parameter.name] = BY_NAME[parameter.name].parse(parameter.value)
-        if ours:
+        if ours := _parsed(parameters):
+            self.values = replace(self.values, **ours)
             self._changed(self.values)
+
+
+def _parsed(parameters: list[RosParameter]) -> dict[str, Any]:
+    """Return the values of those parameters that are in the table, each in its own type."""
+    return {each.name: BY_NAME[each.name].parse(each.value) for each in parameters
+            if each.name in BY_NAME}
 
 
 def strange_parameters(node: Node) -> list[str]:

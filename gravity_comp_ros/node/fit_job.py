@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 import time
 
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
@@ -16,16 +16,16 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains, without_friction
+from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, moving_rms, residual_noise, usual_residual)
-from gravity_comp_ros.node.model_acceptance import judge, Prediction, Verdict
-from gravity_comp_ros.node.payload_test import objections, PayloadEvidence, PayloadLimits
-from gravity_comp_ros.node.self_confirmation import echo_objection, Sent
+from gravity_comp_ros.node.model_acceptance import judge, Prediction
+from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
+from gravity_comp_ros.node.self_confirmation import echo_objection
 import numpy as np
 
 # Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
@@ -41,51 +41,6 @@ _MORE_THAN_CHANGE = 0.25
 # Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
 WITH_EFFECTS = 2.0
 _chains = BaseChains()
-
-
-@dataclass(frozen=True)
-class Job:
-    """
-    What to fit: samples to learn from and to judge by.
-
-    `base` is the model that was in use when the epoch began, to which a change may be fitted;
-    `old` the one in use now, which is to be beaten. `effects` are to be in a whole model; `asked`
-    says that somebody waits for it. `payload` bounds what a payload can be, `geometry` has the
-    axes where they are known, `sent` the torque that the node published around each sample.
-    """
-
-    number: int
-    epoch: int
-    train: JointSamples
-    held: JointSamples
-    base: GravityModel | None
-    old: GravityModel | None
-    options: FitOptions
-    effects: tuple[str, ...] = ()
-    asked: bool = False
-    payload: PayloadLimits = PayloadLimits()
-    geometry: Geometry | None = None
-    sent: Sent | None = None
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """
-    The best model of a job, how it fared against the one in use, and the time in s.
-
-    `low` and `high` (N,) in rad are the range of the samples that it was learned from, and
-    `outliers` counts the samples of each joint that were left out.
-    """
-
-    number: int
-    epoch: int
-    model: GravityModel
-    verdict: Verdict
-    how: str
-    seconds: float
-    low: FloatArray
-    high: FloatArray
-    outliers: Mapping[str, int] = field(default_factory=dict)
 
 
 def work(job: Job) -> Outcome:
@@ -208,20 +163,19 @@ def _wholes(job: Job, first: tuple[str, GravityModel] | None = None
     With `auto` the chain comes first, and the sparse potential by ADMM beside it; known axes are
     tested against the samples (`estimation.formulation_choice`).
     """
-    if job.options.formulation != 'auto':
-        yield first or (WHOLE, whole(job))
+    if job.formulation != 'auto':
+        yield first or (WHOLE, whole(job, FitOptions(job.formulation)))
         return
     if first is not None and first[0] == SPARSE:
         # The chain has failed.
         yield first
         return
     known = job.geometry is not None and job.geometry.joints == job.train.names
-    options = replace(job.options, formulation='auto', geometry=job.geometry) if known \
-        else replace(job.options, formulation='chain')
+    options = FitOptions('auto', geometry=job.geometry) if known else FitOptions('chain')
     # The sparse fit must succeed; the chain beside it may fail.
     with suppress(FitError, DataError):
-        yield first or (f'{WHOLE}, chain', whole(replace(job, options=options)))
-    yield SPARSE, whole(replace(job, options=replace(job.options, formulation='potential')))
+        yield first or (f'{WHOLE}, chain', whole(job, options))
+    yield SPARSE, whole(job, FitOptions('potential'))
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
@@ -277,14 +231,14 @@ def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
     return update(base, _gravity(base, samples)).model
 
 
-def whole(job: Job) -> GravityModel:
+def whole(job: Job, options: FitOptions) -> GravityModel:
     """Return a model fitted to the samples alone, with the effects that are asked for."""
     # What the model in use was given stays, unless other effects are asked for.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
     wanted = requests(targets, job.train.names)
-    made = (fit_with_effects(job.train, job.train, wanted, job.options).joint.model if wanted
-            else fit(job.train, job.options).model)
+    made = (fit_with_effects(job.train, job.train, wanted, options).joint.model if wanted
+            else fit(job.train, options).model)
     if job.base is None or job.base.joints != made.joints:
         return made
     # What earlier payloads showed of the arm stays.

@@ -12,8 +12,7 @@ import subprocess
 import sys
 from threading import Thread
 
-from gravity_comp_ros.node.fit_job import Job, Outcome
-from gravity_comp_ros.node.fit_questions import Findings, Look, Question, Seen
+from gravity_comp_ros.node.fit_messages import Findings, Job, Look, Outcome, Question, Seen
 
 STARTING = 'starting'
 READY = 'ready'

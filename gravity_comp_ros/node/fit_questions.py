@@ -2,59 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import time
 
-from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.base_chain import BaseChains
-from gravity_comp_ros.node.payload_evidence import find_payload, PayloadFinding
-from gravity_comp_ros.node.payload_test import PayloadLimits
+from gravity_comp_ros.node.fit_messages import Findings, Look, Question, Seen
+from gravity_comp_ros.node.payload import PayloadFinding
+from gravity_comp_ros.node.payload_evidence import find_payload
 import numpy as np
 
 _chains = BaseChains()
-
-
-@dataclass(frozen=True)
-class Question:
-    """Asks which effect is missing in `model`, going by these samples."""
-
-    number: int
-    samples: JointSamples
-    model: GravityModel | None
-
-
-@dataclass(frozen=True)
-class Findings:
-    """The answer to a question, in a line."""
-
-    number: int
-    text: str
-
-
-@dataclass(frozen=True)
-class Look:
-    """Asks whether these samples show another payload than that of `model`; see `fit_job.Job`."""
-
-    number: int
-    samples: JointSamples
-    model: GravityModel
-    payload: PayloadLimits = PayloadLimits()
-    geometry: Geometry | None = None
-
-
-@dataclass(frozen=True)
-class Seen:
-    """The answer to a look, and the stamp of its first sample in s."""
-
-    number: int
-    finding: PayloadFinding
-    since: float
 
 
 def look(job: Look) -> Seen:

@@ -9,9 +9,10 @@ import signal
 import sys
 
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.fit_job import Outcome, work
+from gravity_comp_ros.node.fit_job import work
+from gravity_comp_ros.node.fit_messages import Findings, Look, Outcome, Question, Seen
 from gravity_comp_ros.node.fit_process import AnyJob
-from gravity_comp_ros.node.fit_questions import ask, Findings, Look, look, Question, Seen
+from gravity_comp_ros.node.fit_questions import ask, look
 
 NICENESS = 10
 PR_SET_PDEATHSIG = 1

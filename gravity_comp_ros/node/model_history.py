@@ -37,6 +37,8 @@ class Models:
     def __init__(self, path: str, depth: int) -> None:
         self.path = path
         self.entry: Entry | None = None
+        # Why the file could not be loaded or saved, or nothing can be learned; '' if all is well.
+        self.problem = ''
         self._depth = depth
         self._past: list[Entry] = []
 

@@ -1,18 +1,19 @@
-"""The ROS node: topics, services, timers and life cycle around `Live`, and nothing else."""
+"""The ROS node: topics, services, timers and life cycle around `NodeCore`, and nothing else."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine
 from threading import Thread
 import time
-from typing import Any, cast
+from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings, strange_parameters
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
-from gravity_comp_ros.node.node_core import Answer, check_effects, Live, Reply
+from gravity_comp_ros.node.fit_requests import Reply
+from gravity_comp_ros.node.node_core import Answer, check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
-from gravity_comp_ros.node.parameters import check_together, Value
+from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
@@ -51,7 +52,7 @@ class GravityCompNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__('gravity_comp')
         self.settings = Settings(self, self._check_settings, self._use_settings)
-        self._live: Live | None = None
+        self._core: NodeCore | None = None
         self._outputs: Outputs | None = None
         self._subscription: Subscription | None = None
         self._description: Subscription | None = None
@@ -69,15 +70,15 @@ class GravityCompNode(LifecycleNode):
         for text in strange_parameters(self):
             self.get_logger().warning(text)
 
-    def _check_settings(self, values: Mapping[str, Value]) -> None:
-        live = self._live
-        if live is not None and live.arm is not None:
-            check_together(values, live.arm.joints)
-            check_effects(values, live.arm.joints)
+    def _check_settings(self, values: Parameters) -> None:
+        core = self._core
+        if core is not None and core.arm is not None:
+            values.check(core.arm.joints)
+            check_effects(values, core.arm.joints)
 
-    def _use_settings(self, values: Mapping[str, Value]) -> None:
-        if self._live is not None:
-            self._live.set(values)
+    def _use_settings(self, values: Parameters) -> None:
+        if self._core is not None:
+            self._core.set(values)
 
     def subscription(self) -> Subscription | None:
         """Return the subscription to `joint_states`, None while there is none."""
@@ -98,33 +99,33 @@ class GravityCompNode(LifecycleNode):
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
-            self._live = Live(self.settings.values, topic, self.now())
+            self._core = NodeCore(self.settings.values, topic, self.now())
         except GravityCompError as problem:
             self.get_logger().error(str(problem))
             return TransitionCallbackReturn.FAILURE
-        if self._live.problem:
-            self.get_logger().error(self._live.problem)
-        self._listen_for_description(self._live)
+        if self._core.models.problem:
+            self.get_logger().error(self._core.models.problem)
+        self._listen_for_description(self._core)
         self._outputs = Outputs(self)
         self._named = False
         self._subscription = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, INPUT_QOS,
             callback_group=self._input)
         self._make_services()
-        report = 1.0 / cast(float, self.settings.values['diagnostics_rate'])
+        report = 1.0 / self.settings.values.diagnostics_rate
         self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
                              self.create_timer(report, self._on_report, clock=self._steady)]
-        self._live.fits.start(time.monotonic())
+        self._core.learner.fits.start(time.monotonic())
         return super().on_configure(state)
 
-    def _listen_for_description(self, live: Live) -> None:
-        wanted = str(self.settings.values['robot_description'])
+    def _listen_for_description(self, core: NodeCore) -> None:
+        wanted = self.settings.values.robot_description
         if wanted == 'auto':
             self._description = self.create_subscription(
-                String, 'robot_description', lambda message: live.describe(message.data),
+                String, 'robot_description', lambda message: core.describe(message.data),
                 DESCRIPTION_QOS)
         elif wanted != 'off':
-            live.describe(wanted)
+            core.describe(wanted)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Begin to listen and to publish."""
@@ -151,8 +152,8 @@ class GravityCompNode(LifecycleNode):
     def close(self) -> None:
         """End the fit process, and take topics, services and timers away."""
         self._active = False
-        if self._live is not None:
-            self._live.close()
+        if self._core is not None:
+            self._core.close()
         for timer in self._timers_made:
             self.destroy_timer(timer)
         for service in self._services_made:
@@ -162,29 +163,29 @@ class GravityCompNode(LifecycleNode):
                 self.destroy_subscription(subscription)
         if self._outputs is not None:
             self._outputs.destroy()
-        self._live = self._outputs = self._subscription = self._description = None
+        self._core = self._outputs = self._subscription = self._description = None
         self._timers_made, self._services_made = [], []
 
     def _make_services(self) -> None:
-        answers: dict[str, Callable[[Live], Answer]] = {
-            'payload_changed': lambda live: live.payload_changed(self.now()),
-            'rollback': lambda live: live.rollback(self.now())}
+        answers: dict[str, Callable[[NodeCore], Answer]] = {
+            'payload_changed': lambda core: core.payload_changed(self.now()),
+            'rollback': lambda core: core.rollback(self.now())}
         self._services_made = [
             self.create_service(Trigger, f'~/{name}', self._trigger(answer),
                                 qos_profile=SERVICE_QOS)
             for name, answer in answers.items()]
         # These answer later, while joint states go on: a fit and a disk take their time.
         self._services_made += [
-            self.create_service(Trigger, '~/refit', self._later(Live.refit),
+            self.create_service(Trigger, '~/refit', self._later(NodeCore.refit),
                                 qos_profile=SERVICE_QOS, callback_group=self._waiting),
-            self.create_service(Trigger, '~/diagnose', self._later(Live.diagnose),
+            self.create_service(Trigger, '~/diagnose', self._later(NodeCore.diagnose),
                                 qos_profile=SERVICE_QOS, callback_group=self._waiting),
             self.create_service(Trigger, '~/save_model', self._on_save,
                                 qos_profile=SERVICE_QOS, callback_group=self._waiting),
             self.create_service(SetBool, '~/enable', self._on_enable,
                                 qos_profile=SERVICE_QOS)]
 
-    def _trigger(self, answer: Callable[[Live], Answer]) -> Callable[
+    def _trigger(self, answer: Callable[[NodeCore], Answer]) -> Callable[
             [Trigger.Request, Trigger.Response], Trigger.Response]:
         def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = self._if_active(answer)
@@ -192,19 +193,19 @@ class GravityCompNode(LifecycleNode):
             return response
         return respond
 
-    def _if_active(self, answer: Callable[[Live], Answer]) -> Answer:
-        if self._live is None or not self._active:
+    def _if_active(self, answer: Callable[[NodeCore], Answer]) -> Answer:
+        if self._core is None or not self._active:
             return False, INACTIVE
-        return answer(self._live)
+        return answer(self._core)
 
-    def _later(self, start: Callable[[Live, float, Reply], None]) -> Callable[
+    def _later(self, start: Callable[[NodeCore, float, Reply], None]) -> Callable[
             [Trigger.Request, Trigger.Response], Coroutine[Any, Any, Trigger.Response]]:
         async def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             future = Future(executor=self.executor)
-            if self._live is None or not self._active:
+            if self._core is None or not self._active:
                 future.set_result((False, INACTIVE))
             else:
-                start(self._live, time.monotonic(), lambda *answer: _settle(future, answer))
+                start(self._core, time.monotonic(), lambda *answer: _settle(future, answer))
             response.success, response.message = await future
             self._log(response.success, response.message)
             return response
@@ -213,42 +214,42 @@ class GravityCompNode(LifecycleNode):
     async def _on_save(self, _: Trigger.Request,
                        response: Trigger.Response) -> Trigger.Response:
         future = Future(executor=self.executor)
-        if self._live is None or not self._active:
+        if self._core is None or not self._active:
             future.set_result((False, INACTIVE))
         else:
-            self._save_in_thread(self._live, future)
+            self._save_in_thread(self._core, future)
         response.success, response.message = await future
         self._log(response.success, response.message)
         return response
 
-    def _save_in_thread(self, live: Live, future: Future) -> None:
+    def _save_in_thread(self, core: NodeCore, future: Future) -> None:
         def save() -> None:
-            _settle(future, live.save())
+            _settle(future, core.save())
         Thread(target=save, daemon=True).start()
 
     def _on_enable(self, request: SetBool.Request,
                    response: SetBool.Response) -> SetBool.Response:
         response.success, response.message = self._if_active(
-            lambda live: live.enable(request.data))
+            lambda core: core.enable(request.data))
         self._log(response.success, response.message)
         return response
 
     def _on_joint_state(self, message: JointState) -> None:
-        live, outputs = self._live, self._outputs
-        if not self._active or live is None or outputs is None or not self._has_time():
+        core, outputs = self._core, self._outputs
+        if not self._active or core is None or outputs is None or not self._has_time():
             return
-        reading, tau = live.message(message, self.now(), time.time())
+        reading, tau = core.message(message, self.now(), time.time())
         if reading is None:
             return
-        if not self._named and live.arm is not None:
-            outputs.name_joints(live.arm.joints)
+        if not self._named and core.arm is not None:
+            outputs.name_joints(core.arm.joints)
             self._named = True
         stamp = message.header.stamp
         if tau is not None:
             outputs.torque(stamp, tau)
-        if not (outputs.prediction_wanted or outputs.residual_wanted) or live.arm is None:
+        if not (outputs.prediction_wanted or outputs.residual_wanted) or core.arm is None:
             return
-        predicted = live.arm.predicted(reading)
+        predicted = core.arm.predicted(reading)
         if predicted is None:
             return
         if outputs.prediction_wanted:
@@ -257,31 +258,31 @@ class GravityCompNode(LifecycleNode):
             outputs.residual(stamp, reading.q, reading.tau - predicted)
 
     def _on_tick(self) -> None:
-        live, outputs = self._live, self._outputs
-        if live is None or outputs is None:
+        core, outputs = self._core, self._outputs
+        if core is None or outputs is None:
             return
         outputs.look_around()
-        tau = live.tick(self.now(), time.monotonic())
-        while live.news:
-            self._log_news(*live.news.popleft())
-        while live.events:
-            outputs.payload_suspected(live.events.popleft())
+        tau = core.tick(self.now(), time.monotonic())
+        while core.news:
+            self._log_news(*core.news.popleft())
+        while core.learner.events:
+            outputs.payload_suspected(core.learner.events.popleft())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
-        if outputs.extrapolation_wanted and self._ticks % TICKS_PER_DOUBT == 0 and live.arm:
-            doubt = live.arm.doubt()
+        if outputs.extrapolation_wanted and self._ticks % TICKS_PER_DOUBT == 0 and core.arm:
+            doubt = core.arm.doubt()
             if doubt is not None and self._active:
                 outputs.extrapolation(self.get_clock().now().to_msg(), *doubt)
-        if live.wants_save:
-            live.wants_save = False
-            Thread(target=live.save_alone, daemon=True).start()
+        if core.learner.wants_save:
+            core.learner.wants_save = False
+            Thread(target=core.save_alone, daemon=True).start()
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
-        if self._live is not None and self._outputs is not None:
-            self._live.late = getattr(self.executor, 'full_bursts', 0)
-            statuses = self._live.statuses(self.now()) + self._surroundings()
+        if self._core is not None and self._outputs is not None:
+            self._core.late = getattr(self.executor, 'full_bursts', 0)
+            statuses = self._core.statuses(self.now()) + self._surroundings()
             self._outputs.diagnostics(statuses)
             self._log_alarms(statuses)
 
@@ -297,7 +298,7 @@ class GravityCompNode(LifecycleNode):
             text = (f'{twins} nodes are named {self.get_fully_qualified_name()}: both publish '
                     'torque and answer services; end one, or give it a namespace')
             return [*found, Status('graph', ERROR, text, values)]
-        if sources > 1 and self._live is not None and self._live.is_interleaved():
+        if sources > 1 and self._core is not None and self._core.is_interleaved():
             text = (f'{sources} publishers on {topic}, and messages about our joints come out of '
                     'order: are two drivers running?')
             return [*found, Status('graph', WARN, text, values)]
@@ -309,8 +310,8 @@ class GravityCompNode(LifecycleNode):
             before = self._told.get(status.name, OK)
             self._told[status.name] = status.level
             if status.level == before or (status.level == STALE and before == OK
-                                          and self._live is not None
-                                          and self._live.arm is None):
+                                          and self._core is not None
+                                          and self._core.arm is None):
                 continue
             self._log_news(status.level != OK, f'{status.name}: {status.message}')
 

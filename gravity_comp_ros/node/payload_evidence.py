@@ -14,8 +14,7 @@ rest of it. A contact that lasts a moment does not predict the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
@@ -28,37 +27,21 @@ from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.node.absolute_tests import reference_noise
 from gravity_comp_ros.node.base_chain import without_friction
 from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
-from gravity_comp_ros.node.payload_test import (
-    lies_on, objections, PayloadEvidence, PayloadLimits)
+from gravity_comp_ros.node.payload import PARTS, PayloadFinding, PayloadLimits
+from gravity_comp_ros.node.payload_test import lies_on, objections, PayloadEvidence
 import numpy as np
 
 # Slow samples that follow each other repeat the same model error: noise counts so many times.
 _CORRELATED = 2.0
 # Least difference of log evidence, nats: one to half a thousand million.
 LEAST_EVIDENCE = 20.0
-# Parts that the window is divided into, and the share of the squared residual of each that the
-# other parts must predict.
-PARTS, LEAST_EXPLAINED = 3, 0.6
+# The share of the squared residual of each part of the window that the other parts must predict.
+LEAST_EXPLAINED = 0.6
 # What is unknown of friction: this part of itself, as an offset that one, and the noise besides.
 _FRICTION_PART, _OFFSET_PART = 0.5, 0.25
 # rad/s; a viscous term makes a torque of the size of the residual at this speed.
 _USUAL_SPEED = 0.1
 _WIDTH = 0.01
-
-
-@dataclass(frozen=True)
-class PayloadFinding:
-    """
-    What a window of samples shows.
-
-    `is_payload` says that a body on the last link explains it, `is_other` that the effort has
-    changed as no payload changes it. `text` is a sentence, `values` are figures with their names.
-    """
-
-    is_payload: bool
-    is_other: bool
-    text: str
-    values: Mapping[str, str] = field(default_factory=dict)
 
 
 def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel,

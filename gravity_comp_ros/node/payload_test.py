@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
-from gravity_comp_ros.models.kinematic.geometry import Geometry, STANDARD_GRAVITY
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.live_friction import moving_rms
+from gravity_comp_ros.node.payload import PayloadLimits
 import numpy as np
 
 # A residual of so many times the noise of earlier epochs is no noise. Real payloads reached 1.6
@@ -28,29 +28,6 @@ SAME_FACTOR = 0.1
 OUTER_PART = 0.2
 # Standard deviations by which a mass may miss its bound.
 _SURE = 3.0
-
-
-@dataclass(frozen=True)
-class PayloadLimits:
-    """
-    What a payload can be: up to `mass` kg put on or taken off, `reach` m away.
-
-    Without known axes `reach` bounds the distance between two neighbouring joints as well.
-
-    :raises OptionError: if a number is not positive.
-    """
-
-    mass: float = 20.0
-    reach: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not (0.0 < self.mass < np.inf and 0.0 < self.reach < np.inf):
-            raise OptionError('payload limits: mass and reach must be positive')
-
-    @property
-    def moment(self) -> float:
-        """The largest change of one link's moment, N·m."""
-        return STANDARD_GRAVITY * self.mass * self.reach
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.node.payload_evidence import PARTS, PayloadFinding
+from gravity_comp_ros.node.payload import PARTS, PayloadFinding
 import numpy as np
 
 REPORT, LEARN = 'report', 'learn'

@@ -51,7 +51,7 @@ def run(args: Sequence[str] | None = None) -> int:
 
 def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> None:
     executor.add_node(node)
-    if node.settings.values['autostart'] and (
+    if node.settings.values.autostart and (
             node.trigger_configure() == TransitionCallbackReturn.SUCCESS):
         node.trigger_activate()
     # What has been imported by now stays; looking through it again is a pause of milliseconds.

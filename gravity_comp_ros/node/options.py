@@ -1,0 +1,40 @@
+"""The options of each part of the node, from its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.node.epoch import EpochOptions
+from gravity_comp_ros.node.feedforward import FeedForwardOptions
+from gravity_comp_ros.node.parameters import Parameters
+from gravity_comp_ros.node.payload import PayloadLimits
+from gravity_comp_ros.node.realtime_effects import CompensateOptions
+
+
+def gate_options(given: Parameters) -> GateOptions:
+    """Return which samples are learned from."""
+    return GateOptions(given.max_speed, given.max_acceleration or None, given.sample_rate)
+
+
+def epoch_options(given: Parameters) -> EpochOptions:
+    """Return how an epoch collects."""
+    return EpochOptions(given.capacity, given.min_samples, given.first_samples,
+                        given.full_samples, given.min_span,
+                        block=max(5, round(given.sample_rate)))
+
+
+def feedforward_options(given: Parameters) -> FeedForwardOptions:
+    """Return the limits and times of the feed-forward, whose names are those of parameters."""
+    return FeedForwardOptions(**{each.name: getattr(given, each.name)
+                                 for each in fields(FeedForwardOptions)})
+
+
+def compensate_options(given: Parameters) -> CompensateOptions:
+    """Return how effects are compensated."""
+    return CompensateOptions(given.compensate_fraction, given.compensate_speed, given.max_speed)
+
+
+def payload_limits(given: Parameters) -> PayloadLimits:
+    """Return what a payload can be."""
+    return PayloadLimits(given.max_payload, given.max_payload_reach)

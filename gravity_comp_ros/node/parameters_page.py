@@ -1,0 +1,36 @@
+"""docs/parameters.md, made from the table of parameters."""
+
+from __future__ import annotations
+
+from gravity_comp_ros.node.parameter import Value
+from gravity_comp_ros.node.parameters import TABLE
+
+
+def markdown() -> str:
+    """Return docs/parameters.md."""
+    lines = [
+        '# Parameters of the node', '',
+        'Made from the table in `gravity_comp_ros/node/parameters.py` by '
+        '`python3 -m gravity_comp_ros.node.parameters_page > docs/parameters.md`.', '',
+        'A value that is out of range or of the wrong type is refused with the reason, at the '
+        'start as well as by `ros2 param set`. Parameters marked *at start* cannot be changed '
+        'while the node runs; all others take effect at once.', '',
+        '| parameter | type | default | range | unit | | meaning |',
+        '|---|---|---|---|---|---|---|']
+    for row in TABLE:
+        lines.append(
+            f'| `{row.name}` | {row.kind} | {_shown(row.default)} | {row.range_text()} | '
+            f'{row.unit} | {"*at start*" if row.read_only else ""} | {row.description} |')
+    return '\n'.join(lines) + '\n'
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, tuple):
+        return '`[' + ', '.join(str(item) for item in value) + ']`'
+    if isinstance(value, bool):
+        return f'`{str(value).lower()}`'
+    return f'`{value}`' if value != '' else '(empty)'
+
+
+if __name__ == '__main__':
+    print(markdown(), end='')
