@@ -45,10 +45,16 @@ def test_blocks_stay_within_runs_and_every_run_is_in_every_fold():
 
 
 def test_the_same_stretch_of_two_runs_is_in_different_folds():
-    samples = recording((1000, 1000))
+    samples = recording((1000, 1000, 1000))
     blocks = cut(samples, samples.tau)
     first, second = (blocks.fold[blocks.run == run] for run in (0, 1))
     assert (first != second).all()
+
+
+def test_a_fold_of_one_run_has_blocks_of_all_its_parts():
+    samples = recording((1000,))
+    blocks = cut(samples, samples.tau)
+    np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 5)
 
 
 def test_places_are_runs_or_stretches_of_few_runs():

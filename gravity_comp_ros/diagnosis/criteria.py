@@ -159,4 +159,3 @@ class Criteria:
     def _has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
         corrects, there = candidate.effect.corrects, taken | self.given
         return not corrects or any((name, candidate.joint) in there for name in corrects)
-

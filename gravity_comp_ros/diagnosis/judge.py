@@ -22,6 +22,11 @@ from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
+# A remaining error this many times the white noise, and of this share of the range of the torque,
+# is not explained.
+_FAR_ABOVE = 5.0
+_LEAST_REMAINING = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class Judged:
@@ -165,8 +170,15 @@ def _report(scale: Scale, n: int, noise: float, chosen: Sequence[Candidate],
     here = [f for f in findings if f.joint == scale.names[n]]
     untestable = {effect: reason for (effect, joint), reason in fits.layout.untestable.items()
                   if joint == n}
+    after = fits.errors(n, chosen)
+    remaining, share = scale.rmse(after, n), scale.nrmse_of(after, n)
+    stays = remaining > _FAR_ABOVE * noise and share > _LEAST_REMAINING
     words = ', '.join(f'{f.effect or "something"} ({f.verdict})' for f in here)
+    if stays:
+        words = ', '.join(filter(None, [words, (
+            f'{remaining:.3g} N·m remain, {share:.1%} of the range of the torque, that nothing '
+            f'found here explains')]))
     return JointReport(words or 'nothing missing that this recording could show',
                        noise, _effective(fits, scale.motion, n, chosen),
-                       scale.rmse(fits.errors(n, []), n), scale.rmse(fits.errors(n, chosen), n),
-                       untestable)
+                       scale.rmse(fits.errors(n, []), n), remaining, untestable,
+                       share if stays else 0.0)

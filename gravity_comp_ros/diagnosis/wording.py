@@ -22,6 +22,12 @@ def verdict(diagnosis: Diagnosis) -> str:
         return f'{len(found)} effects are missing, above all {sentence(found[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
+    name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
+                      default=('', None))
+    if worst is not None and worst.remaining_share > 0.0:
+        return (f'No effect of the library explains these recordings: on joint {name} an error '
+                f'of {worst.rmse_after:.3g} N·m remains, {percent(worst.remaining_share)} of the '
+                f'range of the torque.')
     return 'Nothing is missing that this motion could show.'
 
 

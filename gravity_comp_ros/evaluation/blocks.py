@@ -18,6 +18,8 @@ import numpy as np
 _CORRELATION_TIMES = 10.0
 N_FOLDS = 5
 _FEWEST = 15
+# With so many runs a fold may hold out stretches: the poses of each are seen in another run.
+_RUNS_OF_STRETCHES = 3
 # Places of motion that an interval is drawn from.
 _FEWEST_PLACES = 5
 _MOST = 120
@@ -102,12 +104,16 @@ def _folds(run: IntArray) -> IntArray:
     Return each block's fold (B,): a stretch of each run, another one in the next run.
 
     Whole runs would not do: what a fold holds out must be seen elsewhere, and the first run may
-    be the only fast one, or the last the only one with another payload.
+    be the only fast one, or the last the only one with another payload. A fifth of one short run
+    may have poses that are seen nowhere else, so that the error there is that of gravity: of
+    fewer than three runs each fold holds out every fifth block.
     """
     fold = np.empty(len(run), dtype=np.int64)
-    for number, label in enumerate(np.unique(run)):
+    labels = np.unique(run)
+    for number, label in enumerate(labels):
         here = np.flatnonzero(run == label)
-        stretch = np.arange(len(here)) * N_FOLDS // len(here) if len(here) > N_FOLDS else (
-            np.arange(len(here)))
+        stretch = np.arange(len(here))
+        if len(labels) >= _RUNS_OF_STRETCHES and len(here) > N_FOLDS:
+            stretch = stretch * N_FOLDS // len(here)
         fold[here] = (stretch + number) % N_FOLDS
     return np.unique(fold, return_inverse=True)[1].astype(np.int64)
