@@ -155,3 +155,23 @@ def test_the_process_of_the_node_loads_neither_scipy_nor_the_estimator():
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                           cwd=ROOT, timeout=120)
     assert done.stdout == '[]\n', done.stdout + done.stderr
+
+
+# Of these rooms no dataclass that holds an array may compare by ==, which arrays do not do.
+HOLD_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
+ARRAY = re.compile(r'\b(FloatArray|BoolArray|NDArray)\b')
+
+
+@each([path for path in MODULES if room(path) in HOLD_ARRAYS])
+def test_what_holds_an_array_is_not_compared_by_its_values(path):
+    for made in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(made, ast.ClassDef):
+            continue
+        decorators = [ast.unparse(each) for each in made.decorator_list]
+        fields = [ast.unparse(each.annotation) for each in made.body
+                  if isinstance(each, ast.AnnAssign)]
+        own = any(isinstance(each, ast.FunctionDef) and each.name == '__eq__'
+                  for each in made.body)
+        if not own and any(each.startswith('dataclass') for each in decorators) and any(
+                ARRAY.search(each) and 'Callable' not in each for each in fields):
+            assert any('eq=False' in each for each in decorators), made.name

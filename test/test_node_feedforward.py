@@ -58,7 +58,26 @@ def test_a_swap_within_a_swap_starts_from_the_present_torque():
         feed.update(t + 0.1 * (k + 1), Q)
     feed.use(constant(0.0))
     assert float(feed.update(t + 0.5, Q)[0]) == pytest.approx(15.0)
-    assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(13.5)
+    assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(15.0 - 0.1 * ff.SWAP_RATE)
+
+
+@pytest.mark.parametrize('change', [3.0, 14.0, -60.0])
+def test_a_swap_makes_small_steps_whatever_its_size_and_whatever_stalls(change):
+    feed = FeedForward(1, FeedForwardOptions(max_torque_rate=()))
+    feed.use(constant(10.0))
+    t = 0.0
+    for _ in range(500):
+        t += 0.004
+        feed.update(t, Q)
+    feed.use(constant(10.0 + change))
+    found = [10.0]
+    while abs(found[-1] - 10.0 - change) > 1e-9:
+        # Every hundredth message is late by three periods.
+        t += 0.016 if len(found) % 100 == 0 else 0.004
+        found.append(float(feed.update(t, Q)[0]))
+        assert len(found) < 2500
+    assert np.abs(np.diff(found)).max() <= 0.05
+    assert 0.004 * len(found) < 1.1 * max(1.0, abs(change) / ff.SWAP_RATE)
 
 
 def test_a_swap_within_a_swap_follows_the_pose():
@@ -161,6 +180,10 @@ def test_a_model_that_fails_is_like_no_input():
     feed.use(Source(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
     assert feed.update(t + 0.1, Q) is None
     assert float(feed.watch(t + 0.5)[0]) == 10.0
+    feed.use(constant(11.0))
+    for k in range(6, 20):
+        tau = feed.update(t + 0.1 * k, Q)
+    assert float(tau[0]) == pytest.approx(11.0)
 
 
 def test_a_clock_that_jumps_gives_no_licence_to_jump():

@@ -122,15 +122,39 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, model_fil
         probe.stream(part(loaded, 170, 220))
         probe.until(lambda: len(probe.residuals) == 50, 60)
         _, relearned = published(loaded, probe.residuals)
-        back = probe.call('rollback')
+        back, torques, steps, period = rolled_back_at_rest(probe, loaded)
         assert back.success and 'back to the' in back.message
         assert probe.report('learning') and 'closed' in probe.values('learning')['epoch']
         for _ in range(12):
             last = probe.call('rollback')
         assert not last.success and 'no earlier model' in last.message
+    # A swap of models makes no step that an arm would feel, at 250 Hz or at what was reached.
+    assert np.abs(torques[-1] - torques[0]).max() > 5.0
+    assert len(steps) > 300 and np.abs(steps).max() <= 0.05 * max(1.0, period / 0.004)
     worst = np.sqrt(np.mean(stale ** 2, axis=0)).max()
     assert worst > 2.0
     assert np.sqrt(np.mean(relearned ** 2, axis=0)).max() < 0.25 * worst
+
+
+def rolled_back_at_rest(probe, samples):
+    """Call rollback of an arm at rest; return the answer, torques, their steps, the period."""
+    assert set_parameter(probe, 'ramp_time', 1.0).successful
+    probe.torques.clear()
+    begun = due = time.monotonic()
+    for k in range(600):
+        if k == 100:
+            asked = probe.ask('rollback')
+        probe.send(samples.names, samples.t[-1] + 1.0 + 0.004 * k, samples.q[250],
+                   0.0 * samples.qd[250])
+        due += 0.004
+        probe.spin(max(1e-4, due - time.monotonic()))
+    period = (time.monotonic() - begun) / 600
+    probe.until(asked.done)
+    heard = answers(probe.torques)
+    torques = matrix(heard)
+    # A message that was lost, on either way, makes no step.
+    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in heard]
+    return asked.result(), torques, np.diff(torques, axis=0)[np.diff(stamps) < 0.006], period
 
 
 def test_a_worse_model_is_not_taken(bags, model_file):

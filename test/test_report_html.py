@@ -9,11 +9,12 @@ import sys
 from browser import browsing, INJECT, LIVELY
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
+from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.evaluation.compare import compare
-from gravity_comp_ros.recordings.bag import read_bags
+from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.report.headline import headline, named_joint
@@ -199,7 +200,7 @@ def found_on(contents, verdict='established', before=0.1, after=0.02, **more):
 
 
 def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(folder):
-    samples = read_bags([folder / 'run1.mcap', folder / 'run2.mcap']).samples
+    samples = concatenate(read_bag(folder / name).samples for name in ('run1.mcap', 'run2.mcap'))
     model = fit(slow_samples(samples).samples, FitOptions('potential')).model
     slow = slow_samples(samples).samples
     contents = Contents(samples, predict_torque(model, samples), model, compare(model, slow), '',

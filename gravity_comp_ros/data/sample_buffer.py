@@ -18,7 +18,7 @@ SECONDS_PER_RADIAN = 1.0
 SAME_POSE = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coverage:
     """
     The poses that `n_samples` samples cover.

@@ -64,7 +64,7 @@ def target(name: str, joint: str | None) -> str:
     return name if joint is None else f'{name}:{joint}'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Applied:
     """
     All effects of a model.

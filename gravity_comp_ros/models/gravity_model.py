@@ -29,7 +29,7 @@ _AT_ONCE = 8192
 ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coverage:
     """Where a model was trained: `q_min`, `q_max` (N,) in rad, samples and runs."""
 
@@ -71,7 +71,7 @@ class Step:
             raise DataError(f'history: unknown step {self.action!r}')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class GravityModel:
     """
     The gravity torque of an arm of N joints, learned from motion.

@@ -31,7 +31,7 @@ _MOST_STEPS = 100
 _LONGEST = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class NoiseModel:
     """Standard deviations: `absolute` a (N,) in N·m and `relative` b (N,), a fraction."""
 

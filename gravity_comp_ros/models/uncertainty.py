@@ -34,7 +34,7 @@ class Uncertainty(Protocol):
         """Return the standard deviation (M, N) in N·m of the torque of poses q (M, N)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnergyUncertainty:
     """
     The covariance (K, K) of the weights of an energy's features `indices` (K,).
@@ -62,7 +62,7 @@ class EnergyUncertainty:
         return np.concatenate(parts)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainUncertainty:
     """
     The covariance (4N, 4N) of a step from a chain (`Chain.moved`).

@@ -30,6 +30,8 @@ LEAST_TORQUE = 1e-4
 PERIODS = 2.0
 # Messages over which the usual period is the median, and the least that it is taken for, s.
 PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
+# N·m/s; from one model to the next torque changes no faster: 0.04 N·m a message at 250 Hz.
+SWAP_RATE = 10.0
 # One call of the watchdog counts for at most this, s.
 WATCH_PERIOD = 0.02
 TURN = 2.0 * math.pi
@@ -70,7 +72,7 @@ class FeedForwardOptions:
                               'be fade or hold')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Source:
     """
     A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
@@ -106,7 +108,8 @@ class FeedForward:
     A gain between 0 and 1 multiplies the model's torque. It rises over `ramp_time` when a
     first model, input or permission comes, and falls when permission goes or input is stale
     for longer than `hold_time`. From one model to the next torque is blended over the same
-    time. Limits act on the sum of it all, so nothing that is published breaks them.
+    time, or at `SWAP_RATE` if that takes longer. Limits act on the sum of it all, so nothing
+    that is published breaks them.
 
     :param n_joints: the number N of joints.
     """
@@ -193,10 +196,7 @@ class FeedForward:
         if self._source is None:
             self._fresh = now
             return None
-        if self._source.before is not None:
-            step = 1.0 if self.options.ramp_time <= 0.0 else dt / self.options.ramp_time
-            self._share = self._share + np.clip(self._share_goal - self._share, -step, step)
-        base = self._blended(self._source, q, dt)
+        base = self._advanced(self._source, q, dt)
         if not np.isfinite(base).all():
             return None
         self._fresh, self._base, self._q = now, base, q
@@ -286,13 +286,30 @@ class FeedForward:
     def _is_at_rest(self) -> bool:
         return self._gain == 0.0 and not self._last.any()
 
-    def _blended(self, source: Source, q: FloatArray, dt: float) -> FloatArray:
-        new = self._torque(source, q)
-        if self._blend >= 1.0:
-            return new
+    def _advanced(self, source: Source, q: FloatArray, dt: float) -> FloatArray:
+        """Go on with a swap and with the share of a change; return the torque (N,)."""
+        share_left = self._share_goal - self._share
+        if self._blend >= 1.0 and (source.before is None or not share_left.any()):
+            return self._torque(source, q)
         ramp = self.options.ramp_time
-        self._blend = 1.0 if ramp <= 0.0 else min(1.0, self._blend + dt / ramp)
-        if self._old is None:
+        step = 1.0 if ramp <= 0.0 else min(1.0, dt / ramp)
+        blend, share = self._blend, self._share
+        before = self._blended(source, q)
+
+        def go(part: float) -> FloatArray:
+            self._blend = blend + part * min(step, 1.0 - blend)
+            self._share = share + part * np.clip(share_left, -step, step)
+            return self._blended(source, q)
+
+        after = go(1.0)
+        # A message that comes late makes no larger step.
+        most = SWAP_RATE * min(dt, self._period())
+        change = float(np.abs(after - before).max())
+        return go(most / change) if ramp > 0.0 and change > most else after
+
+    def _blended(self, source: Source, q: FloatArray) -> FloatArray:
+        new = self._torque(source, q)
+        if self._blend >= 1.0 or self._old is None:
             return new
         old = self._torque(self._old, q) + self._offset
         return old + self._blend * (new - old)

@@ -44,7 +44,7 @@ class Job:
     sent: Sent | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Outcome:
     """
     The best model of a job, how it fared against the one in use, and the time in s.

@@ -53,7 +53,7 @@ _SHORTEST = SLOPE_WINDOW - 1e-6
 SLOPE_FACTOR, SLOPE_LEAST = 1.5, 0.05
 
 
-@dataclass
+@dataclass(eq=False)
 class Reading:
     """
     What a message says about our joints, in the configured order.

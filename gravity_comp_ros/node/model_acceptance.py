@@ -15,7 +15,7 @@ CERTAIN_SAMPLES = 100
 CERTAIN_SPAN = 0.5
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """
     A model's torque of the samples to learn from and to judge by, and its noise (N,), N·m.
@@ -31,7 +31,7 @@ class Prediction:
     beside_held: FloatArray | float = 0.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Verdict:
     """
     The outcome of a comparison on `n_held` samples.

@@ -149,7 +149,8 @@ class Parameters:
     ramp_time: float = parameter(
         1.0,
         'Time over which torque goes from none to that of the model, or from the old model to '
-        'the new one.', 's', 0.0, 60.0)
+        'the new one; a large change takes longer, at 10 N·m/s. 0 does either at once.', 's', 0.0,
+        60.0)
     max_torque: tuple[float, ...] = parameter(
         (),
         'Largest torque that is published: one value for all joints or one per joint. If it is '

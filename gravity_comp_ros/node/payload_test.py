@@ -30,7 +30,7 @@ OUTER_PART = 0.2
 _SURE = 3.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PayloadEvidence:
     """
     What is tested: the arm before (`base`) and after (`loaded`) a sparse change of its moments.

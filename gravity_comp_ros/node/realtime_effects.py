@@ -49,7 +49,7 @@ class CompensateOptions:
             raise OptionError('compensation: speeds must be positive')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Moment:
     """The part of `JointSamples` that effects of a moment look at, for one sample."""
 
@@ -58,7 +58,7 @@ class _Moment:
     n_samples: int = 1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Term:
     effect: AppliedEffect
     joint: int

@@ -59,7 +59,7 @@ class SentTorque:
         return np.array(found)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sent:
     """The published torque of the samples of a job, (M, D, N) each, NaN where there was none."""
 

@@ -17,9 +17,9 @@ from pathlib import Path
 from gravity_comp_ros.data.gate import BlockGate, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.recordings.bag import (
-    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_bag, ReadOptions, ReadReport, TIME,
-    VELOCITY)
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
+from gravity_comp_ros.recordings.cleaning import (
+    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, TIME, VELOCITY)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.read_notes import (

@@ -35,7 +35,7 @@ uint32 nanosec
 _HEADER = 4  # bytes before the payload that name the encoding; alignment counts from their end
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointStateMessage:
     """A decoded message: stamp in ns, K names, and arrays as long as the sender made them."""
 

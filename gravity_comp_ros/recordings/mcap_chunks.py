@@ -29,7 +29,7 @@ class ChunkError(ValueError):
     """A chunk is not what the file says it is; the message says how."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Chunk:
     """The bytes of a chunk, and its messages in the order of the file."""
 

@@ -27,7 +27,7 @@ _COMPRESSION = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
                 'none': CompressionType.NONE}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class JointTopic:
     """
     One topic of M messages with N joints.

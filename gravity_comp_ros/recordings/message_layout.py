@@ -25,7 +25,7 @@ _STAMP = 4  # where seconds and nanoseconds begin, after the bytes that name the
 _MOST = 16
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Block:
     """
     Messages of a batch with one sequence of names: stamps (M,) in ns and values (M, any).

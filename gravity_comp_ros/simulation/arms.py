@@ -41,7 +41,7 @@ _IIWA7_LINKS = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Arm:
     """
     A fixed-base arm of N revolute joints with its rigid-body model.

@@ -14,7 +14,7 @@ Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """A path takes times (M,) in s and returns q, qd, qdd, each (M, N) in rad, rad/s, rad/s²."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """
     A motion sampled at M instants.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Signals:
     """What the arm's sensors would say: `q`, `qd`, `tau` (M, N) in rad, rad/s and N·m."""
 

@@ -28,7 +28,7 @@ from gravity_comp_ros.errors import DataError
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
     """
     The gravity of a serial arm: `axes` A_i (N, 3, 3), `moments` h_i (N, 2) in N·m.

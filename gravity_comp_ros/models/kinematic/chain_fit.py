@@ -35,7 +35,7 @@ _FIRST = 1e-2
 _WHITE = 2.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainFit:
     """
     A chain with the covariance (4N, 4N) of a step from it, and how it came about.

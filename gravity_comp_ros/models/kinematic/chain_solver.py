@@ -38,7 +38,7 @@ class SolveOptions:
     tolerance: float = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChainProblem:
     """
     Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N).
@@ -128,7 +128,7 @@ class ChainProblem:
         return NuisanceBasis.of(self._nuisance_rows.T, self.nuisance_spread())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rows:
     """
     Columns of the regressor, transposed: `full` (K, N M), and their `inside` (K, K') of nuisance.
@@ -148,7 +148,7 @@ class Rows:
         return np.asarray(self.full @ other.full.T - self.inside @ other.inside.T)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Solution:
     """
     A minimum: the chain, its cost and chi^2, and the precision (4N, 4N) of a step from it.
@@ -188,7 +188,7 @@ def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None
     return search.solution(point, steps, converged=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Point:
     """Axes with the best moments for them; `residual` (N M,) is whitened (`ChainProblem`)."""
 

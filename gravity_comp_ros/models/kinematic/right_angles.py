@@ -37,7 +37,7 @@ _LAST_LINK = 4
 _LIKELIER = 1.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Tidy:
     """
     A solution with right angles; `square` (N,) counts each axis' angles that were taken.

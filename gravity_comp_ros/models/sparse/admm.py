@@ -58,7 +58,7 @@ class AdmmOptions:
             raise OptionError(f'admm: rho is {self.rho}; it must be positive')
 
 
-@dataclass
+@dataclass(eq=False)
 class AdmmState:
     """Where ADMM stopped, in columns of length 1: z, the scaled dual y, and rho."""
 

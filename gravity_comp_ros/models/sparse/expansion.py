@@ -11,7 +11,7 @@ from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Expansion:
     """A sparse sum over the dictionary: rising feature `indices` (K,), `weights` (K,)."""
 

@@ -62,7 +62,7 @@ class Certificate:
     dual_residual: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LassoSolution:
     """Non-zero coefficients x of features `indices`, for one lambda."""
 
@@ -76,7 +76,7 @@ class LassoSolution:
     certificate: Certificate
 
 
-@dataclass
+@dataclass(eq=False)
 class LassoProblem:
     """
     An L1 problem; solutions for a falling lambda share the working set and its Gram matrix.

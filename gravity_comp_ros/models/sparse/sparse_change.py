@@ -34,7 +34,7 @@ _MAX_STEPS = 400
 _BURN_IN, _DRAWS = 100, 500
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ChangeProblem:
     """
     What changed, given new data.
@@ -67,7 +67,7 @@ class ChangeProblem:
         return np.flatnonzero(self.jumps[support].any(axis=0))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Change:
     """
     The posterior of p (P,) on the most likely support, its log evidence; ADMM's run.

@@ -62,7 +62,7 @@ class SparseOptions:
             raise OptionError(f'inflation is {self.inflation}; it must be at least 1')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SparseProblem:
     """
     Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
@@ -163,7 +163,7 @@ class SparseProblem:
                        trust=None if self.trust is None else self.trust[keep])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Settled:
     """
     A support with its refit, and what follows from it.
@@ -184,7 +184,7 @@ class Settled:
         return np.asarray(problem.tau - self.predicted - beside)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SparseFit:
     """Coefficients `x` (K,) of features `indices`, and how they came about."""
 

@@ -46,7 +46,7 @@ _DOWNDATES = 20
 Move = tuple[float, IntArray]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Refit:
     """An unpenalised weighted fit on a support: coefficients, covariance and chi^2."""
 

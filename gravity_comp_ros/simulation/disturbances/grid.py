@@ -14,7 +14,7 @@ IntArray = NDArray[np.int64]
 DEFAULT_STEP = 0.005
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Grid:
     """
     The true motion at K >= M instants, the M samples among them.
