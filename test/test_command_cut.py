@@ -2,9 +2,9 @@
 
 import json
 
+import gravity_comp_ros as gc
 from gravity_comp_ros import cli
 from gravity_comp_ros.data.runs import clock_time
-import gravity_comp_ros as gc
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 import numpy as np

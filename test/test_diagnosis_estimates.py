@@ -16,7 +16,8 @@ def chosen(own, tau):
     """Return fits of one joint with an effect that has these columns."""
     count, k = own.shape
     t = np.arange(count) * 0.02
-    samples = JointSamples.single_run(('a',), t, tau[:, None], tau[:, None], tau[:, None])
+    qd = np.sin(t)[:, None]
+    samples = JointSamples.single_run(('a',), t, tau[:, None], qd, tau[:, None])
     blocks = cut(samples, tau[:, None])
     effect = all_effects()['coulomb_friction']
     candidate = Candidate(effect, 0, {}, np.arange(1, 1 + k), False, 1)

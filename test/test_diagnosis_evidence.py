@@ -119,7 +119,8 @@ def test_the_largest_part_of_a_column_is_that_of_its_fullest_group():
     x = np.ones((len(samples), 2))
     x[np.repeat(blocks.run, np.diff(blocks.starts)) == 0, 1] = 0.0
     joint = joint_rows(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
-    np.testing.assert_allclose(largest_part(joint, np.arange(2), blocks.run), [1000 / 1600, 1.0])
+    np.testing.assert_allclose(largest_part(
+        joint, np.arange(2), joint.group_of_rows(blocks.run)), [1000 / 1600, 1.0])
 
 
 def test_products_of_columns_that_are_not_kept_are_those_of_all():
@@ -182,7 +183,8 @@ def test_intervals_cover_the_truth_where_neighbours_are_alike():
         joint = joint_rows(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
         fit = solve(joint, np.array([0]), 0, no_prior(0, blocks))
         spread = np.sqrt(covariance(
-            joint, fit, 0, no_prior(0, blocks), np.arange(blocks.count))[0, 0])
+            joint, fit, 0, no_prior(0, blocks),
+            joint.group_of_rows(np.arange(blocks.count)))[0, 0])
         inside += abs(fit.all_data[0] - 0.3) < 1.96 * spread
     # Taken as independent, the samples would give intervals that hold the truth in a third.
     assert 0.8 * trials <= inside

@@ -1,4 +1,4 @@
-"""Effects that a recording does not tell from others, although one of them may be added."""
+"""Effects that may be added although a recording does not distinguish them from others."""
 
 from __future__ import annotations
 

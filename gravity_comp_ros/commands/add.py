@@ -79,7 +79,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
              **refitting.to_json(result), 'ties': [_tie_json(tie) for tie in ties],
-             **({'on_holdout': held_out.to_json(aside)} if args.holdout else {}),
+             'on_holdout': held_out.to_json(aside) if args.holdout else None,
              'bags': [bag_json(r) for r in reports]}, args.json)
     return 0
 

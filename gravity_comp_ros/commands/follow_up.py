@@ -32,7 +32,7 @@ def show(args: argparse.Namespace, diagnosis: Diagnosis) -> None:
                        next_step.command('replay', args, '-o', 'replay.mcap', model=args.model,
                                          bags=args.bags[:1]))
     if open_:
-        _show_open(args, open_)
+        _show_open(args, open_, fit_shown=bool(sure))
     terminal.show('')
 
 
@@ -50,7 +50,7 @@ def _fitting(args: argparse.Namespace, model: Path | str) -> str:
     return next_step.command('fit', args, '-o', str(model))
 
 
-def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
+def _show_open(args: argparse.Namespace, findings: Sequence[Finding], fit_shown: bool) -> None:
     terminal.show('', f'[bold]open[/bold]: {counted(len(findings), "finding")} not to be added '
                   'yet')
     for finding in findings:
@@ -60,7 +60,7 @@ def _show_open(args: argparse.Namespace, findings: Sequence[Finding]) -> None:
     if tied:
         best = [target(f.effect or '', f.joint) for f in tied]
         next_step.show('or let the error fall today, with the best of each tie (`add --undo` '
-                       'takes it back)', *adding(args, best))
+                       'takes it back)', *adding(args, best)[-1 if fit_shown else 0:])
     motions = [f for f in findings if f.next_step and f.effect is not None]
     if motions:
         model = args.model or next_step.new_model()

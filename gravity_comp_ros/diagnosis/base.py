@@ -57,7 +57,7 @@ class Base:
     given: frozenset[tuple[str, int | None]] = frozenset()
 
 
-def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
+def choose_base(samples: JointSamples, model: GravityModel | None, most: int) -> Base:
     """
     Return the gravity to refit with effects.
 
@@ -66,14 +66,17 @@ def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
 
     :param samples: without the torque of the effects that the model has.
     :param model: the user's model, whose effects are `Base.given`; None if there is none.
+    :param most: of so many samples or fewer the base and its motion are.
     """
-    rough = _potential(samples.select(_thin(samples, _ROUGH_SAMPLES)))
-    motion, few = build_motion(samples, rough), _thin(samples, _SAMPLES)
-    cleaned = replace(samples, tau=samples.tau - _nuisance(motion))
-    chosen = levelled(_potential(cleaned.select(few)), samples.q)
+    rows = np.flatnonzero(_thin(samples, most))
+    part = samples.select(rows)
+    motion = build_motion(part, _potential(samples.select(_thin(samples, _ROUGH_SAMPLES))))
+    cleaned = replace(part, tau=part.tau - _nuisance(motion))
+    chosen = levelled(_potential(cleaned.select(_thin(part, _SAMPLES))), part.q)
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
-    motion = build_motion(samples, chosen)
+    # Directions and accelerations are those of all samples.
+    motion = build_motion(samples, chosen).at(rows)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
     chain = _chain(cleaned, None)
@@ -184,7 +187,7 @@ def _reduced(columns: FloatArray) -> FloatArray:
 
 
 def _thin(samples: JointSamples, count: int) -> BoolArray:
-    return np.arange(samples.n_samples) % max(1, samples.n_samples // count) == 0
+    return np.asarray(np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // count) == 0)
 
 
 def _nuisance(motion: Motion) -> FloatArray:

@@ -28,8 +28,10 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Rows of a fit: neighbouring samples are alike, and more of them cost memory and say little.
-_MOST_SAMPLES = 9000
+# Samples that a motion is built from, and rows of a fit: neighbouring samples are alike, and more
+# of them cost memory and say little.
+_MOST_SAMPLES = 40000
+_MOST_ROWS = 9000
 
 
 def diagnose(samples: JointSamples, model: GravityModel | None = None,
@@ -55,7 +57,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     samples = samples.select(
         np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
     tell('gravity model', 0.0)
-    base = choose_base(samples, model)
+    base = choose_base(samples, model, _MOST_ROWS)
     motion = base.motion
     tell('columns', 0.2)
     known, tests = _effects(options)

@@ -13,7 +13,6 @@ joints about s enters the fit of joint n as a prior: their Schur complements.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -83,11 +82,9 @@ class JointRows:
         sums[order] = np.add.reduceat(values, starts, axis=0)
         return sums
 
-    def block_rows(self) -> Iterator[tuple[int, slice]]:
-        """Return each block's number and its rows."""
-        order, starts = self._order
-        ends = np.append(starts[1:], len(self.y))
-        return ((int(b), slice(int(a), int(e))) for b, a, e in zip(order, starts, ends))
+    def group_of_rows(self, groups: IntArray) -> IntArray:
+        """Return the group of each row (M,), from that of each block (B,)."""
+        return np.repeat(groups, np.diff(self.blocks.starts))[self.row_of]
 
 
 def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, sigma: float,
@@ -217,7 +214,7 @@ def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
     and McCaffrey, Survey Methodology 28, 2002). Where columns are many and groups few, a
     sandwich would be too narrow. The prior's information stands as it is.
 
-    :param groups: (B,) the group of each block, numbered from 0 without gaps.
+    :param groups: (M,) the group of each row, numbered from 0 without gaps.
     """
     gram, c = _group_products(joint, fit.columns, groups)
     bread = joint.system(fit.columns)[0][-1]
@@ -234,21 +231,20 @@ def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
 
 def _group_products(joint: JointRows, columns: IntArray,
                     groups: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the products (G, K, K) and (G, K) of some columns in every group of blocks."""
-    k = len(columns)
-    gram, c = np.zeros((int(groups.max()) + 1, k, k)), np.zeros((int(groups.max()) + 1, k))
-    for block, rows in joint.block_rows():
-        x = joint.x[rows][:, columns]
-        gram[groups[block]] += x.T @ x
-        c[groups[block]] += x.T @ joint.y[rows]
+    """Return the products (G, K, K) and (G, K) of some columns in every group of rows."""
+    k, count = len(columns), int(groups.max()) + 1
+    gram, c = np.zeros((count, k, k)), np.zeros((count, k))
+    order = np.argsort(groups, kind='stable')
+    ends = np.cumsum(np.bincount(groups, minlength=count))[:-1]
+    x, y = joint.x[:, columns][order], joint.y[order]
+    for group, (part, aim) in enumerate(zip(np.split(x, ends), np.split(y, ends))):
+        gram[group], c[group] = part.T @ part, part.T @ aim
     return gram, c
 
 
 def largest_part(joint: JointRows, columns: IntArray, groups: IntArray) -> FloatArray:
     """Return the share of each column's square (P,) that the group with most of it has."""
-    sums = joint.block_sums(joint.x[:, columns] ** 2)
-    squares = np.zeros((int(groups.max()) + 1, len(columns)))
-    np.add.at(squares, groups, sums)
+    squares = np.stack([np.bincount(groups, joint.x[:, column] ** 2) for column in columns], 1)
     return np.asarray(squares.max(axis=0) / np.maximum(squares.sum(axis=0), 1e-300))
 
 

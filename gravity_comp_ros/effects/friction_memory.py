@@ -61,7 +61,7 @@ def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     key = f'path {joint}'
     if key not in motion.memo:
         motion.memo[key] = np.concatenate(
-            [steady_path(motion.samples.q[run, joint]) for run in runs])
+            [steady_path(motion.samples.q[run, joint], motion.samples.t[run]) for run in runs])
     column = -motion.direction(joint)
     for run in runs:
         column[run] += presliding_state(motion.memo[key][run], setting['distance'])
