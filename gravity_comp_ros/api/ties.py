@@ -33,7 +33,9 @@ def ties_of(model: GravityModel, recording: Recording,
     """
     known = all_effects()
     names = {name.partition(':')[0] for name in added} & known.keys()
-    alike = {other for name in names for other in known[name].confounders} & known.keys()
+    # An effect of the arm can stand for several of joints at once, which is no tie of one of them.
+    alike = {other for name in names for other in known[name].confounders
+             if other in known and known[other].scope == known[name].scope}
     if not alike:
         return ()
     recording = recording.select_joints(model.joints)

@@ -12,13 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.candidates import Candidate, RARE
 from gravity_comp_ros.diagnosis.criteria import Criteria
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.evaluation.gain import Gain, not_worse
 import numpy as np
 
 _ROUNDS = 4
+# So many columns can stand for several effects.
+_MANY = 8
 _NO_GAIN = Gain(np.zeros(2), 0.0, 1.0)
 
 
@@ -41,8 +43,25 @@ class Selection:
 
 
 def select(criteria: Criteria) -> Selection:
-    """Choose effects until none pays; drop and swap what no longer does."""
-    search = _Search(criteria)
+    """
+    Choose effects until none pays; drop and swap what no longer does.
+
+    A rare effect of many columns can stand for several simple ones, each of which would be the
+    better name. So it stays only if it pays beside what is chosen where it may not be.
+    """
+    found = _searched(criteria, {})
+    for candidate in found.chosen:
+        if candidate.expectation == RARE and len(candidate.columns) > _MANY:
+            without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
+            if not (criteria.is_needed(candidate, without.chosen)
+                    and criteria.is_more_than_motion(candidate, without.chosen)):
+                return without
+    return found
+
+
+def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:
+    """Return what is chosen where some effects are refused from the start."""
+    search = _Search(criteria, refused)
     for _ in range(_ROUNDS):
         while len(search.chosen) < criteria.options.most and (
                 search.add_best() or search.add_best_afresh()):
@@ -55,11 +74,12 @@ def select(criteria: Criteria) -> Selection:
 class _Search:
     """The effects chosen so far, and the gain of every other one beside them."""
 
-    def __init__(self, criteria: Criteria) -> None:
+    def __init__(self, criteria: Criteria,
+                 refused: Mapping[tuple[str, int | None], str]) -> None:
         self.criteria = criteria
         self.fits = criteria.fits
         self.chosen: list[Candidate] = []
-        self.refused: dict[tuple[str, int | None], str] = {}
+        self.refused = dict(refused)
         self._gains: dict[int, Gain] = {}
         # Effects of the arm whose gain is that beside fewer effects of joints.
         self._old: set[int] = set()
