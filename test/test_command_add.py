@@ -181,7 +181,8 @@ def test_nothing_held_out_is_said(bags, model, capsys, verb):
 def test_an_effect_that_is_one_of_a_tie_is_added_and_said_to_be(bags, tmp_path, capsys):
     path = tmp_path / 'm.json'
     run_json(capsys, 'fit', bags['one_way'], '-o', path)
-    status = main(['add', 'torque_offset:shoulder', bags['one_way'], '--model', str(path), '--json'])
+    status = main(['add', 'torque_offset:shoulder', bags['one_way'], '--model', str(path),
+                   '--json'])
     out = capsys.readouterr()
     assert status == 0, out.err
     found = json.loads(out.out)
