@@ -3,12 +3,13 @@
 False alarms and delay of `~/payload_suspected`, at the core of the node, faster than real time.
 
     python3 bench/node_suspicion.py [--hours 1] [--seeds 5] [--masses 0.5 1 2] [--axes]
+                                    [--lasts 0.3 3]
 
 An iiwa with Coulomb and viscous friction is learned from 100 s of slow motion. Then it moves from
 pose to pose: slowly, fast (up to 1.5 rad/s, with inertia), at rest, one move of ten to a pose
 outside the training. Friction drifts by a third in half an hour. About three times a minute
-something touches the last link for 0.3 to 3 s with 5 to 60 N. No payload changes, so that each
-event is a false alarm. For the delay a payload is put on while the arm moves as before.
+something touches the last link for 0.3 to 3 s (`--lasts`) with 5 to 60 N. No payload changes, so
+that each event is a false alarm. For the delay a payload is put on while the arm moves as before.
 """
 
 from __future__ import annotations
@@ -80,11 +81,19 @@ def friction(t: float, qd: FloatArray) -> FloatArray:
     return warm * COULOMB * np.tanh(qd / WIDTH) + VISCOUS * qd
 
 
-class Touch:
-    """Something that touches the last link for a moment, now and then."""
+def force_torque(arm: Arm, data: pin.Data, q: FloatArray, force: FloatArray) -> FloatArray:
+    """Return the torque (N,) that holds against a force (3,) in the base on the last link."""
+    pin.forwardKinematics(arm.model, data, q)
+    jacobian = pin.computeJointJacobian(arm.model, data, q, 7)
+    return np.asarray((data.oMi[7].rotation @ jacobian[:3]).T @ force)
 
-    def __init__(self, rng: np.random.Generator, every: float = 20.0) -> None:
-        self._rng, self._every = rng, every
+
+class Touch:
+    """Something that touches the last link now and then, for `lasts` (shortest, longest) s."""
+
+    def __init__(self, rng: np.random.Generator, lasts: tuple[float, float] = (0.3, 3.0),
+                 every: float = 20.0) -> None:
+        self._rng, self._lasts, self._every = rng, lasts, every
         self._next = self._until = -1.0
         self._force = np.zeros(3)
         self.count = 0
@@ -96,14 +105,12 @@ class Touch:
             if self._next >= 0.0:
                 direction = rng.standard_normal(3)
                 self._force = rng.uniform(5.0, 60.0) * direction / np.linalg.norm(direction)
-                self._until = s.t + rng.uniform(0.3, 3.0)
+                self._until = s.t + rng.uniform(*self._lasts)
                 self.count += 1
-            self._next = s.t + 3.0 + rng.exponential(self._every)
+            self._next = s.t + self._lasts[1] + rng.exponential(self._every)
         if s.t > self._until:
             return np.zeros(7)
-        jacobian = pin.computeJointJacobian(arm.model, data, s.q, 7)
-        turned = data.oMi[7].rotation @ jacobian[:3]
-        return np.asarray(turned.T @ self._force)
+        return force_torque(arm, data, s.q, self._force)
 
 
 def learned(rng: np.random.Generator) -> GravityModel:
@@ -168,9 +175,10 @@ class Core:
             self.live.tick(now, time.monotonic())
 
 
-def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int) -> int:
+def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int,
+                 lasts: tuple[float, float]) -> int:
     rng = np.random.default_rng(seed)
-    core, touch = Core(model, axes), Touch(rng)
+    core, touch = Core(model, axes), Touch(rng, lasts)
     start = time.monotonic()
     low, high = model.coverage.q_min, model.coverage.q_max
     events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, touch, False)
@@ -201,6 +209,8 @@ def main() -> None:
     parser.add_argument('--hours', type=float, default=1.0)
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument('--masses', type=float, nargs='+', default=[0.5, 1.0, 2.0])
+    parser.add_argument('--lasts', type=float, nargs=2, default=(0.3, 3.0),
+                        help='shortest and longest touch, s')
     parser.add_argument('--axes', action='store_true', help='the axes are known (URDF)')
     args = parser.parse_args()
     model = learned(np.random.default_rng(5))
@@ -212,7 +222,7 @@ def main() -> None:
             print(f'{mass:g} kg at {centre}: suspected after {np.median(found):.1f} s of motion '
                   f'in the median, {min(found):.1f} to {max(found):.1f}', flush=True)
     if args.hours:
-        sys.exit(1 if false_alarms(model, args.hours, args.axes, 0) else 0)
+        sys.exit(1 if false_alarms(model, args.hours, args.axes, 0, tuple(args.lasts)) else 0)
 
 
 if __name__ == '__main__':

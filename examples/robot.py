@@ -52,6 +52,7 @@ class Robot:
 
     def close(self) -> None:
         """Leave the ROS graph."""
+        self._executor.shutdown()
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 

@@ -58,7 +58,7 @@ def test_a_swap_within_a_swap_starts_from_the_present_torque():
         feed.update(t + 0.1 * (k + 1), Q)
     feed.use(constant(0.0))
     assert float(feed.update(t + 0.5, Q)[0]) == pytest.approx(15.0)
-    assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(15.0 - 0.1 * ff.SWAP_RATE)
+    assert float(feed.update(t + 0.6, Q)[0]) == pytest.approx(15.0 - 0.1 * ff.SWAP_CHANGE)
 
 
 @pytest.mark.parametrize('change', [3.0, 14.0, -60.0])
@@ -77,7 +77,7 @@ def test_a_swap_makes_small_steps_whatever_its_size_and_whatever_stalls(change):
         found.append(float(feed.update(t, Q)[0]))
         assert len(found) < 2500
     assert np.abs(np.diff(found)).max() <= 0.05
-    assert 0.004 * len(found) < 1.1 * max(1.0, abs(change) / ff.SWAP_RATE)
+    assert 0.004 * len(found) < 1.1 * max(1.0, abs(change) / ff.SWAP_CHANGE)
 
 
 def test_a_swap_within_a_swap_follows_the_pose():

@@ -51,6 +51,14 @@ def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0):
     return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
 
 
+def pushed(force, start=170.0, seed=0):
+    """Return ten seconds of slow motion against a steady force (3,) on the last link, N."""
+    samples = window(start=start, seed=seed)
+    data = ARM.model.createData()
+    torque = [bench.force_torque(ARM, data, q, np.array(force)) for q in samples.q]
+    return replace(samples, tau=samples.tau + np.array(torque))
+
+
 def finding(model, samples, geometry=None):
     return look(Look(1, samples, model, geometry=geometry)).finding
 
@@ -72,6 +80,18 @@ def test_a_payload_is_found_and_its_mass_is_said(mass, known, model, geometry):
 def test_friction_and_a_touch_are_no_payload(change, model, geometry):
     for axes in (None, geometry):
         assert not finding(model, window(**change), axes).is_payload
+
+
+@pytest.mark.parametrize('force, known', [((10.0, 0.0, 0.0), False), ((0.0, 3.0, 10.0), True)])
+def test_a_push_that_lasts_is_no_payload_and_said(force, known, model, geometry):
+    found = finding(model, pushed(force), geometry if known else None)
+    assert not found.is_payload and found.is_other, found.text
+    assert 'pushes or pulls the last link, and not only downwards' in found.text
+
+
+def test_what_only_bears_down_is_a_weight(model, geometry):
+    for axes in (None, geometry):
+        assert finding(model, pushed((0.0, 0.0, 15.0)), axes).is_payload
 
 
 def test_broken_effort_is_no_payload_and_said(model):

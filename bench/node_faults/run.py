@@ -52,14 +52,17 @@ def fire(faults: list[Any], path: Path, description: str) -> list[str]:
             print(f'{"FAILED" if lines else "ok    "} {time.monotonic() - start:5.1f} s '
                   f'{player.judged:5} torques  {fault.name} {" | ".join(lines)}', flush=True)
             failed += [f'{fault.name}: {line}' for line in lines]
-            back_to_start(probe)
+            back_to_start(probe, player)
     return failed
 
 
-def back_to_start(probe) -> None:
-    """Go back to the model that the node began with."""
+def back_to_start(probe, player) -> None:
+    """Go back to the model that the node began with, and let its torque take over."""
     while probe.call('rollback').success:
         pass
+    player.carry(None)
+    player.move(30)
+    probe.torques.clear()
 
 
 def main() -> int:

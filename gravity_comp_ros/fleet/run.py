@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, is_dataclass, replace
 import hashlib
 import json
 from pathlib import Path
@@ -181,6 +181,6 @@ def _told(model: GravityModel | None) -> object:
 
 
 def _key(*parts: object) -> str:
-    plain = [asdict(part) if hasattr(part, '__dataclass_fields__') else part  # type: ignore
+    plain = [asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
              for part in parts]
     return hashlib.sha256(repr(plain).encode()).hexdigest()[:32]

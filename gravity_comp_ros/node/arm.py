@@ -15,7 +15,7 @@ from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
-from gravity_comp_ros.node.feedforward import FeedForward, Source
+from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
 from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
@@ -25,6 +25,7 @@ from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload_watch import CALM, PayloadWatch
 from gravity_comp_ros.node.realtime_effects import compensable, InstantEffects
 from gravity_comp_ros.node.self_confirmation import SentTorque
+from gravity_comp_ros.node.source import Source
 from gravity_comp_ros.node.unsure_change import UnsureChange
 import numpy as np
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.feedforward_options import FeedForwardOptions, per_joint
+from gravity_comp_ros.node.source import Source
 import numpy as np
-
-Predict = Callable[[FloatArray], FloatArray]
 
 # States, as they appear in diagnostics.
 NO_MODEL = 'no model'
@@ -30,75 +28,11 @@ LEAST_TORQUE = 1e-4
 PERIODS = 2.0
 # Messages over which the usual period is the median, and the least that it is taken for, s.
 PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
-# N·m/s; from one model to the next torque changes no faster: 0.04 N·m a message at 250 Hz.
-SWAP_RATE = 10.0
+# N·m within `ramp_time`: a larger change of the model takes longer. At the default of 1 s that is
+# 0.048 N·m a message at 250 Hz.
+SWAP_CHANGE = 12.0
 # One call of the watchdog counts for at most this, s.
 WATCH_PERIOD = 0.02
-TURN = 2.0 * math.pi
-
-
-@dataclass(frozen=True)
-class FeedForwardOptions:
-    """
-    Limits and times of the feed-forward.
-
-    `max_torque` in N·m and `max_torque_rate` in N·m/s hold none, one or N values. Times are in
-    s; what they mean stands in the table of parameters.
-
-    :raises OptionError: if a number is negative or not finite, or a policy unknown.
-    """
-
-    ramp_time: float = 1.0
-    max_torque: tuple[float, ...] = ()
-    max_torque_rate: tuple[float, ...] = (500.0,)
-    extrapolation: str = 'hold'
-    extrapolation_margin: float = 1.0
-    stale_after: float = 0.3
-    stale_action: str = 'fade'
-    hold_time: float = 0.5
-    fade_time: float = 2.0
-
-    def __post_init__(self) -> None:
-        for name in ('ramp_time', 'extrapolation_margin', 'stale_after', 'hold_time',
-                     'fade_time'):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise OptionError(f'feed-forward: {name} is {getattr(self, name)}; it must be '
-                                  'finite and not negative')
-        if self.extrapolation not in ('hold', 'fade', 'trust'):
-            raise OptionError(f'feed-forward: extrapolation is {self.extrapolation!r}; it must '
-                              'be hold, fade or trust')
-        if self.stale_action not in ('fade', 'hold'):
-            raise OptionError(f'feed-forward: stale_action is {self.stale_action!r}; it must '
-                              'be fade or hold')
-
-
-@dataclass(frozen=True, eq=False)
-class Source:
-    """
-    A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
-
-    `reach` in rad bounds `extrapolation_margin` for a model that must not be used further out.
-    `before` is the model of the payload before where only a share of the change is used
-    (`unsure_change`).
-    """
-
-    predict: Predict
-    q_min: FloatArray
-    q_max: FloatArray
-    reach: float = math.inf
-    before: Predict | None = None
-
-    def nearest(self, q: FloatArray) -> FloatArray:
-        """
-        Return pose q (N,) with whole turns taken off joints that are outside the trained range.
-
-        Gravity has a period of one turn, so that the torque is the same.
-        """
-        outside = (q < self.q_min) | (q > self.q_max)
-        if not outside.any():
-            return q
-        middle = 0.5 * (self.q_min + self.q_max)
-        return np.where(outside, q - TURN * np.round((q - middle) / TURN), q)
 
 
 class FeedForward:
@@ -108,8 +42,8 @@ class FeedForward:
     A gain between 0 and 1 multiplies the model's torque. It rises over `ramp_time` when a
     first model, input or permission comes, and falls when permission goes or input is stale
     for longer than `hold_time`. From one model to the next torque is blended over the same
-    time, or at `SWAP_RATE` if that takes longer. Limits act on the sum of it all, so nothing
-    that is published breaks them.
+    time, a change of more than `SWAP_CHANGE` over a longer one. Limits act on the sum of it
+    all, so nothing that is published breaks them.
 
     :param n_joints: the number N of joints.
     """
@@ -138,8 +72,8 @@ class FeedForward:
     def set_options(self, options: FeedForwardOptions) -> None:
         """Use other limits and times from now on."""
         self.options = options
-        self._limit = _per_joint(options.max_torque, self._n)
-        self._rate = _per_joint(options.max_torque_rate, self._n)
+        self._limit = per_joint(options.max_torque, self._n)
+        self._rate = per_joint(options.max_torque_rate, self._n)
 
     def use(self, source: Source | None, share: FloatArray | None = None) -> None:
         """
@@ -156,10 +90,9 @@ class FeedForward:
             self._offset = np.zeros(self._n)
             if self._blend < 1.0 and self._q is not None:
                 self._offset = self._base - self._torque(self._source, self._q)
-            old, share_then = self._source, self._share.copy()
-            if old.before is not None:
-                old = replace(old, predict=_mixed(old, share_then), before=None)
-            self._old, self._blend = old, 0.0
+            old = self._source
+            self._old = replace(old, predict=old.with_share(self._share.copy()), before=None)
+            self._blend = 0.0
         self._source = source
         self._share = np.ones(self._n) if share is None else share
         self._share_goal = self._share
@@ -303,9 +236,9 @@ class FeedForward:
 
         after = go(1.0)
         # A message that comes late makes no larger step.
-        most = SWAP_RATE * min(dt, self._period())
+        most = SWAP_CHANGE * min(dt, self._period()) / ramp if ramp > 0.0 else math.inf
         change = float(np.abs(after - before).max())
-        return go(most / change) if ramp > 0.0 and change > most else after
+        return go(most / change) if change > most else after
 
     def _blended(self, source: Source, q: FloatArray) -> FloatArray:
         new = self._torque(source, q)
@@ -315,7 +248,7 @@ class FeedForward:
         return old + self._blend * (new - old)
 
     def _torque(self, source: Source, q: FloatArray) -> FloatArray:
-        predict = source.predict if source.before is None else _mixed(source, self._share)
+        predict = source.with_share(self._share)
         if self.options.extrapolation == 'trust':
             return predict(q)
         q = source.nearest(q)
@@ -340,23 +273,3 @@ class FeedForward:
             goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
         self._last = goal
         return goal
-
-
-def _mixed(source: Source, share: FloatArray) -> Predict:
-    """Return the torque before and a share (N,) of its change."""
-    before = source.before
-    assert before is not None
-
-    def predict(q: FloatArray) -> FloatArray:
-        old = before(q)
-        return old + share * (source.predict(q) - old)
-    return predict
-
-
-def _per_joint(values: tuple[float, ...], n_joints: int) -> FloatArray | None:
-    if not values:
-        return None
-    if len(values) not in (1, n_joints):
-        raise OptionError(f'feed-forward: {len(values)} limits for {n_joints} joints; give one '
-                          'for all or one per joint')
-    return np.broadcast_to(np.asarray(values, dtype=np.float64), (n_joints,)).copy()

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine
 from threading import Thread
 import time
-from typing import Any
 
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings, strange_parameters
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
-from gravity_comp_ros.node.fit_requests import Reply
-from gravity_comp_ros.node.node_core import Answer, check_effects, NodeCore
+from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.priority_executor import InputGroup
-from rclpy.callback_groups import ReentrantCallbackGroup
+from gravity_comp_ros.node.services import Services
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.service import Service
 from rclpy.subscription import Subscription
-from rclpy.task import Future
 from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from std_srvs.srv import SetBool, Trigger
 
 # Matches every publisher. Deep enough for a tenth of a second at 1 kHz in which this process got
 # no turn; no deeper, because on a machine that is too slow the queue is the torque's delay.
 INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
-# By default the eleventh of many calls at once would be lost without an answer.
-SERVICE_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000,
-                         reliability=ReliabilityPolicy.RELIABLE)
 # robot_state_publisher sends it once, and keeps it for those who come later.
 DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                              reliability=ReliabilityPolicy.RELIABLE,
@@ -43,7 +34,6 @@ TICK = 0.02
 TICKS_PER_DOUBT = 5
 NO_CLOCK = ('use_sim_time is set and no /clock comes: nothing is learned or published; start the '
             'simulation, or set use_sim_time to false')
-INACTIVE = 'the node is not active: activate it first'
 
 
 class GravityCompNode(LifecycleNode):
@@ -57,7 +47,7 @@ class GravityCompNode(LifecycleNode):
         self._subscription: Subscription | None = None
         self._description: Subscription | None = None
         self._told: dict[str, int] = {}
-        self._services_made: list[Service] = []
+        self._service_set: Services | None = None
         self._timers_made: list[Timer] = []
         self._active = False
         self._named = False
@@ -65,7 +55,6 @@ class GravityCompNode(LifecycleNode):
         self._clock_is_simulated = False
         # Timers on the wall: a simulation that pauses must not stop the watchdog's eyes.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._waiting = ReentrantCallbackGroup()
         self._input = InputGroup()
         for text in strange_parameters(self):
             self.get_logger().warning(text)
@@ -111,7 +100,7 @@ class GravityCompNode(LifecycleNode):
         self._subscription = self.create_subscription(
             JointState, 'joint_states', self._on_joint_state, INPUT_QOS,
             callback_group=self._input)
-        self._make_services()
+        self._service_set = Services(self, self._active_core, self.now)
         report = 1.0 / self.settings.values.diagnostics_rate
         self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
                              self.create_timer(report, self._on_report, clock=self._steady)]
@@ -156,83 +145,18 @@ class GravityCompNode(LifecycleNode):
             self._core.close()
         for timer in self._timers_made:
             self.destroy_timer(timer)
-        for service in self._services_made:
-            self.destroy_service(service)
+        if self._service_set is not None:
+            self._service_set.destroy()
         for subscription in (self._subscription, self._description):
             if subscription is not None:
                 self.destroy_subscription(subscription)
         if self._outputs is not None:
             self._outputs.destroy()
         self._core = self._outputs = self._subscription = self._description = None
-        self._timers_made, self._services_made = [], []
+        self._timers_made, self._service_set = [], None
 
-    def _make_services(self) -> None:
-        answers: dict[str, Callable[[NodeCore], Answer]] = {
-            'payload_changed': lambda core: core.payload_changed(self.now()),
-            'rollback': lambda core: core.rollback(self.now())}
-        self._services_made = [
-            self.create_service(Trigger, f'~/{name}', self._trigger(answer),
-                                qos_profile=SERVICE_QOS)
-            for name, answer in answers.items()]
-        # These answer later, while joint states go on: a fit and a disk take their time.
-        self._services_made += [
-            self.create_service(Trigger, '~/refit', self._later(NodeCore.refit),
-                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
-            self.create_service(Trigger, '~/diagnose', self._later(NodeCore.diagnose),
-                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
-            self.create_service(Trigger, '~/save_model', self._on_save,
-                                qos_profile=SERVICE_QOS, callback_group=self._waiting),
-            self.create_service(SetBool, '~/enable', self._on_enable,
-                                qos_profile=SERVICE_QOS)]
-
-    def _trigger(self, answer: Callable[[NodeCore], Answer]) -> Callable[
-            [Trigger.Request, Trigger.Response], Trigger.Response]:
-        def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            response.success, response.message = self._if_active(answer)
-            self._log(response.success, response.message)
-            return response
-        return respond
-
-    def _if_active(self, answer: Callable[[NodeCore], Answer]) -> Answer:
-        if self._core is None or not self._active:
-            return False, INACTIVE
-        return answer(self._core)
-
-    def _later(self, start: Callable[[NodeCore, float, Reply], None]) -> Callable[
-            [Trigger.Request, Trigger.Response], Coroutine[Any, Any, Trigger.Response]]:
-        async def respond(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            future = Future(executor=self.executor)
-            if self._core is None or not self._active:
-                future.set_result((False, INACTIVE))
-            else:
-                start(self._core, time.monotonic(), lambda *answer: _settle(future, answer))
-            response.success, response.message = await future
-            self._log(response.success, response.message)
-            return response
-        return respond
-
-    async def _on_save(self, _: Trigger.Request,
-                       response: Trigger.Response) -> Trigger.Response:
-        future = Future(executor=self.executor)
-        if self._core is None or not self._active:
-            future.set_result((False, INACTIVE))
-        else:
-            self._save_in_thread(self._core, future)
-        response.success, response.message = await future
-        self._log(response.success, response.message)
-        return response
-
-    def _save_in_thread(self, core: NodeCore, future: Future) -> None:
-        def save() -> None:
-            _settle(future, core.save())
-        Thread(target=save, daemon=True).start()
-
-    def _on_enable(self, request: SetBool.Request,
-                   response: SetBool.Response) -> SetBool.Response:
-        response.success, response.message = self._if_active(
-            lambda core: core.enable(request.data))
-        self._log(response.success, response.message)
-        return response
+    def _active_core(self) -> NodeCore | None:
+        return self._core if self._active else None
 
     def _on_joint_state(self, message: JointState) -> None:
         core, outputs = self._core, self._outputs
@@ -321,15 +245,3 @@ class GravityCompNode(LifecycleNode):
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)
-
-    def _log(self, success: bool, text: str) -> None:
-        # A storm of calls must not become a storm of lines: who asked has the answer anyway.
-        if success:
-            self.get_logger().info(text, throttle_duration_sec=0.1)
-        else:
-            self.get_logger().warning(text, throttle_duration_sec=0.1)
-
-
-def _settle(future: Future, answer: Answer) -> None:
-    if not future.done():
-        future.set_result(answer)

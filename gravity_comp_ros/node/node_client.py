@@ -59,6 +59,7 @@ class Following:
         self._listener = Node('gravity_comp_workbench', context=self._context,
                               start_parameter_services=False, enable_rosout=False)
         self._subscribe()
+        self._closing = False
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._listener)
         self._thread = Thread(target=self._spin, name='follow', daemon=True)
@@ -103,9 +104,16 @@ class Following:
 
     def close(self) -> None:
         """Stop following."""
-        self._context.try_shutdown()
+        self._closing = True
+        self._executor.wake()
         self._thread.join(2.0)
+        if self._thread.is_alive():
+            # What it still uses must not be taken from it; it ends with the process.
+            return
+        # From the last that uses a thing to the thing itself.
+        self._executor.shutdown()
         self._listener.destroy_node()
+        self._context.try_shutdown()
 
     def _subscribe(self) -> None:
         best = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -121,7 +129,7 @@ class Following:
 
     def _spin(self) -> None:
         try:
-            while self._context.ok():
+            while not self._closing and self._context.ok():
                 self._executor.spin_once(timeout_sec=_WAIT)
         except (ExternalShutdownException, rclpy.exceptions.ROSInterruptException):
             pass

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.node.epoch import EpochOptions
-from gravity_comp_ros.node.feedforward import FeedForwardOptions
+from gravity_comp_ros.node.feedforward_options import FeedForwardOptions
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload import PayloadLimits
 from gravity_comp_ros.node.realtime_effects import CompensateOptions

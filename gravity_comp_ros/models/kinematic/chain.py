@@ -98,11 +98,16 @@ class ForwardKinematics:
             self.turned_x[i], self.turned_y[i] = turned[0], turned[1]
             frame = turned.reshape(3, 3 * m)
 
-    def moment_columns(self) -> FloatArray:
-        """Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a."""
+    def moment_columns(self, along: int = 2) -> FloatArray:
+        """
+        Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a.
+
+        :param along: 0 or 1 for a force along x or y of the base in the place of gravity.
+        """
         n, _, m = self.z.shape
         a = np.stack([self.turned_x, self.turned_y], axis=1)
-        columns = self.z[:, 0] * a[:, :, None, 1] - self.z[:, 1] * a[:, :, None, 0]
+        i, j = (along + 1) % 3, (along + 2) % 3
+        columns = self.z[:, i] * a[:, :, None, j] - self.z[:, j] * a[:, :, None, i]
         # A link turns about the joints before it and about its own.
         return np.asarray((columns * _at_or_beyond(n).T[:, None, :, None]).reshape(2 * n, n, m))
 
