@@ -144,7 +144,52 @@ def test_what_was_held_out_stays_held_out(bags, tmp_path, capsys):
     run_json(capsys, 'fit', bags['one'], bags['two'], '--holdout', '-o', path)
     found = add(capsys, 'coulomb_friction:shoulder', path, bags['one'], bags['two'])
     # The second bag is the one that was held out.
-    assert found['n_samples'] == 1200
+    assert found['n_samples'] == 1200 and found['on_holdout'] is None
+
+
+def test_errors_on_what_was_held_out_are_those_that_compare_finds(bags, tmp_path, capsys):
+    path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
+    run_json(capsys, 'fit', *both, '--holdout', '-o', path)
+    before = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
+    found = add(capsys, 'coulomb_friction:shoulder', path, *both, more=['--holdout'])
+    after = run_json(capsys, 'compare', *both, '--model', path, '--holdout')['joints']
+    for joint, error in found['on_holdout'].items():
+        assert error['rmse_before'] == pytest.approx(before[joint]['rmse'], rel=1e-9)
+        assert error['rmse_after'] == pytest.approx(after[joint]['rmse'], rel=1e-9)
+        assert error['torque_std'] == pytest.approx(after[joint]['torque_std'], rel=1e-9)
+    assert found['on_holdout']['shoulder']['rmse_after'] < 0.6 * found['on_holdout'][
+        'shoulder']['rmse_before']
+    diagnosed = run_json(capsys, 'diagnose', *both, '--model', path, '--holdout', '--effects',
+                         'viscous_friction')
+    assert diagnosed['data']['n_samples'] == 1200
+
+
+def test_what_was_held_out_of_all_samples_is_compared_with_all_of_them(bags, tmp_path, capsys):
+    path, both = tmp_path / 'm.json', (bags['one'], bags['two'])
+    run_json(capsys, 'fit', *both, '--all-samples', '--holdout', '-o', path)
+    found = run_json(capsys, 'compare', *both, '--model', path, '--holdout')
+    assert found['gate']['all_samples'] and found['joints']['shoulder']['n'] == 1200
+
+
+@pytest.mark.parametrize('verb', ['add', 'diagnose'])
+def test_nothing_held_out_is_said(bags, model, capsys, verb):
+    effect = ['coulomb_friction'] if verb == 'add' else []
+    assert main([verb, *effect, bags['one'], '--model', str(model), '--holdout']) == 1
+    assert 'nothing was held out' in capsys.readouterr().err
+
+
+def test_an_effect_that_is_one_of_a_tie_is_added_and_said_to_be(bags, tmp_path, capsys):
+    path = tmp_path / 'm.json'
+    run_json(capsys, 'fit', bags['one_way'], '-o', path)
+    status = main(['add', 'torque_offset:shoulder', bags['one_way'], '--model', str(path),
+                   '--json'])
+    out = capsys.readouterr()
+    assert status == 0, out.err
+    found = json.loads(out.out)
+    assert found['added'] == ['torque_offset:shoulder']
+    assert [(tie['effect'], tie['joint']) for tie in found['ties']] == [
+        ('torque_offset', 'shoulder')]
+    assert 'coulomb_friction' in found['ties'][0]['rivals'] and found['ties'][0]['settled_by']
 
 
 def test_fit_learns_effects_with_gravity(bags, tmp_path, capsys):

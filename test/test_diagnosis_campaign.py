@@ -2,11 +2,14 @@
 
 from dataclasses import replace
 
+from bench.campaign.judging import judging_case
 from bench.campaign.score import score
-from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.simulation.case_list import case
 from gravity_comp_ros.simulation.cases import recordings
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -21,9 +24,8 @@ def judged(arm, name, seed, **changes):
     samples = recordings(entry, seed, RATE)
     diagnosis = diagnose(samples)
     for found in diagnosis.findings:
-        # Of the many sizes of inertia, which can stand for each other, each may be 0.
-        many = found.effect == 'inertia' and len(found.coefficients) > 1
-        if found.verdict == 'established' or found.verdict in FOUND and not many:
+        if found.verdict in FOUND:
+            assert found.nrmse_after < found.nrmse_before
             assert any(low * high > 0.0 for low, high in (
                 e.ci95 for e in found.coefficients.values())), found.to_json()
     return diagnosis, score(entry, diagnosis.to_json(), samples.names)
@@ -65,6 +67,26 @@ def test_play_in_a_gear_is_not_a_soft_gear(arm, seed):
     diagnosis, result = judged(arm, 'backlash', seed)
     assert result.right, [f.to_json() for f in diagnosis.findings]
     assert any('play' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
+
+
+@pytest.mark.parametrize('arm, kind', [('iiwa7', 'drift'), ('right_seven', 'warming')])
+def test_slow_effects_go_on_from_recording_to_recording(arm, kind):
+    entry = judging_case(arm, kind, 0)
+    samples = recordings(entry, 0, RATE)
+    diagnosis = diagnose(samples)
+    result = score(entry, diagnosis.to_json(), samples.names)
+    assert result.right, [f.to_json() for f in diagnosis.findings]
+    # Without the clock each recording begins anew.
+    assert samples.starts and np.diff(samples.starts).min() > entry.duration
+
+
+def test_lost_messages_cost_no_accuracy():
+    entry = replace(judging_case('right_seven', 'lost', 0), runs=3)
+    samples = recordings(entry, 0, RATE)
+    result = score(entry, diagnose(samples).to_json(), samples.names)
+    assert all(result.named) and not result.false
+    for interval in result.intervals:
+        assert abs(interval.value / interval.truth - 1.0) < 0.1, interval
 
 
 def test_an_effect_may_be_looked_for_alone():

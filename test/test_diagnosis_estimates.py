@@ -1,10 +1,10 @@
 """Sizes of effects: their intervals, and whether they may be nothing."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.diagnosis.candidates import Candidate, Columns
+from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
-from gravity_comp_ros.diagnosis.evidence import joint_gram
-from gravity_comp_ros.diagnosis.selection import Selection, SelectionOptions
+from gravity_comp_ros.diagnosis.evidence import joint_rows
+from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.evaluation.blocks import cut
@@ -13,21 +13,20 @@ import pytest
 
 
 def chosen(own, tau):
-    """Return a selection of one joint that has chosen one effect with these columns."""
+    """Return fits of one joint with an effect that has these columns."""
     count, k = own.shape
     t = np.arange(count) * 0.02
-    samples = JointSamples.single_run(('a',), t, tau[:, None], tau[:, None], tau[:, None])
+    qd = np.sin(t)[:, None]
+    samples = JointSamples.single_run(('a',), t, tau[:, None], qd, tau[:, None])
     blocks = cut(samples, tau[:, None])
     effect = all_effects()['coulomb_friction']
     candidate = Candidate(effect, 0, {}, np.arange(1, 1 + k), False, 1)
-    columns = Columns(1, np.ones((count, 1, 1)), [own], [candidate])
-    gram = joint_gram(columns.of_joint(0), tau, blocks, np.ones(1 + k), 1.0, np.zeros(1 + k))
-    selection = Selection([gram], columns, [candidate], blocks, lambda *_: None,
-                          SelectionOptions())
-    selection.chosen = [candidate]
+    x = np.column_stack([np.ones(count), own])
+    rows = joint_rows(x, tau, blocks, np.ones(1 + k), 1.0, np.zeros(1 + k))
+    fits = Fits((rows,), Layout(1, (candidate,)), blocks)
     still = np.zeros((count, 1))
     motion = Motion(samples, still, still, still[:, :, None], np.ones(1), np.ones(1))
-    return selection, motion, candidate
+    return fits, motion, candidate
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -36,25 +35,25 @@ def test_columns_that_stand_for_each_other_may_each_be_nothing_but_not_all(seed)
     x = rng.normal(size=4000)
     own = np.column_stack([x, x + 0.01 * rng.normal(size=4000)])
     tau = own @ [0.5, 0.5] + rng.normal(size=4000)
-    selection, motion, candidate = chosen(own, tau)
-    sizes = estimates(selection, motion, candidate)
+    fits, motion, candidate = chosen(own, tau)
+    sizes = estimates(fits, [candidate], motion, candidate)
     assert len(sizes) == 2 and each_may_be_nothing(sizes)
     assert sum(one.value for one in sizes.values()) == pytest.approx(1.0, abs=0.1)
-    assert not all_may_be_nothing(selection, candidate)
+    assert not all_may_be_nothing(fits, [candidate], candidate)
 
 
 def test_a_size_that_stands_out_is_no_nothing():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(4000, 1))
-    selection, motion, candidate = chosen(x, 0.5 * x[:, 0] + rng.normal(size=4000))
-    sizes = estimates(selection, motion, candidate)
-    assert not each_may_be_nothing(sizes) and not all_may_be_nothing(selection, candidate)
+    fits, motion, candidate = chosen(x, 0.5 * x[:, 0] + rng.normal(size=4000))
+    sizes = estimates(fits, [candidate], motion, candidate)
+    assert not each_may_be_nothing(sizes) and not all_may_be_nothing(fits, [candidate], candidate)
 
 
 def test_what_is_not_there_may_be_nothing_in_nineteen_of_twenty():
     said = []
     for seed in range(60):
         rng = np.random.default_rng(100 + seed)
-        selection, _, candidate = chosen(rng.normal(size=(2000, 3)), rng.normal(size=2000))
-        said.append(all_may_be_nothing(selection, candidate))
+        fits, _, candidate = chosen(rng.normal(size=(2000, 3)), rng.normal(size=2000))
+        said.append(all_may_be_nothing(fits, [candidate], candidate))
     assert 0.85 <= np.mean(said) < 1.0

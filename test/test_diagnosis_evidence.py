@@ -2,9 +2,9 @@
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.evidence import (
-    absorbed, covariance, held_out_errors, joint_gram, largest_part, Prior, shared_information,
-    solve)
-from gravity_comp_ros.diagnosis.selection import SelectionOptions
+    absorbed, covariance, held_out_errors, joint_rows, largest_part, Prior, rebased,
+    shared_information, solve)
+from gravity_comp_ros.diagnosis.options import SelectionOptions, VerdictOptions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.evaluation.blocks import cut
 import numpy as np
@@ -23,8 +23,7 @@ def recording(lengths=(1000, 600), n_joints=2, seed=0):
 
 
 def no_prior(n_shared, blocks):
-    folds = blocks.n_folds + 1
-    return Prior(np.zeros((folds, n_shared, n_shared)), np.zeros((folds, n_shared)))
+    return Prior.none(blocks.n_folds, n_shared)
 
 
 def sample_folds(blocks):
@@ -46,10 +45,16 @@ def test_blocks_stay_within_runs_and_every_run_is_in_every_fold():
 
 
 def test_the_same_stretch_of_two_runs_is_in_different_folds():
-    samples = recording((1000, 1000))
+    samples = recording((1000, 1000, 1000))
     blocks = cut(samples, samples.tau)
     first, second = (blocks.fold[blocks.run == run] for run in (0, 1))
     assert (first != second).all()
+
+
+def test_a_fold_of_one_run_has_blocks_of_all_its_parts():
+    samples = recording((1000,))
+    blocks = cut(samples, samples.tau)
+    np.testing.assert_array_equal(blocks.fold, np.arange(blocks.count) % 5)
 
 
 def test_places_are_runs_or_stretches_of_few_runs():
@@ -80,10 +85,10 @@ def test_held_out_errors_are_those_of_fits_without_the_fold():
     x = rng.normal(size=(len(samples), 4))
     y = x @ [1.0, -2.0, 0.5, 0.0] + rng.normal(size=len(samples))
     scale, sigma = np.array([1.0, 2.0, 0.5, 3.0]), 0.7
-    joint = joint_gram(x, y, blocks, scale, sigma, np.zeros(4))
+    joint = joint_rows(x, y, blocks, scale, sigma, np.zeros(4))
     columns = np.array([0, 2, 3])
     fit = solve(joint, columns, 0, no_prior(0, blocks))
-    found = held_out_errors(joint, fit, blocks)
+    found = held_out_errors(joint, fit)
     folds, expected = sample_folds(blocks), np.zeros(len(y))
     for fold in range(blocks.n_folds):
         out = folds == fold
@@ -100,11 +105,11 @@ def test_a_column_that_a_training_set_has_not_seen_gives_numbers():
     rng = np.random.default_rng(3)
     x = rng.normal(size=(len(samples), 2))
     x[sample_folds(blocks) != 1, 1] = 0.0
-    joint = joint_gram(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
+    joint = joint_rows(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
     assert joint.training[1, 1, 1] == 0.0
     fit = solve(joint, np.arange(2), 0, no_prior(0, blocks))
     np.testing.assert_allclose(fit.without[:, 0], 1.0, atol=1e-6)
-    assert np.isfinite(held_out_errors(joint, fit, blocks)).all()
+    assert np.isfinite(held_out_errors(joint, fit)).all()
     assert np.isfinite(shared_information(joint, np.arange(2), 1).information).all()
 
 
@@ -113,8 +118,36 @@ def test_the_largest_part_of_a_column_is_that_of_its_fullest_group():
     blocks = cut(samples, samples.tau)
     x = np.ones((len(samples), 2))
     x[np.repeat(blocks.run, np.diff(blocks.starts)) == 0, 1] = 0.0
-    joint = joint_gram(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
-    np.testing.assert_allclose(largest_part(joint, np.arange(2), blocks.run), [1000 / 1600, 1.0])
+    joint = joint_rows(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
+    np.testing.assert_allclose(largest_part(
+        joint, np.arange(2), joint.group_of_rows(blocks.run)), [1000 / 1600, 1.0])
+
+
+def test_products_of_columns_that_are_not_kept_are_those_of_all():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    x = np.random.default_rng(4).normal(size=(len(samples), 5))
+    some, every = (joint_rows(x, x[:, 0], blocks, np.ones(5), 1.0, np.full(5, 2.0), n_core)
+                   for n_core in (2, None))
+    assert some.training.shape[1] == 2
+    for columns in (np.array([0, 1]), np.array([1, 4]), np.array([3, 2])):
+        np.testing.assert_allclose(some.gram(columns), every.gram(columns), rtol=1e-10)
+
+
+def test_other_columns_of_gravity_change_nothing_else():
+    samples = recording()
+    blocks = cut(samples, samples.tau)
+    rng = np.random.default_rng(5)
+    old, new, rest = (rng.normal(size=(len(samples), k)) for k in (2, 3, 4))
+    y, scale = rng.normal(size=len(samples)), np.array([1.0, 1.0, 2.0, 3.0, 0.5, 1.0])
+    before = joint_rows(np.column_stack([old, rest]), y, blocks, scale, 0.7, np.arange(6.0), 5)
+    found = rebased(before, new, 2)
+    wanted = joint_rows(np.column_stack([new, rest]), y, blocks,
+                        np.concatenate([np.ones(3), scale[2:]]), 0.7,
+                        np.concatenate([np.zeros(3), np.arange(6.0)[2:]]), 6)
+    for name in ('x', 'y', 'training', 'aims', 'ridge', 'scale'):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9,
+                                   atol=1e-9)
 
 
 def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():
@@ -126,7 +159,7 @@ def test_what_other_joints_tell_makes_a_joint_fit_that_of_all():
     weights = np.array([1.0, -1.0, 2.0])
     y = [shared[n] @ weights + 0.5 * own[n][:, 0] + rng.normal(size=len(samples))
          for n in range(2)]
-    joints = [joint_gram(np.column_stack([shared[n], own[n]]), y[n], blocks, np.ones(4), 1.0,
+    joints = [joint_rows(np.column_stack([shared[n], own[n]]), y[n], blocks, np.ones(4), 1.0,
                          np.zeros(4)) for n in range(2)]
     every = np.arange(4)
     prior = shared_information(joints[1], every, 3)
@@ -147,10 +180,11 @@ def test_intervals_cover_the_truth_where_neighbours_are_alike():
         noise = np.convolve(rng.normal(size=count + 49), np.ones(50) / 7.0, mode='valid')
         samples = JointSamples.single_run(('a',), np.arange(count) * 0.02, x, x, x)
         blocks = cut(samples, noise[:, None])
-        joint = joint_gram(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
+        joint = joint_rows(x, 0.3 * x[:, 0] + noise, blocks, np.ones(1), 1.0, np.zeros(1))
         fit = solve(joint, np.array([0]), 0, no_prior(0, blocks))
         spread = np.sqrt(covariance(
-            joint, fit, 0, no_prior(0, blocks), np.arange(blocks.count))[0, 0])
+            joint, fit, 0, no_prior(0, blocks),
+            joint.group_of_rows(np.arange(blocks.count)))[0, 0])
         inside += abs(fit.all_data[0] - 0.3) < 1.96 * spread
     # Taken as independent, the samples would give intervals that hold the truth in a third.
     assert 0.8 * trials <= inside
@@ -164,7 +198,7 @@ def test_absorbed_is_the_share_that_the_base_imitates():
     imitated = base @ [1.0, 1.0]
     other = rng.normal(size=len(samples))
     x = np.column_stack([base, imitated, other])
-    joint = joint_gram(x, other, blocks, np.ones(4), 1.0, np.zeros(4))
+    joint = joint_rows(x, other, blocks, np.ones(4), 1.0, np.zeros(4))
     assert absorbed(joint, np.arange(2), np.array([2])) == pytest.approx(1.0, abs=1e-6)
     assert absorbed(joint, np.arange(2), np.array([3])) < 0.02
 
@@ -174,3 +208,10 @@ def test_absorbed_is_the_share_that_the_base_imitates():
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(OptionError, match='selection'):
         SelectionOptions(**wrong)
+
+
+@pytest.mark.parametrize('wrong', [{'least_effective': -1.0}, {'alike': 1.5},
+                                   {'most_runs': -0.1}, {'least_reduction': 2.0}])
+def test_thresholds_of_a_verdict_out_of_range_are_refused(wrong):
+    with pytest.raises(OptionError, match='verdict'):
+        VerdictOptions(**wrong)

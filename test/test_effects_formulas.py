@@ -64,6 +64,10 @@ def test_column_by_hand(motion, name, setting, column):
     ('inertia', {'coupled': 2.0}, [
         QDD[:, 0], QDD[:, 0] * np.sin(Q[:, 1]), QDD[:, 0] * np.cos(Q[:, 1]),
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
+    # About the means of these factors, J is the inertia in the middle of the motion.
+    ('inertia', {'coupled': 2.0, 'mean_s': 0.25, 'mean_c': -0.5}, [
+        QDD[:, 0], QDD[:, 0] * (np.sin(Q[:, 1]) - 0.25), QDD[:, 0] * (np.cos(Q[:, 1]) + 0.5),
+        QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
     found = find_effect(name).columns(motion, 0, setting)

@@ -86,7 +86,9 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
         settings = effect.settings(motion, joint)
         if effect.untestable(motion, joint) is None:
             assert settings, 'testable, but there is nothing to try'
-            assert set().union(*settings) == set(effect.setting_units)
+            # The means of inertia belong to a form that a short motion is not given.
+            missing = set(effect.setting_units) - set().union(*settings)
+            assert missing <= ({'mean_s', 'mean_c'} if effect.name == 'inertia' else set())
         for setting in some(settings) if settings else []:
             columns = effect.columns(motion, joint, setting)
             k = len(effect.coefficients_of(motion, joint, setting))
@@ -206,8 +208,8 @@ def test_a_part_of_a_motion_has_the_columns_of_the_whole(effect):
             setting = {**setting, 'run': setting['run'] + 2}
         np.testing.assert_allclose(
             columns, effect.columns(motion, joint, setting)[last], rtol=1e-9, atol=1e-9)
-        assert set(effect.taken) <= set(setting)
-        assert effect.n_scanned(setting) == len(setting) - len(effect.taken)
+        assert set(effect.taken) <= set(effect.setting_units)
+        assert effect.n_scanned(setting) == len(set(setting) - set(effect.taken))
 
 
 HISTORY = ('friction_drift', 'presliding_hysteresis', 'torque_drift')

@@ -8,6 +8,7 @@ from gravity_comp_ros.effects.motion import (
     accelerations, build_motion, gravity_gradient, MotionOptions)
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
+from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
@@ -258,3 +259,17 @@ def test_time_is_counted_from_the_start_of_each_run():
     np.testing.assert_array_equal(run_time(concatenate([one, two])), [0, 1, 3, 0, 1.5])
     left = concatenate([one, two]).select([3, 4])
     np.testing.assert_array_equal(run_time(left), [0, 1.5])
+
+
+def test_lost_messages_are_no_noise():
+    t = np.arange(0.0, 60.0, 0.02)
+    q = 0.5 * np.sin(0.8 * t) + 1e-5 * np.random.default_rng(0).standard_normal(len(t))
+    kept = np.random.default_rng(1).random(len(t)) > 0.15
+    assert position_noise(q[kept], t[kept]) == pytest.approx(1e-5, rel=0.15)
+    # Without times the motion over a gap looks like noise.
+    assert position_noise(q[kept]) > 2e-5
+
+
+def test_where_no_window_is_even_all_serve():
+    t = np.cumsum(np.tile([0.01, 0.04], 50))
+    assert evenly_spaced(t).all() and evenly_spaced(t[:4]).size == 0

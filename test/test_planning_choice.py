@@ -4,8 +4,8 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import answer
-from gravity_comp_ros.planning.questions import open_targets
+from gravity_comp_ros.planning.criterion import answer, chance
+from gravity_comp_ros.planning.questions import observed_separation, open_targets
 from hypothesis import given, settings, strategies
 import numpy as np
 from planning_arm import CHAIN, model, NAMES, NOISE, one_way
@@ -76,7 +76,8 @@ def test_nothing_left_of_a_column_is_no_information():
     x = np.random.default_rng(0).normal(size=(40, 2))
     x = np.column_stack([x, x[:, 1], x[:, 0]])
     found = answer(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
-    assert found.separation < 1e-2 and np.isinf(found.spread[0]) and found.chance < 1e-3
+    assert found.separation < 1e-2 and np.isinf(found.spread[0])
+    assert chance(found.separation) < 1e-3
 
 
 def finding(effect, joint, verdict, before=0.1, after=0.05, rivals=()):
@@ -115,3 +116,16 @@ def test_a_joint_that_may_not_move():
     still = one_way(0, span=1e-4)
     with pytest.raises(OptionError, match='no joint of the targets can move'):
         plan(still, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+
+
+@pytest.mark.parametrize('verdict, p, low, high', [
+    ('ambiguous', 1e-9, 1.0, 1.0), ('untestable', 1e-9, 1.0, 1.0), ('weak', 0.02, 2.0, 2.1),
+    ('weak', 1.0, 0.0, 0.0), ('weak', 1e-12, 3.0, 3.0), ('established', 1e-9, np.inf, np.inf)])
+def test_what_recordings_left_open_they_have_not_shown(verdict, p, low, high):
+    finding = Finding('a', 'coulomb_friction', verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '', p)
+    report = JointReport('', 0.1, 50.0, 1.0, 0.5, {'viscous_friction': 'one speed'})
+    diagnosis = Diagnosis((finding,), {'a': report})
+    seen = observed_separation(Target('coulomb_friction', 'a'), diagnosis)
+    assert low <= seen <= high
+    assert observed_separation(Target('viscous_friction', 'a'), diagnosis) == 0.0
+    assert observed_separation(Target('joint_spring', 'a'), diagnosis) == np.inf

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.simulation.cases import Case
 
 _ROOT = Path(gravity_comp_ros.__file__).parent
-_ROOMS = ('diagnosis', 'effects', 'gravity', 'simulation')
+_ROOMS = ('diagnosis', 'effects', 'evaluation', 'estimation', 'models', 'simulation')
 
 
 @dataclass(frozen=True)

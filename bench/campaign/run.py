@@ -5,6 +5,8 @@ Run from the root of the repository:
 
     python -m bench.campaign.run results/ --seeds 10 --jobs 2
     python -m bench.campaign.run results/ --arms iiwa7 --cases coulomb_large,detent --seeds 3
+    python -m bench.campaign.run judged/ --judging --seeds 10 --jobs 2 \
+        --arms iiwa7,six_axis,right_seven,right_six,any_six
 
 Every recording's diagnosis is kept in the folder, so that a run that was stopped goes on where
 it was; results of older code are made anew, unless --keep is given. The folder then holds
@@ -24,13 +26,15 @@ import sys
 from time import monotonic
 from typing import Any
 
+from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.results import fingerprint, load, save, Task
 from bench.campaign.score import ALWAYS_THERE
 from bench.campaign.table import markdown, summary
-from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.simulation.case_list import case, cases
-from gravity_comp_ros.simulation.cases import ARMS, Case, recordings
+from gravity_comp_ros.simulation.case_list import case, cases, ROLES
+from gravity_comp_ros.simulation.cases import Case, recordings
 from gravity_comp_ros.simulation.drawn import drawn_case
 
 
@@ -42,7 +46,7 @@ def main() -> int:
     code = fingerprint()
     try:
         tasks = [Task(entry, seed, args.rate) for seed in range(args.first, args.seeds)
-                 for entry in chosen(args)]
+                 for entry in chosen(args, seed)]
     except GravityCompError as error:
         print(error, file=sys.stderr)
         return 1
@@ -61,11 +65,14 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Hidden-effect campaign of the diagnosis.')
     out.add_argument('folder', help='where results are kept')
-    out.add_argument('--arms', default=','.join(ARMS), help=f'(default: {",".join(ARMS)})')
+    out.add_argument('--arms', default=','.join(ROLES), help=f'(default: {",".join(ROLES)})')
     out.add_argument('--cases', help='names, separated by commas (default: all)')
     out.add_argument('--drawn', type=int, default=0, metavar='N',
                      help='instead of the named cases, N whose effects, joints and sizes are '
                      'drawn at random')
+    out.add_argument('--judging', action='store_true',
+                     help='instead of the named cases, those that nothing was tuned to: '
+                     + ', '.join(KINDS))
     out.add_argument('--seeds', type=int, default=3, help='seeds 0 to N - 1 (default: 3)')
     out.add_argument('--first', type=int, default=0, help='first seed (default: 0)')
     out.add_argument('--rate', type=float, default=50.0, help='samples per second (default: 50)')
@@ -76,9 +83,12 @@ def parser() -> argparse.ArgumentParser:
     return out
 
 
-def chosen(args: argparse.Namespace) -> list[Case]:
+def chosen(args: argparse.Namespace, seed: int = 0) -> list[Case]:
     """Return the cases that were asked for, on all arms."""
     arms = args.arms.split(',')
+    if args.judging:
+        chosen_kinds = args.cases.split(',') if args.cases else KINDS
+        return [judging_case(arm, kind, seed) for arm in arms for kind in chosen_kinds]
     if args.drawn:
         return [drawn_case(arm, number) for arm in arms for number in range(args.drawn)]
     if args.cases:

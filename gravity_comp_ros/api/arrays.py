@@ -40,7 +40,7 @@ def samples_from_arrays(q: ArrayOrRuns, tau: ArrayOrRuns, t: ArrayOrRuns | None,
         # A sample alone in a gap has no speed that could be differentiated.
         known = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
         parts.append(JointSamples.single_run(joints, time[known], position[known], speed[known],
-                                             scale * torque[known], f'run {k}'))
+                                             scale * torque[known], f'run {k}', 0.0))
     return concatenate(parts)
 
 

@@ -22,8 +22,8 @@ from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
 from gravity_comp_ros.api.steps import add_to_model, compare_model, fit_model, update_model
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
-from gravity_comp_ros.diagnosis.diagnose import DiagnosisOptions
 from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.refit import RefitOptions

@@ -210,8 +210,20 @@ def read_recording(paths: Sequence[Path], options: ReadOptions, gate: GateOption
     for number, path in enumerate(paths):
         progress(f'read {path.name}', number / len(paths))
         found.append(read_bag(path, options))
-    return Recording(concatenate(one.samples for one in found), gate,
-                     tuple(one.report for one in found))
+    kept, reports = _each_once([one.report for one in found])
+    return Recording(concatenate(found[k].samples for k in kept), gate, reports)
+
+
+def _each_once(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[ReadReport, ...]]:
+    """Return which recordings are no copies, and their reports with a note on the copies."""
+    digests = [report.sha256 for report in reports]
+    kept = [k for k, digest in enumerate(digests) if digest not in digests[:k]]
+    found = []
+    for k in kept:
+        notes = [f'{other.path} is the same recording and counts once'
+                 for other in reports[k + 1:] if other.sha256 == digests[k]]
+        found.append(replace(reports[k], notes=(*reports[k].notes, *notes)))
+    return kept, tuple(found)
 
 
 def read_slow(paths: Sequence[Path], options: ReadOptions, gate: GateOptions | None,
@@ -232,8 +244,8 @@ def read_slow(paths: Sequence[Path], options: ReadOptions, gate: GateOptions | N
     for number, path in enumerate(paths):
         progress(f'read {path.name}', number / len(paths))
         found.append(next(coming))
-    samples = concatenate(one.samples for one in found)
-    dropped = sum((Counter(one.dropped) for one in found), Counter())
-    total = sum(one.report.n_samples for one in found)
-    return Recording(samples, gate, tuple(one.report for one in found),
-                     gated_before=passed(samples, total, dropped, gate))
+    kept, reports = _each_once([one.report for one in found])
+    samples = concatenate(found[k].samples for k in kept)
+    dropped = sum((Counter(found[k].dropped) for k in kept), Counter())
+    total = sum(report.n_samples for report in reports)
+    return Recording(samples, gate, reports, gated_before=passed(samples, total, dropped, gate))

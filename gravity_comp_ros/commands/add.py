@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from dataclasses import replace
 import shlex
+from typing import Any
 
 from gravity_comp_ros.api.provenance import bag_json, now
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.commands import next_step, reading, refitting, terminal
+from gravity_comp_ros.api.ties import ties_of
+from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
+from gravity_comp_ros.data.gate import GateOptions
+from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -53,31 +60,48 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
 def _add(args: argparse.Namespace, model: GravityModel) -> int:
     effects = args.effects.split(',')
     requests(effects, model.joints)  # a slip of the keyboard shows before bags are read
+    held_out.required(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load_all(args, report)
         done = add_to_model(model, recording, effects, refitting.speeds(args), report)
+        ties = ties_of(model, recording, done.refit.added)
     result, reports = done.refit, recording.reports
+    aside = held_out.errors(model, done.model, replace(recording, gate=GateOptions())) \
+        if args.holdout else {}
     if not args.dry_run:
         save_model(args.model, done.model)
     if args.json != '-':
-        _show(args, result, reports)
+        _show(args, result, reports, ties, aside)
     for line in [*reading.scale_warnings(model, reports), *refitting.warnings(result)]:
         terminal.warn(line)
     if args.json:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
-             **refitting.to_json(result),
+             **refitting.to_json(result), 'ties': [_tie_json(tie) for tie in ties],
+             'on_holdout': held_out.to_json(aside) if args.holdout else None,
              'bags': [bag_json(r) for r in reports]}, args.json)
     return 0
 
 
-def _show(args: argparse.Namespace, result: Refit,
-          reports: tuple[ReadReport, ...]) -> None:
+def _tie_json(tie: Finding) -> dict[str, Any]:
+    return {'effect': tie.effect, 'joint': tie.joint, 'rivals': list(tie.rivals),
+            'settled_by': tie.next_step}
+
+
+def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
+          ties: Sequence[Finding], aside: dict[str, tuple[float, float, float]]) -> None:
     for line in reading.bag_lines(reports):
         terminal.show(terminal.safe(line))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
+    if aside:
+        terminal.show('', held_out.table(aside))
+    for tie in ties:
+        terminal.show(terminal.safe(
+            f'{target(tie.effect or "", tie.joint)} is one of a tie: {", ".join(tie.rivals)} '
+            f'would explain these recordings as well. The error falls with any of them; keep '
+            f'one. What settles it: {tie.next_step}'))
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return

@@ -8,12 +8,12 @@ from dataclasses import replace
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
-from gravity_comp_ros.commands import html, next_step, reading, terminal
+from gravity_comp_ros.commands import held_out, html, next_step, reading, terminal
 from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -43,6 +43,7 @@ def _run(args: argparse.Namespace) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         loaded = reading.load(args, report)
+    loaded = _gated_as_fitted(args, model, loaded)
     part, fitted = _unseen(args, model, loaded)
     samples = part.slow
     few = _few(args, samples)
@@ -114,21 +115,26 @@ def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
     return named_joints('--joints: the model', model.joints, args.joints or model.joints, 'shown')
 
 
+def _gated_as_fitted(args: argparse.Namespace, model: GravityModel,
+                     loaded: Recording) -> Recording:
+    """Return the recording ungated if all samples were fitted, as what was held out of them."""
+    if not args.holdout or args.max_speed is not None:
+        return loaded
+    return replace(loaded, gate=None) if held_out.of_all_samples(model) else loaded
+
+
 def _unseen(args: argparse.Namespace, model: GravityModel,
             loaded: Recording) -> tuple[Recording, list[str]]:
     """Return the part to judge on, and the bags in it that the model was fitted to."""
     known = reading.fitted_names(model, loaded.reports)
     seen = [run for run, report in enumerate(loaded.reports) if report.path.name in known]
-    blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
     if not args.holdout:
         return loaded, [loaded.reports[run].path.name for run in seen]
-    if not blocks:
-        raise OptionError(f'nothing was held out when {args.model} was fitted: fit it with '
-                          '--holdout')
+    held_out.required(args, model)
     fresh = [Block(run, -float('inf'), float('inf')) for run in range(len(loaded.reports))
              if run not in seen]
-    held_out = held_out_blocks(model, loaded.reports)
-    kept = replace(loaded, use=within(loaded.samples, [*fresh, *held_out]))
+    blocks = held_out_blocks(model, loaded.reports)
+    kept = replace(loaded, use=within(loaded.samples, [*fresh, *blocks]))
     if not kept.slow.n_samples:
         raise DataError('the model was fitted to all of these bags: nothing of them was held out')
     return kept, []

@@ -14,7 +14,8 @@ from gravity_comp_ros.effects.motion_direction import least_widths
 from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 import numpy as np
 
-_COLUMNS = ('joint', 'range °', 'max rad/s', 'reversals', 'at rest', 'noise N·m', 'effective n')
+_COLUMNS = ('joint', 'range °', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
+            'effective n')
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,14 @@ import shlex
 import time
 
 from gravity_comp_ros.api.provenance import bag_json
-from gravity_comp_ros.commands import data_check, follow_up, html, reading, terminal
+from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -43,7 +44,9 @@ def _run(args: argparse.Namespace) -> int:
     started = time.perf_counter()
     with terminal.progress() as report:
         recording = reading.load_all(args, report)
-        reports, samples = recording.reports, recording.samples
+        if model is not None:
+            recording = held_out.without(model, recording)
+        reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
     for line in reading.scale_warnings(model, reports) if model else []:
@@ -60,6 +63,9 @@ def _run(args: argparse.Namespace) -> int:
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         for line in [*reading.bag_lines(reports), *reading.fitted_lines(model, reports)]:
             terminal.show(terminal.safe(line))
+        if recording.use is not None:
+            terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
+                          'the fit are left out here, for `compare --holdout`')
         _show(args, diagnosis, check, model)
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
@@ -81,15 +87,19 @@ def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityM
         notes = ('Predictions are of a model that was fitted for this report to '
                  f'{model.coverage.n_samples} samples.',)
     judged = f'all {samples.n_samples} samples, fast ones too'
+    adding = follow_up.adding(args, wording.targets(diagnosis.findings))
     html.write(args, html.contents(args, model, samples, compare(model, samples), judged,
                                    reports, diagnosis, notes=notes,
-                                   next_command='\n'.join(follow_up.adding(args, diagnosis))))
+                                   next_command='\n'.join(adding)))
 
 
 def _model(args: argparse.Namespace) -> GravityModel | None:
     if args.model is None:
+        if args.holdout:
+            args.parser.error('--holdout needs the --model of which something was held out')
         return None
     model = load_model(args.model)
+    held_out.required(args, model)
     if args.joints is not None and set(args.joints) != set(model.joints):
         raise OptionError('--joints: the model says which joints there are '
                           f'({", ".join(model.joints)}); leave it out')

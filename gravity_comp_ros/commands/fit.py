@@ -117,7 +117,7 @@ def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: J
     beside = nuisance_sentence(result.model.nuisance)
     if beside:
         terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'),
-                      'RMSE is the error of gravity alone; noise is what remains with these')
+                      'RMSE is the error of gravity alone, the remaining error that beside these')
     if 'choice' in result.report:
         choice = result.report['choice']
         terminal.show(terminal.safe(f'{choice["formulation"]} was chosen: {choice["why"]}'))
@@ -159,14 +159,14 @@ def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
 
 def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
-    columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'noise N·m']
+    columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'remaining N·m']
     if judged is not None:
         columns += ['held-out RMSE', 'held-out nRMSE']
     rows = []
     for n, joint in enumerate(model.joints):
         low, high = (math.degrees(x) for x in (model.coverage.q_min[n], model.coverage.q_max[n]))
         row = [joint, str(model.n_features()[n]), f'{low:.0f} … {high:.0f}',
-               f'{report["rmse"][joint]:.4f}', _noise(report, joint)]
+               f'{report["rmse"][joint]:.4f}', _remaining(report, joint)]
         if judged is not None:
             held_out = judged.joints[joint]
             row += [f'{held_out.rmse:.4f}', percent(held_out.nrmse)]
@@ -176,8 +176,8 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
         f'{model.coverage.n_runs} run{"s" if model.coverage.n_runs > 1 else ""}', columns, rows)
 
 
-def _noise(report: dict[str, Any], joint: str) -> str:
-    """Return a joint's noise: a constant, and a part of the load where there is one."""
+def _remaining(report: dict[str, Any], joint: str) -> str:
+    """Return a joint's remaining error: a constant, and a part of the load if there is one."""
     absolute, relative = (report['noise'][part][joint] for part in ('absolute', 'relative'))
     return f'{absolute:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
 

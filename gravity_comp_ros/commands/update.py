@@ -125,7 +125,9 @@ def _tool_lines(report: dict[str, Any]) -> list[str]:
         return ['(--urdf FILE tells the mass and its centre as well)']
     mass, centre = payload['mass'], payload['centre']
     lines = [f'mass {mass["value"]:+.3f} kg (95 %: {mass["ci95"][0]:.3f} to '
-             f'{mass["ci95"][1]:.3f})']
+             f'{mass["ci95"][1]:.3f})',
+             'that interval does not cover an error of the torque scale: where effort reads 5 % '
+             'too high, so does the mass (a known mass on the arm shows it)']
     if centre is None:
         return [*lines, 'the mass is not told from 0, so it has no centre']
     where = ', '.join(f'{axis} {1e3 * x["value"]:.1f} mm ({1e3 * x["ci95"][0]:.1f} to '

@@ -3,6 +3,7 @@
 VERBS = {
     'synth': 'record a simulated arm: model, motion, payload, hidden effects and noise to a file',
     'convert': 'bring a CSV or NPZ file with any columns, units and signs into an MCAP file',
+    'cut': 'write a part of a recording, by time and joints, or split it',
     'info': 'say what is in a recording, and what cannot be judged from it',
     'fit': 'learn the gravity model of an arm from slow motion',
     'compare': 'compare a model with measured torques, joint by joint',

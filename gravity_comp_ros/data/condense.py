@@ -71,7 +71,7 @@ class Condensation:
             return samples
         return JointSamples(samples.names, self.mean(samples.t), self.mean(samples.q),
                             self.mean(samples.qd), self.mean(samples.tau),
-                            samples.runs[self.first], samples.run_labels)
+                            samples.runs[self.first], samples.run_labels, samples.starts)
 
 
 def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()) -> Condensation:

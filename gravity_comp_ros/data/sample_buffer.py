@@ -140,7 +140,7 @@ class SampleRing:
         values = self._values[:n][order]
         labels = tuple(f'live {run}' for run in runs) or ('live 0',)
         return JointSamples(self._names, self._t[:n][order], values[:, 0], values[:, 1],
-                            values[:, 2], numbers.reshape(-1), labels)
+                            values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels))
 
     def coverage(self) -> Coverage:
         """Return the range of every joint over the samples that the ring holds."""

@@ -23,7 +23,8 @@ class JointSamples:
     `q` (M, N) in rad, `qd` (M, N) in rad/s and `tau` (M, N) in N·m (the torque that the drive
     supplies: positive tau accelerates q upwards). `runs` (M,) numbers the run that each sample
     belongs to, in non-decreasing order from 0; `run_labels` names the runs. Samples of a run
-    are in order of time. Arrays are finite and read-only.
+    are in order of time. `starts` has for each run the time on one clock, in s, at which its t
+    is 0; it is empty where no such clock is known. Arrays are finite and read-only.
 
     :raises DataError: if shapes disagree, a value is not finite, names repeat, or time does
         not increase within a run.
@@ -36,6 +37,7 @@ class JointSamples:
     tau: FloatArray
     runs: IntArray
     run_labels: tuple[str, ...]
+    starts: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         names = tuple(str(name) for name in self.names)
@@ -47,6 +49,11 @@ class JointSamples:
         object.__setattr__(self, 'runs', _frozen(self.runs, np.int64))
         self._check_shapes()
         self._check_values()
+        object.__setattr__(self, 'starts', tuple(float(x) for x in self.starts))
+        if self.starts and (len(self.starts) != self.n_runs
+                            or not np.isfinite(self.starts).all()):
+            raise DataError(f'samples: starts must be one finite time for each of '
+                            f'{self.n_runs} runs, or none')
 
     def _check_shapes(self) -> None:
         m, n = self.t.shape[0] if self.t.ndim == 1 else -1, len(self.names)
@@ -78,12 +85,18 @@ class JointSamples:
 
     @classmethod
     def single_run(cls, names: Sequence[str], t: ArrayLike, q: ArrayLike, qd: ArrayLike,
-                   tau: ArrayLike, label: str = 'run') -> JointSamples:
-        """Return the samples of one run; arrays as in the class."""
+                   tau: ArrayLike, label: str = 'run',
+                   start: float | None = None) -> JointSamples:
+        """
+        Return the samples of one run; arrays as in the class.
+
+        :param start: the time on a clock in s at which t is 0, if one is known.
+        """
         t = np.asarray(t, dtype=np.float64)
         return cls(tuple(names), t, np.asarray(q, dtype=np.float64),
                    np.asarray(qd, dtype=np.float64), np.asarray(tau, dtype=np.float64),
-                   np.zeros(t.shape, dtype=np.int64), (label,))
+                   np.zeros(t.shape, dtype=np.int64), (label,),
+                   () if start is None else (start,))
 
     @property
     def n_samples(self) -> int:
@@ -108,7 +121,7 @@ class JointSamples:
         """
         keep = np.asarray(keep)
         return JointSamples(self.names, self.t[keep], self.q[keep], self.qd[keep],
-                            self.tau[keep], self.runs[keep], self.run_labels)
+                            self.tau[keep], self.runs[keep], self.run_labels, self.starts)
 
     def joints(self, names: Sequence[str]) -> JointSamples:
         """
@@ -122,14 +135,15 @@ class JointSamples:
                 f'no joint {", ".join(missing)} in the data; it has {", ".join(self.names)}')
         order = [self.names.index(name) for name in names]
         return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
-                            self.tau[:, order], self.runs, self.run_labels)
+                            self.tau[:, order], self.runs, self.run_labels, self.starts)
 
     def run(self, number: int) -> JointSamples:
         """Return the samples of one run, as a set with that single run."""
         here = self.runs == number
         return JointSamples(self.names, self.t[here], self.q[here], self.qd[here],
                             self.tau[here], np.zeros(int(here.sum()), dtype=np.int64),
-                            (self.run_labels[number],))
+                            (self.run_labels[number],),
+                            self.starts[number:number + 1])
 
     def each_run(self) -> Iterator[JointSamples]:
         """Yield every run in order, empty ones included."""
@@ -161,7 +175,8 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
         names, np.concatenate([p.t for p in parts]), np.concatenate([p.q for p in parts]),
         np.concatenate([p.qd for p in parts]), np.concatenate([p.tau for p in parts]),
         np.concatenate([p.runs + k for p, k in zip(parts, first_run)]),
-        tuple(label for p in parts for label in p.run_labels))
+        tuple(label for p in parts for label in p.run_labels),
+        tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
 
 
 def _check_names(names: tuple[str, ...]) -> None:

@@ -17,17 +17,19 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.effects.predict import effect_torque, installed, joint_number
+from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
+from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
+from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
+_ROUGH_SAMPLES = 500
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
@@ -41,7 +43,7 @@ _WORTHWHILE = 0.01
 @dataclass(frozen=True)
 class Base:
     """
-    The gravity model, the motion as effects see it, and the columns (M, N, K) of every fit.
+    The gravity model, the motion, the regressor (M, N, K) of gravity, and the serial arm in it.
 
     The columns are combinations of gravity's terms, of about the same size and not alike, and
     after them those of the effects that the model has, `given`, whose sizes may change beside
@@ -51,36 +53,34 @@ class Base:
     model: GravityModel
     motion: Motion
     columns: FloatArray
+    chain: Chain | None = None
     given: frozenset[tuple[str, int | None]] = frozenset()
 
 
-def choose_base(samples: JointSamples, model: GravityModel | None) -> Base:
+def choose_base(samples: JointSamples, model: GravityModel | None, most: int) -> Base:
     """
     Return the gravity to refit with effects.
 
-    :param model: the user's model if there is one, and if it has an energy; else one is fitted.
+    Gravity is chosen from the samples alone, so that a diagnosis does not depend on the
+    formulation of the user's model.
+
+    :param samples: without the torque of the effects that the model has.
+    :param model: the user's model, whose effects are `Base.given`; None if there is none.
+    :param most: of so many samples or fewer the base and its motion are.
     """
-    few = _thin(samples, _SAMPLES)
-    known = model is not None and model.energy is not None and model.chain is None
-    taken = np.zeros(samples.q.shape)
-    if model is not None and model.chain is not None:
-        # A chain is fitted anew as an energy: the diagnosis must not depend on the formulation.
-        taken = effect_torque(model, samples)
-    if model is not None and known:
-        rough = model
-    else:
-        rough = _potential(replace(samples, tau=samples.tau - taken).select(few))
-    motion = build_motion(samples, rough)
-    cleaned = replace(samples, tau=samples.tau - _nuisance(motion, rough))
-    kept = replace(cleaned, tau=cleaned.tau - taken).select(few)
-    chosen = rough if known else _potential(kept)
-    if model is not None and model.chain is not None:
+    rows = np.flatnonzero(_thin(samples, most))
+    part = samples.select(rows)
+    motion = build_motion(part, _potential(samples.select(_thin(samples, _ROUGH_SAMPLES))))
+    cleaned = replace(part, tau=part.tau - _nuisance(motion))
+    chosen = levelled(_potential(cleaned.select(_thin(part, _SAMPLES))), part.q)
+    if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
-    chosen = levelled(chosen, samples.q)
-    motion = build_motion(samples, chosen)
+    # Directions and accelerations are those of all samples.
+    motion = build_motion(samples, chosen).at(rows)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
-    return Base(chosen, motion, _columns(chosen, motion, cleaned), given)
+    chain = _chain(cleaned, None)
+    return Base(chosen, motion, _columns(chosen, motion, cleaned, chain), chain, given)
 
 
 def _potential(samples: JointSamples) -> GravityModel:
@@ -106,12 +106,13 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     """
     samples = base.motion.samples
     cleaned = replace(samples, tau=samples.tau - effects)
-    columns = _columns(base.model, base.motion, cleaned)
+    chain = _chain(cleaned, base.chain)
+    columns = _columns(base.model, base.motion, cleaned, chain)
     few = _thin(samples, _SAMPLES)
     before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
     if (after > (1.0 - _WORTHWHILE) * before).all():
         return None
-    return replace(base, columns=columns)
+    return replace(base, columns=columns, chain=chain)
 
 
 def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
@@ -122,18 +123,16 @@ def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
 
 
 def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
-    """Return how a model's torques (M, N, K) change with its numbers."""
-    if model.chain is not None:
-        return model.chain.jacobian(q).transpose(2, 1, 0)
+    """Return the regressor (M, N, K) of the features that an energy has."""
     features = model.energy.indices if model.energy else np.zeros(0, dtype=np.int64)
     flat = EnergyDesign(q, np.ones(q.shape)).columns(features)
     return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
 
 
-def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples) -> FloatArray:
-    gravity = _tangent(cleaned)
-    if model.chain is None:
-        gravity = np.concatenate([_model_columns(model, cleaned.q), gravity], axis=2)
+def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples,
+             chain: Chain | None) -> FloatArray:
+    gravity = np.concatenate([_model_columns(model, cleaned.q), _tangent(cleaned.q, chain)],
+                             axis=2)
     return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
 
 
@@ -151,20 +150,27 @@ def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
     return parts
 
 
-def _tangent(cleaned: JointSamples) -> FloatArray:
-    """Return how the torques (M, N, K) of the serial arm that fits change with its numbers."""
-    m, n = cleaned.q.shape
+def _chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
+    """Return the serial arm that fits, from a start if there is one; None if none does."""
+    few = cleaned.select(_thin(cleaned, _CHAIN_SAMPLES))
     try:
-        chain = fit_chain(cleaned.select(_thin(cleaned, _CHAIN_SAMPLES))).chain
+        return rough_fit(few, SearchOptions() if start is None else None, start).chain
     except GravityCompError:
+        return None
+
+
+def _tangent(q: FloatArray, chain: Chain | None) -> FloatArray:
+    """Return the derivatives of a serial arm's torques (M, N, K) by its parameters."""
+    m, n = q.shape
+    if chain is None:
         return np.zeros((m, n, 0))
-    level = is_level(chain.torque(cleaned.q))
-    if level and n > 1:
+    level = n > 1 and is_level(chain.torque(q))
+    if level:
         axes = chain.axes.copy()
         axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
         chain = Chain(axes, chain.moments)
-    columns = chain.jacobian(cleaned.q).transpose(2, 1, 0)
-    return columns[:, :, 2:] if level and n > 1 else columns
+    columns = chain.jacobian(q).transpose(2, 1, 0)
+    return columns[:, :, 2:] if level else columns
 
 
 def _reduced(columns: FloatArray) -> FloatArray:
@@ -181,14 +187,15 @@ def _reduced(columns: FloatArray) -> FloatArray:
 
 
 def _thin(samples: JointSamples, count: int) -> BoolArray:
-    return np.arange(samples.n_samples) % max(1, samples.n_samples // count) == 0
+    return np.asarray(np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // count) == 0)
 
 
-def _nuisance(motion: Motion, model: GravityModel) -> FloatArray:
-    """Return the torque (M, N) that friction, offset and inertia take beside gravity."""
+def _nuisance(motion: Motion) -> FloatArray:
+    """Return the torque (M, N) of friction, offset and inertia beside gravity."""
     samples = motion.samples
     m, n = samples.q.shape
-    base = _model_columns(model, samples.q)
+    assert motion.model is not None
+    base = _model_columns(motion.model, samples.q)
     taken = np.zeros((m, n))
     for joint in range(n):
         extra = nuisance(motion, joint)

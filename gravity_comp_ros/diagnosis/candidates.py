@@ -9,7 +9,7 @@ settings go on; the number tried is remembered, because the best of many is good
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
@@ -26,7 +26,7 @@ MOTION, COMMON, RARE = 'motion', 'common', 'rare'
 _DYNAMICS = 'dynamics'
 # Directions of scaled columns below this are rounding.
 _RANK = 1e-9
-_SCAN_ROWS = 4000
+_SCAN_ROWS = 2500
 
 
 def expectation(effect: Effect) -> str:
@@ -68,65 +68,107 @@ class Candidate:
         return len(self.columns) + self.effect.n_scanned(self.setting)
 
 
-@dataclass
-class Columns:
-    """All columns: `shared` (M, N, S), `own` one (M, P_n) per joint, and the candidates."""
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """
+    Where columns are: those of gravity first, then shared ones, then those of each joint.
+
+    `n_base` columns are of gravity; `untestable` says of an effect and a joint why this motion
+    does not show it. Columns of a joint from number `n_core` (N,) on belong to tests that are
+    made beside the final choice alone.
+    """
 
     n_base: int
-    shared: FloatArray
-    own: list[FloatArray]
-    candidates: list[Candidate]
-    untestable: dict[tuple[str, int | None], str] = field(default_factory=dict)
-
-    def of_joint(self, joint: int) -> FloatArray:
-        """Return a joint's columns: the shared ones, then its own."""
-        return np.column_stack([self.shared[:, joint], self.own[joint]])
+    candidates: tuple[Candidate, ...]
+    untestable: Mapping[tuple[str, int | None], str] = field(default_factory=dict)
+    n_core: tuple[int, ...] = ()
 
     def of_family(self, family: str) -> list[Candidate]:
         """Return the candidates of one family of effects."""
         return [c for c in self.candidates if c.effect.family == family]
 
-    def with_base(self, base: FloatArray) -> Columns:
-        """Return these columns beside another gravity, base (M, N, K)."""
-        shift = base.shape[2] - self.n_base
-        shared = np.concatenate([base, self.shared[:, :, self.n_base:]], axis=2)
-        moved = [replace(c, columns=c.columns + shift) for c in self.candidates]
-        return Columns(base.shape[2], shared, self.own, moved, self.untestable)
+    def with_base(self, n_base: int) -> Layout:
+        """Return where columns are beside another gravity of `n_base` columns."""
+        shift = n_base - self.n_base
+        return replace(self, n_base=n_base, n_core=tuple(n + shift for n in self.n_core),
+                       candidates=tuple(replace(c, columns=c.columns + shift)
+                                        for c in self.candidates))
 
 
-def build(motion: Motion, base: FloatArray, effects: Mapping[str, Effect]) -> Columns:
-    """Compute the columns of every testable effect, beside those of gravity, (M, N, K)."""
-    scan = _Scan(motion, base)
-    untestable: dict[tuple[str, int | None], str] = {}
-    shared = [base]
-    own: list[list[FloatArray]] = [[] for _ in range(motion.samples.n_joints)]
-    counts, own_counts = base.shape[2], [0] * motion.samples.n_joints
-    found: list[tuple[Effect, int | None, Setting, int, int, bool, int]] = []
-    for effect in effects.values():
-        for joint in _joints(effect, motion):
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """All columns: `shared` (M, N, S), and `own`, for each joint a list of (M, K)."""
+
+    layout: Layout
+    shared: FloatArray
+    own: tuple[list[FloatArray], ...]
+
+
+def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
+          tests: Sequence[Effect] = ()) -> Columns:
+    """
+    Compute the columns of every testable effect, beside those of gravity, (M, N, K).
+
+    :param tests: what is tried beside the final choice alone.
+    """
+    builder = _Builder(motion, base)
+    for effect in effects:
+        builder.add(effect)
+    core = list(builder.own_counts)
+    for effect in tests:
+        builder.add(effect)
+    counts = builder.n_shared
+    candidates = tuple(
+        Candidate(p.effect, p.joint, p.setting,
+                  np.arange(p.at, p.at + p.count) + (0 if p.effect.scope == 'arm' else counts),
+                  p.effect.scope == 'arm', p.tried) for p in builder.placed)
+    layout = Layout(base.shape[2], candidates, builder.untestable,
+                    tuple(counts + n for n in core))
+    return Columns(layout, np.concatenate(builder.shared, axis=2), tuple(builder.own))
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """An effect with a setting, whose `count` columns begin at `at`."""
+
+    effect: Effect
+    joint: int | None
+    setting: Setting
+    at: int
+    count: int
+    tried: int
+
+
+class _Builder:
+    """Columns so far, and which effect each belongs to."""
+
+    def __init__(self, motion: Motion, base: FloatArray) -> None:
+        self.motion, self.scan = motion, _Scan(motion, base)
+        self.shared, self.n_shared = [base], base.shape[2]
+        self.own: list[list[FloatArray]] = [[] for _ in range(motion.samples.n_joints)]
+        self.own_counts = [0] * motion.samples.n_joints
+        self.placed: list[_Placed] = []
+        self.untestable: dict[tuple[str, int | None], str] = {}
+
+    def add(self, effect: Effect) -> None:
+        """Add the columns of an effect on every joint that it may act on."""
+        for joint in _joints(effect, self.motion):
             place = joint or 0
-            reason = effect.untestable(motion, place)
-            settings = [] if reason else effect.settings(motion, place)
+            reason = effect.untestable(self.motion, place)
+            settings = [] if reason else effect.settings(self.motion, place)
             if not settings:
-                untestable[effect.name, joint] = reason or 'this motion does not reach it'
+                self.untestable[effect.name, joint] = reason or 'this motion does not reach it'
                 continue
-            for setting, columns in scan.best(effect, place, settings):
+            for setting, columns in self.scan.best(effect, place, settings):
                 k = columns.shape[-1]
+                at = self.n_shared if effect.scope == 'arm' else self.own_counts[place]
+                self.placed.append(_Placed(effect, joint, setting, at, k, len(settings)))
                 if effect.scope == 'arm':
-                    shared.append(columns)
-                    found.append((effect, joint, setting, counts, k, True, len(settings)))
-                    counts += k
+                    self.shared.append(columns)
+                    self.n_shared += k
                 else:
-                    own[place].append(columns)
-                    found.append((effect, joint, setting, own_counts[place], k, False,
-                                  len(settings)))
-                    own_counts[place] += k
-    candidates = [Candidate(e, j, s, np.arange(at, at + k) + (0 if is_shared else counts),
-                            is_shared, tried) for e, j, s, at, k, is_shared, tried in found]
-    m = motion.samples.n_samples
-    stacked = [np.column_stack(parts) if parts else np.zeros((m, 0)) for parts in own]
-    return Columns(base.shape[2], np.concatenate(shared, axis=2), stacked, candidates,
-                   untestable)
+                    self.own[place].append(columns)
+                    self.own_counts[place] += k
 
 
 def _joints(effect: Effect, motion: Motion) -> list[int | None]:
@@ -141,42 +183,56 @@ class _Scan:
         self.motion = motion
         m, n = motion.samples.q.shape
         self.rows = np.arange(0, m, max(1, m // _SCAN_ROWS))
-        self.nuisance, self.residual = [], []
+        self.part = motion.at(self.rows)
+        self.known, self.residual = [], []
         for joint in range(n):
-            known = np.column_stack([base[:, joint], nuisance(motion, joint)])[self.rows]
-            basis, _ = np.linalg.qr(known)
-            y = motion.samples.tau[self.rows, joint]
-            self.nuisance.append(basis)
+            columns = np.column_stack([base[:, joint], nuisance(motion, joint)])[self.rows]
+            basis, _ = np.linalg.qr(columns)
+            y = self.part.samples.tau[:, joint]
+            self.known.append(basis)
             self.residual.append(y - basis @ (basis.T @ y))
 
     def best(self, effect: Effect, joint: int,
              settings: list[dict[str, float]]) -> list[tuple[Setting, FloatArray]]:
         """Return the most promising settings with their columns."""
-        if len(settings) <= _SETTINGS_KEPT:
-            return [(s, effect.columns(self.motion, joint, s)) for s in settings]
-        ranked = self._ranked(effect, joint, settings)
-        finer = [s for setting in ranked for s in effect.refine(self.motion, joint, setting)]
-        if finer:
-            ranked = self._ranked(effect, joint, ranked + finer)
+        ranked = settings
+        if len(settings) > _SETTINGS_KEPT:
+            ranked = self._ranked(effect, joint, settings)
+            finer = [s for setting in ranked for s in effect.refine(self.motion, joint, setting)]
+            if finer:
+                ranked = self._ranked(effect, joint, ranked + finer)
         return [(s, effect.columns(self.motion, joint, s)) for s in ranked]
 
     def _ranked(self, effect: Effect, joint: int,
                 settings: list[dict[str, float]]) -> list[dict[str, float]]:
-        gains = [self._gain(effect.columns(self.motion, joint, s), joint) for s in settings]
-        order = np.argsort(-np.array(gains), kind='stable')[:_SETTINGS_KEPT]
+        columns = [self._columns(effect, joint, s) for s in settings]
+        gains = np.zeros(len(settings))
+        for n in range(self.motion.samples.n_joints):
+            if effect.scope == 'arm':
+                gains += self._gains([part[:, n] for part in columns], n)
+            elif n == joint:
+                gains += self._gains(columns, n)
+        order = np.argsort(-gains, kind='stable')[:_SETTINGS_KEPT]
         return [settings[k] for k in order]
 
-    def _gain(self, columns: FloatArray, joint: int) -> float:
-        joints = range(columns.shape[1]) if columns.ndim == 3 else [joint]
-        total = 0.0
-        for n in joints:
-            part = (columns[:, n] if columns.ndim == 3 else columns)[self.rows]
-            # The residual is orthogonal to the nuisance terms already.
-            inside, c = self.nuisance[n].T @ part, part.T @ self.residual[n]
-            gram = part.T @ part - inside.T @ inside
-            noise = float(self.residual[n] @ self.residual[n]) or 1.0
-            total += _explained(gram, c) / noise
-        return total
+    def _columns(self, effect: Effect, joint: int, setting: Setting) -> FloatArray:
+        if effect.pointwise:
+            return effect.columns(self.part, joint, setting)
+        return effect.columns(self.motion, joint, setting)[self.rows]
+
+    def _gains(self, parts: list[FloatArray], n: int) -> FloatArray:
+        """Return the share of a joint's residual that each of the columns (M, K) explains."""
+        every = np.concatenate(parts, axis=1)
+        # The residual is orthogonal to the known columns already.
+        inside, c = self.known[n].T @ every, every.T @ self.residual[n]
+        noise = float(self.residual[n] @ self.residual[n]) or 1.0
+        gains, at = np.zeros(len(parts)), 0
+        for place, part in enumerate(parts):
+            here = slice(at, at + part.shape[1])
+            gram = part.T @ part - inside[:, here].T @ inside[:, here]
+            gains[place] = _explained(gram, c[here]) / noise
+            at += part.shape[1]
+        return gains
 
 
 def _explained(gram: FloatArray, c: FloatArray) -> float:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.evidence import covariance, Fit, largest_part
 from gravity_comp_ros.diagnosis.findings import Estimate
-from gravity_comp_ros.diagnosis.selection import Selection
+from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import Motion
 import numpy as np
 from scipy import special
@@ -17,16 +17,20 @@ _DOUBT = 0.05
 # Where one place has more than this of an effect (a stop that one run has reached), what the
 # others say without it is nothing.
 _ONE_PLACE = 0.9
+# Classes of speed that an interval is drawn from.
+_SPEEDS = 5
 
 
-def estimates(selection: Selection, motion: Motion, candidate: Candidate) -> dict[str, Estimate]:
+def estimates(fits: Fits, chosen: Sequence[Candidate], motion: Motion,
+              candidate: Candidate) -> dict[str, Estimate]:
     """Return the coefficients of a chosen effect by their symbols."""
     joint = candidate.joint or 0
-    gram, fit = selection.grams[joint], selection.fit(joint, selection.chosen)
+    gram, fit = fits.rows[joint], fits.fit(joint, chosen)
     here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
     scale = gram.scale[fit.columns[here]]
     values = fit.all_data[here] / scale
-    half = _half_widths(selection, joint, fit)[here] / scale
+    speed = np.abs(motion.samples.qd[:, joint])
+    half = _half_widths(fits, chosen, joint, fit, speed)[here] / scale
     symbols = candidate.effect.coefficients_of(motion, joint, candidate.setting)
     names = [symbols[k].symbol if k < len(symbols) else f'{symbols[-1].symbol}_{k}'
              for k in range(len(values))]
@@ -40,37 +44,54 @@ def each_may_be_nothing(sizes: Mapping[str, Estimate]) -> bool:
     return all(low <= 0.0 <= high for low, high in (one.ci95 for one in sizes.values()))
 
 
-def all_may_be_nothing(selection: Selection, candidate: Candidate) -> bool:
+def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate) -> bool:
     """
     Return whether the coefficients of a chosen effect may all be 0 at once.
 
     Where several can stand for each other, each may be 0 and yet not all: that is Hotelling's
     test, with the spread over blocks.
     """
-    joint, groups = candidate.joint or 0, np.arange(selection.blocks.count)
-    fit = selection.fit(joint, selection.chosen)
+    joint = candidate.joint or 0
+    groups = fits.rows[joint].group_of_rows(np.arange(fits.blocks.count))
+    fit = fits.fit(joint, chosen)
     here = np.isin(fit.columns, candidate.columns)
-    k, b = int(here.sum()), selection.blocks.count
+    k, b = int(here.sum()), fits.blocks.count
     if k >= b:
         return True
     values = fit.all_data[here]
-    spread = _covariance(selection, joint, fit, groups)[np.ix_(here, here)]
+    spread = _covariance(fits, chosen, joint, fit, groups)[np.ix_(here, here)]
     t2 = float(values @ np.linalg.lstsq(spread, values, rcond=1e-10)[0])
     return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 
-def _half_widths(selection: Selection, joint: int, fit: Fit) -> FloatArray:
-    """Return half of the 95 % intervals (P,): of blocks or of places, the wider."""
-    widths = []
-    for groups in (np.arange(selection.blocks.count), selection.blocks.places):
-        spread = _covariance(selection, joint, fit, groups)
+def _half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int, fit: Fit,
+                 speed: FloatArray) -> FloatArray:
+    """
+    Return half of the 95 % intervals (P,): of blocks, of places or of speeds, the widest.
+
+    Where the law of an effect is not quite that of the arm, its size depends on where and how fast
+    the arm moved; blocks of one motion agree on the wrong value.
+
+    :param speed: (M,) the joint's speed, of each sample.
+    """
+    rows, widths = fits.rows[joint], []
+    for groups in (rows.group_of_rows(np.arange(fits.blocks.count)),
+                   rows.group_of_rows(fits.blocks.places), _by_speed(speed)[rows.row_of]):
+        spread = _covariance(fits, chosen, joint, fit, groups)
         wide = special.stdtrit(max(int(groups.max()), 2), 0.975)
-        told = largest_part(selection.grams[joint], fit.columns, groups) < _ONE_PLACE
+        told = largest_part(rows, fit.columns, groups) < _ONE_PLACE
         widths.append(wide * np.sqrt(np.maximum(np.diag(spread), 0.0)) * told)
     return np.asarray(np.max(widths, axis=0))
 
 
-def _covariance(selection: Selection, joint: int, fit: Fit, groups: IntArray) -> FloatArray:
-    chosen = selection.chosen
-    return covariance(selection.grams[joint], fit, len(selection.shared(chosen)),
-                      selection.prior(joint, chosen), groups)
+def _by_speed(speed: FloatArray) -> IntArray:
+    """Return which of some equally large classes of speed each sample (M,) is in."""
+    groups = np.empty(len(speed), dtype=np.int64)
+    groups[np.argsort(speed, kind='stable')] = np.arange(len(speed)) * _SPEEDS // len(speed)
+    return groups
+
+
+def _covariance(fits: Fits, chosen: Sequence[Candidate], joint: int, fit: Fit,
+                groups: IntArray) -> FloatArray:
+    return covariance(fits.rows[joint], fit, len(fits.shared(chosen)),
+                      fits.prior(joint, chosen), groups)

@@ -1,86 +1,147 @@
 """
-Least squares with effects, from Gram matrices of blocks.
+Least squares with effects, one joint at a time, on rows that are sorted by fold.
 
 The torque of joint n is modelled as
 
     tau_n = S_n s + L_n l_n,
 
-s are the coefficients that all joints share (the energy's weights, effects of the whole arm) and
-l_n those of the joint's own effects. All products of columns are summed once, block by block; a
-fit without some blocks, the error on them, and the covariance are then sums of small matrices.
-What the other joints tell about s enters joint n's fit as a prior: their Schur complements.
+s are the coefficients that all joints share (those of gravity and of effects of the whole arm),
+l_n those of the joint's own effects. The products of all columns are summed once for every
+training set, so that a fit is a solution of small normal equations. The information of the other
+joints about s enters the fit of joint n as a prior: their Schur complements.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.evaluation.blocks import Blocks
 import numpy as np
 from scipy import linalg
 
-# Ridge relative to the mean diagonal: decides only what the data leaves open.
+# Ridge relative to the mean diagonal: it decides only what the data leaves open.
 _RIDGE = 1e-9
 
 
-@dataclass(frozen=True)
-class JointGram:
+@dataclass(frozen=True, eq=False)
+class JointRows:
     """
-    One joint's products of columns, block by block, in units of its noise.
+    One joint's columns and torque, in units of its noise, sorted by fold.
 
-    `gram` (P, P, B), `c` (P, B) and `yy` (B,) hold X.T X, X.T y and y.T y with columns divided
-    by `scale` (P,) and rows by `sigma` N·m: a coefficient is its scaled one over `scale`. The
-    blocks come last, so that taking some columns copies whole rows of memory. `training`
-    (F + 1, P, P) and `aims` (F + 1, P) are the sums without each fold, and over all blocks.
-    `ridge` (P,) is added to the diagonal, for columns with a prior of their own.
+    `x` (M, P) and `y` (M,) are divided by `sigma` N·m, columns also by `scale` (P,): a
+    coefficient is its scaled one over `scale`. `row_of` (M,) is the sample of each row. `training`
+    (F + 1, C, C) and `aims` (F + 1, P) are the sums of products without each fold, and over all;
+    of the first C columns only, those of the others are summed when they are asked for. `ridge`
+    (P,) is added to the diagonal, for columns with a prior of their own.
     """
 
-    gram: FloatArray
-    c: FloatArray
-    yy: FloatArray
+    x: FloatArray
+    y: FloatArray
+    blocks: Blocks
+    row_of: IntArray
     training: FloatArray
     aims: FloatArray
     scale: FloatArray
     sigma: float
     ridge: FloatArray
 
-    def blockwise(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the products (K, K, B) and (K, B) of some columns in every block."""
-        return self.gram[columns[:, None], columns], self.c[columns]
-
     def system(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the normal equations (F + 1, K, K) and (F + 1, K) of every training set."""
-        g = self.training[:, columns[:, None], columns] + np.diag(self.ridge[columns])
-        return g, self.aims[:, columns]
+        return self.gram(columns), self.aims[:, columns]
+
+    def gram(self, columns: IntArray) -> FloatArray:
+        """Return the products of columns, their ridge included: (F + 1, K, K)."""
+        return np.asarray(self.products(columns, columns) + np.diag(self.ridge[columns]))
+
+    def products(self, a: IntArray, b: IntArray) -> FloatArray:
+        """Return the sums of products of columns a with b: (F + 1, A, B)."""
+        core = self.training.shape[1]
+        if max(a.max(initial=0), b.max(initial=0)) < core:
+            return self.training[:, a[:, None], b]
+        left, right = self.x[:, a], self.x[:, b]
+        return without_each(np.stack([left[rows].T @ right[rows] for rows in self.folds]))
+
+    @property
+    def folds(self) -> tuple[slice, ...]:
+        """Return the rows of each fold."""
+        return self.blocks.by_fold[1]
+
+    @cached_property
+    def _order(self) -> tuple[IntArray, IntArray]:
+        """Return the blocks in the order of their rows, and the first row of each of those."""
+        order = np.argsort(self.blocks.fold, kind='stable')
+        lengths = np.diff(self.blocks.starts)[order]
+        return order, np.concatenate([[0], np.cumsum(lengths)[:-1]])
+
+    def block_sums(self, values: FloatArray) -> FloatArray:
+        """Return sums over each block (B, ...) of values (M, ...) of rows."""
+        order, starts = self._order
+        sums = np.empty((self.blocks.count, *values.shape[1:]))
+        sums[order] = np.add.reduceat(values, starts, axis=0)
+        return sums
+
+    def group_of_rows(self, groups: IntArray) -> IntArray:
+        """Return the group of each row (M,), from that of each block (B,)."""
+        return np.repeat(groups, np.diff(self.blocks.starts))[self.row_of]
 
 
-def joint_gram(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray,
-               sigma: float, prior_samples: FloatArray) -> JointGram:
+def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, sigma: float,
+               prior_samples: FloatArray, n_core: int | None = None) -> JointRows:
     """
-    Sum the products of columns X (M, P) with themselves and y (M,) over blocks.
+    Return one joint's columns x (M, P) and torque y (M,) with their products.
 
     :param scale: (P,) what columns are divided by; the same in all joints for shared columns,
         so that their scaled coefficients mean the same everywhere.
     :param prior_samples: (P,) how many samples, in which a column is 1, a prior is worth that
-        holds its coefficient near 0 within `sigma`; 0 for none.
+        keeps its coefficient within `sigma` of 0; 0 for none.
+    :param n_core: of how many columns products are kept; None for all.
     """
-    x, y = x / scale / sigma, y / sigma
-    p = x.shape[1]
-    gram, c = np.empty((blocks.count, p, p)), np.empty((blocks.count, p))
-    for b in range(blocks.count):
-        rows = slice(blocks.starts[b], blocks.starts[b + 1])
-        gram[b], c[b] = x[rows].T @ x[rows], x[rows].T @ y[rows]
-    ridge = prior_samples / (scale * sigma) ** 2
-    return JointGram(np.ascontiguousarray(np.moveaxis(gram, 0, -1)), c.T.copy(),
-                     blocks.sums(y ** 2), training_sums(gram, blocks), training_sums(c, blocks),
-                     scale, sigma, ridge)
+    row_of, folds = blocks.by_fold
+    # Columns are picked far more often than rows.
+    rows, torque = np.asfortranarray(x[row_of]), y[row_of] / sigma
+    rows /= scale * sigma
+    core = rows[:, :n_core]
+    return JointRows(rows, torque, blocks, row_of,
+                     without_each(np.stack([core[f].T @ core[f] for f in folds])),
+                     without_each(np.stack([rows[f].T @ torque[f] for f in folds])),
+                     scale, sigma, prior_samples / (scale * sigma) ** 2)
 
 
-@dataclass(frozen=True)
+def rebased(joint: JointRows, base: FloatArray, n_before: int) -> JointRows:
+    """
+    Return the same joint beside other columns of gravity, base (M, K) in the order of samples.
+
+    :param n_before: how many columns of gravity it has now.
+    """
+    k, shift = base.shape[1], base.shape[1] - n_before
+    scale = np.concatenate([np.ones(k), joint.scale[n_before:]])
+    ridge = np.concatenate([np.zeros(k), joint.ridge[n_before:]])
+    x = np.asfortranarray(np.column_stack([base[joint.row_of] / joint.sigma,
+                                           joint.x[:, n_before:]]))
+    core = joint.training.shape[1] + shift
+    training = np.empty((len(joint.training), core, core))
+    training[:, k:, k:] = joint.training[:, n_before:, n_before:]
+    strip = without_each(np.stack([x[f, :k].T @ x[f, :core] for f in joint.folds]))
+    training[:, :k], training[:, :, :k] = strip, strip.transpose(0, 2, 1)
+    aims = np.concatenate([without_each(np.stack([x[f, :k].T @ joint.y[f]
+                                                  for f in joint.folds])),
+                           joint.aims[:, n_before:]], axis=1)
+    return JointRows(x, joint.y, joint.blocks, joint.row_of, training, aims, scale,
+                     joint.sigma, ridge)
+
+
+def without_each(sums: FloatArray) -> FloatArray:
+    """Return the sum of all folds (F, ...) without each of them, and of all: (F + 1, ...)."""
+    total = sums.sum(axis=0)
+    return np.concatenate([total - sums, total[None]])
+
+
+@dataclass(frozen=True, eq=False)
 class Prior:
     """
-    What other joints tell about shared columns: information (F, S, S) and vector (F, S).
+    Information of other joints about shared columns: (F + 1, S, S) and the vector (F + 1, S).
 
     One for each of the F folds left out, and a last one with all data.
     """
@@ -88,8 +149,16 @@ class Prior:
     information: FloatArray
     vector: FloatArray
 
+    @classmethod
+    def none(cls, n_folds: int, size: int) -> Prior:
+        """Return the prior of a joint that stands alone."""
+        return cls(np.zeros((n_folds + 1, size, size)), np.zeros((n_folds + 1, size)))
 
-@dataclass(frozen=True)
+    def __add__(self, other: Prior) -> Prior:
+        return Prior(self.information + other.information, self.vector + other.vector)
+
+
+@dataclass(frozen=True, eq=False)
 class Fit:
     """Coefficients (P,) in scaled columns: all data, and with each fold left out (F, P)."""
 
@@ -98,91 +167,104 @@ class Fit:
     without: FloatArray
 
 
-def training_sums(values: FloatArray, blocks: Blocks) -> FloatArray:
-    """Return sums over blocks (B, ...) without each fold, and over all: (F + 1, ...)."""
-    total = values.sum(axis=0)
-    left = [total - values[blocks.fold == f].sum(axis=0) for f in range(blocks.n_folds)]
-    return np.stack([*left, total])
-
-
-def solve(joint: JointGram, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
+def solve(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
     """Fit one joint on `columns`, of which the first `n_shared` are shared and have a prior."""
     g, r = joint.system(columns)
     g[:, :n_shared, :n_shared] += prior.information
     r[:, :n_shared] += prior.vector
-    x = _solve(g, r[:, :, None])[:, :, 0]
+    x = regularised_solve(g, r[:, :, None])[:, :, 0]
     return Fit(columns, x[-1], x[:-1])
 
 
-def held_out_errors(joint: JointGram, fit: Fit, blocks: Blocks) -> FloatArray:
+def held_out_residual(joint: JointRows, fit: Fit) -> FloatArray:
+    """Return each row's residual (M,) in units of noise, fitted without its fold."""
+    residual = joint.y.copy()
+    for fold, rows in enumerate(joint.folds):
+        # The columns of gravity are the first ones: a view of them needs no copy.
+        base = int(np.argmin(np.append(fit.columns == np.arange(len(fit.columns)), False)))
+        residual[rows] -= joint.x[rows, :base] @ fit.without[fold, :base]
+        if base < len(fit.columns):
+            residual[rows] -= joint.x[rows][:, fit.columns[base:]] @ fit.without[fold, base:]
+    return residual
+
+
+def held_out_errors(joint: JointRows, fit: Fit) -> FloatArray:
     """Return each block's squared error (B,), in units of noise, fitted without its fold."""
-    gram, c = joint.blockwise(fit.columns)
-    x = fit.without[blocks.fold].T
-    return np.asarray(joint.yy + ((np.einsum('pqb,qb->pb', gram, x) - 2.0 * c) * x).sum(axis=0))
+    return joint.block_sums(held_out_residual(joint, fit) ** 2)
 
 
-def shared_information(joint: JointGram, columns: IntArray, n_shared: int) -> Prior:
-    """Return what a joint tells about the shared columns once its own effects are solved out."""
+def shared_information(joint: JointRows, columns: IntArray, n_shared: int) -> Prior:
+    """Return a joint's information about shared columns once its own effects are solved out."""
     g, r = joint.system(columns)
     s, own = slice(0, n_shared), slice(n_shared, len(columns))
     if n_shared == len(columns):
         return Prior(g[:, s, s], r[:, s])
     right = np.concatenate([g[:, own, s], r[:, own, None]], axis=2)
-    solved = g[:, s, own] @ _solve(g[:, own, own], right)
+    solved = g[:, s, own] @ regularised_solve(g[:, own, own], right)
     return Prior(g[:, s, s] - solved[:, :, :-1], r[:, s] - solved[:, :, -1])
 
 
-def covariance(joint: JointGram, fit: Fit, n_shared: int, prior: Prior,
+def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
                groups: IntArray) -> FloatArray:
     """
-    Return how sure a fit's coefficients are, robust to correlation within groups: (P, P).
+    Return the covariance of a fit's coefficients, robust to correlation in groups: (P, P).
 
     The jackknife over groups of blocks: without group b the coefficients move by
     -(A - G_b)^-1 (c_b - G_b x), and the spread of the moves is that of the coefficients (Bell
     and McCaffrey, Survey Methodology 28, 2002). Where columns are many and groups few, a
     sandwich would be too narrow. The prior's information stands as it is.
 
-    :param groups: (B,) the group of each block, numbered from 0 without gaps.
+    :param groups: (M,) the group of each row, numbered from 0 without gaps.
     """
-    gram, c = (_summed(np.moveaxis(part, -1, 0), groups)
-               for part in joint.blockwise(fit.columns))
+    gram, c = _group_products(joint, fit.columns, groups)
     bread = joint.system(fit.columns)[0][-1]
     bread[:n_shared, :n_shared] += prior.information[-1]
     scores = c - gram @ fit.all_data
-    n_blocks = len(scores)
+    n_groups = len(scores)
     ridge = _RIDGE * float(np.trace(bread)) / len(bread) * np.eye(len(bread))
     moves = np.linalg.solve(bread + ridge - gram, scores[:, :, None])[:, :, 0]
     moves -= moves.mean(axis=0)
     inverse = linalg.pinvh(bread)[:, :n_shared]
     others = inverse @ prior.information[-1] @ inverse.T
-    return np.asarray(moves.T @ moves * (n_blocks - 1) / n_blocks + others)
+    return np.asarray(moves.T @ moves * (n_groups - 1) / n_groups + others)
 
 
-def largest_part(joint: JointGram, columns: IntArray, groups: IntArray) -> FloatArray:
+def _group_products(joint: JointRows, columns: IntArray,
+                    groups: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the products (G, K, K) and (G, K) of some columns in every group of rows."""
+    k, count = len(columns), int(groups.max()) + 1
+    gram, c = np.zeros((count, k, k)), np.zeros((count, k))
+    order = np.argsort(groups, kind='stable')
+    ends = np.cumsum(np.bincount(groups, minlength=count))[:-1]
+    x, y = joint.x[:, columns][order], joint.y[order]
+    for group, (part, aim) in enumerate(zip(np.split(x, ends), np.split(y, ends))):
+        gram[group], c[group] = part.T @ part, part.T @ aim
+    return gram, c
+
+
+def largest_part(joint: JointRows, columns: IntArray, groups: IntArray) -> FloatArray:
     """Return the share of each column's square (P,) that the group with most of it has."""
-    squares = _summed(joint.gram[columns, columns].T, groups)
+    squares = np.stack([np.bincount(groups, joint.x[:, column] ** 2) for column in columns], 1)
     return np.asarray(squares.max(axis=0) / np.maximum(squares.sum(axis=0), 1e-300))
 
 
-def _summed(values: FloatArray, groups: IntArray) -> FloatArray:
-    """Return the sums over blocks (B, ...) of each group."""
-    sums = np.zeros((int(groups.max()) + 1, *values.shape[1:]))
-    np.add.at(sums, groups, values)
-    return sums
-
-
-def absorbed(joint: JointGram, base: IntArray, columns: IntArray) -> float:
+def absorbed(joint: JointRows, base: IntArray, columns: IntArray) -> float:
     """Return which share of an effect's columns (mean over them) the base columns imitate."""
-    total = joint.training[-1]
-    own = np.diag(total)[columns]
-    cross = total[np.ix_(base, columns)]
-    explained = np.einsum('ij,ij->j', cross, _solve(total[np.ix_(base, base)], cross))
+    own = (joint.x[:, columns] ** 2).sum(axis=0)
+    cross = joint.products(base, columns)[-1]
+    explained = np.einsum('ij,ij->j', cross,
+                          regularised_solve(joint.products(base, base)[-1], cross))
     return float(np.clip(explained / np.maximum(own, 1e-300), 0.0, 1.0).mean())
 
 
-def _solve(a: FloatArray, b: FloatArray) -> FloatArray:
+def regularised_solve(a: FloatArray, b: FloatArray) -> FloatArray:
     """Solve A x = b for stacks A (..., K, K) and b (..., K, C), a little towards 0."""
+    return np.asarray(np.linalg.solve(regularised(a), b))
+
+
+def regularised(a: FloatArray) -> FloatArray:
+    """Return matrices A (..., K, K) with a small ridge."""
     size = np.trace(a, axis1=-2, axis2=-1) / max(a.shape[-1], 1)
     # A column may be 0 all through a training set: 1 over this is still a number.
     ridge = _RIDGE * np.maximum(size, 1e-200)
-    return np.asarray(np.linalg.solve(a + ridge[..., None, None] * np.eye(a.shape[-1]), b))
+    return np.asarray(a + ridge[..., None, None] * np.eye(a.shape[-1]))

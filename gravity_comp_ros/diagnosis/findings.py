@@ -76,7 +76,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class JointReport:
-    """A word on one joint: `noise_floor` in N·m, and how many samples are independent."""
+    """
+    A word on one joint: `noise_floor` in N·m, and how many samples count as independent.
+
+    `rmse_before` and `rmse_after` are held-out errors in N·m without and with the findings.
+    `remaining_share` is the remaining error as a share of the torque's range where it is far
+    above the noise of the sensor, so that something is not explained; else 0.
+    """
 
     summary: str
     noise_floor: float
@@ -84,12 +90,14 @@ class JointReport:
     rmse_before: float
     rmse_after: float
     untestable: Mapping[str, str]
+    remaining_share: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as `diagnose --json` prints it."""
         return {'summary': self.summary, 'noise_floor': self.noise_floor,
                 'n_effective': self.n_effective, 'rmse_before': self.rmse_before,
-                'rmse_after': self.rmse_after, 'untestable': dict(self.untestable)}
+                'rmse_after': self.rmse_after, 'remaining_share': self.remaining_share,
+                'untestable': dict(self.untestable)}
 
 
 @dataclass(frozen=True)

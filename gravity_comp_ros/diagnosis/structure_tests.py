@@ -9,12 +9,13 @@ what is missing down before any effect has a name.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.selection import Selection
+from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import (
     Coefficient, Columns, Effect, Motion, Setting, Untestable)
 from gravity_comp_ros.evaluation.gain import Gain, gain
@@ -53,18 +54,17 @@ class StructureTest:
                 'share': self.share, 'why': self.words, 'suspects': list(self.suspects)}
 
 
-def check_laws(selection: Selection, laws: list[Candidate], names: tuple[str, ...]
-               ) -> tuple[StructureTest, ...]:
+def check_laws(fits: Fits, chosen: Sequence[Candidate], laws: list[Candidate],
+               names: tuple[str, ...]) -> tuple[StructureTest, ...]:
     """Return the laws that are broken, joint by joint."""
     broken = []
     for candidate in laws:
         joint, suspects = candidate.joint or 0, candidate.effect.confounders
-        innocent = [c for c in selection.chosen if c.effect.name not in suspects]
+        innocent = [c for c in chosen if c.effect.name not in suspects]
         reports = []
-        for chosen in (innocent, selection.chosen):
-            before = selection.errors(joint, chosen)
-            after = selection.errors(joint, [*chosen, candidate])
-            reports.append(gain(before, after, len(laws)))
+        for beside in (innocent, chosen):
+            after, = fits.errors_with_each(joint, beside, [candidate])
+            reports.append(gain(fits.errors(joint, beside), after, len(laws)))
         bare, named = reports
         if _is_kept(bare):
             continue

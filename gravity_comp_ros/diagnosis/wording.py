@@ -22,6 +22,12 @@ def verdict(diagnosis: Diagnosis) -> str:
         return f'{len(found)} effects are missing, above all {sentence(found[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
+    name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
+                      default=('', None))
+    if worst is not None and worst.remaining_share > 0.0:
+        return (f'No effect of the library explains these recordings: on joint {name} an error '
+                f'of {worst.rmse_after:.3g} N·m remains, {percent(worst.remaining_share)} of the '
+                f'range of the torque.')
     return 'Nothing is missing that this motion could show.'
 
 
@@ -46,6 +52,12 @@ def sentence(finding: Finding) -> str:
     if finding.verdict == 'weak':
         return f'perhaps {what}, too weak to be sure; {change}'
     return f'{what}; {change}'
+
+
+def evidence_sentence(name: str, place: str, before: float, after: float, p: float) -> str:
+    """Return the evidence for an effect, before and after as fractions of the range."""
+    return (f'{name} on {place}: held-out error {before:.2%} to {after:.2%} of the range, '
+            f'p = {p:.1e} after all that was tried')
 
 
 def where(finding: Finding) -> str:

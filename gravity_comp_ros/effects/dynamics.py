@@ -16,18 +16,33 @@ _LEAST_SPEED_SQUARED = 1e-3
 _SECONDS_EACH = 10.0
 # Joints as far apart as this couple by way of the angles between them.
 _NEAR = 2
-_INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor included')
+_INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor included, in the '
+                                      'middle of the motion')
 
 
 def _inertia(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     """Return the joint's own acceleration, and after it what `_couplings` names."""
     parts = [motion.qdd[:, joint]]
     for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
-        column = motion.qdd[:, other]
-        for place, wave in turned:
-            column = column * wave(motion.samples.q[:, place])
-        parts.append(column)
+        factor = _factor(motion, turned)
+        if other == joint:
+            # The first coefficient is then the inertia in the middle of the motion.
+            factor = factor - setting.get(_mean_of(turned), 0.0)
+        parts.append(motion.qdd[:, other] * factor)
     return np.stack(parts, axis=1)
+
+
+def _factor(motion: Motion, turned: tuple[tuple[int, np.ufunc], ...]) -> FloatArray:
+    """Return the product (M,) of sines and cosines of angles."""
+    factor = np.ones(motion.samples.n_samples)
+    for place, wave in turned:
+        factor = factor * wave(motion.samples.q[:, place])
+    return factor
+
+
+def _mean_of(turned: tuple[tuple[int, np.ufunc], ...]) -> str:
+    """Return the name of the parameter that is the mean of a factor."""
+    return 'mean_' + ''.join('s' if wave is np.sin else 'c' for _, wave in turned)
 
 
 def _couplings(n_joints: int, joint: int,
@@ -60,6 +75,11 @@ def _inertia_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
     """Return a joint's own inertia, a row of the mass matrix, and one that turns with poses."""
     n, seconds = motion.qdd.shape[1], recorded_time(motion.samples)
     settings: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
+    weights = motion.qdd[:, joint] ** 2
+    for other, turned in _couplings(n, joint, settings[2]):
+        if other == joint:
+            settings[2][_mean_of(turned)] = float(
+                weights @ _factor(motion, turned) / max(float(weights.sum()), 1e-300))
     counts = [1 + len(_couplings(n, joint, setting)) for setting in settings]
     return [setting for setting, count, fewer in zip(settings, counts, [0, *counts])
             if count == 1 or (count > fewer and seconds >= _SECONDS_EACH * count)]
@@ -145,6 +165,7 @@ EFFECTS = (
         coefficients=(_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint '
                                                              'j, and per factor of angles')),
         columns=_inertia,
+        pointwise=True,
         confounders=('joint_spring', 'coriolis'),
         experiment='move joint {joint} to and fro over the same short way at two speeds; '
                    'inertia grows with the square of the speed',
@@ -154,8 +175,8 @@ EFFECTS = (
         settings=_inertia_settings,
         symbols=_inertia_symbols,
         implausible=_inertia_implausible,
-        setting_units={'coupled': ''},
-        taken=('coupled',)),
+        setting_units={'coupled': '', 'mean_s': '', 'mean_c': ''},
+        taken=('coupled', 'mean_s', 'mean_c')),
     Effect(
         name='coriolis',
         title='Centrifugal and Coriolis torque',
@@ -166,6 +187,7 @@ EFFECTS = (
                     'values over the poses, so that it holds in a narrow range only.',
         coefficients=(Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),),
         columns=_coriolis,
+        pointwise=True,
         confounders=('inertia',),
         experiment='move joint {joint} and its neighbours together at two speeds; this torque '
                    'grows with the square of the speed and does not turn with direction',

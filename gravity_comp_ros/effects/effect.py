@@ -11,9 +11,9 @@ velocity, a distance, a time) is its setting, and is scanned.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion_direction import direction, Shape
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -55,6 +55,15 @@ class Motion:
                 self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
                 Shape(float(self.sign_width[joint]), hold))
         return self.memo[key]
+
+    def at(self, rows: IntArray) -> Motion:
+        """Return the motion at some samples, (K,) rising numbers, for pointwise effects."""
+        for joint in range(self.samples.n_joints):
+            self.direction(joint)
+        part = replace(self, samples=self.samples.select(rows), qdd=self.qdd[rows],
+                       gravity=self.gravity[rows], gradient=self.gradient[rows])
+        part.memo.update({key: value[rows] for key, value in self.memo.items()})
+        return part
 
 
 @dataclass(frozen=True)
@@ -152,6 +161,7 @@ class Effect:
     refine: Refinement = no_refinement
     symbols: Symbols | None = None
     otherwise: OtherLaw | None = None
+    pointwise: bool = False
 
     def __post_init__(self) -> None:
         if self.scope not in ('joint', 'arm'):

@@ -175,6 +175,7 @@ EFFECTS = (
                     'that pulls on a crank, as in a balancer.',
         coefficients=(_STIFFNESS,),
         columns=_spring,
+        pointwise=True,
         confounders=('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
                      'torque_ripple', 'base_tilt', 'inertia'),
         experiment='move joint {joint} slowly to and fro through its whole range with the '
@@ -197,6 +198,7 @@ EFFECTS = (
                     'harness that stiffens as it is twisted.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness when taut'),),
         columns=_cable,
+        pointwise=True,
         confounders=('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple'),
         experiment='move joint {joint} slowly to and fro through its whole range with the '
                    'others still; once with the cables taken off, if they can be',
@@ -217,6 +219,7 @@ EFFECTS = (
         description='A buffer that the joint runs into at an end of its range.',
         coefficients=(Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),),
         columns=_hinge,
+        pointwise=True,
         confounders=('cable_stiffness', 'joint_spring', 'torque_ripple'),
         experiment='move joint {joint} slowly into the end of its range and back several '
                    'times, with other poses of the other joints',
@@ -237,6 +240,7 @@ EFFECTS = (
                     'motor encoder says and all joints carry another torque.',
         coefficients=(Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),),
         columns=_flexibility,
+        pointwise=True,
         confounders=('encoder_offset',),
         experiment='in the pose where joint {joint} carries most, compare the angle that a '
                    'level on the link shows with the one that the encoder gives, with and '

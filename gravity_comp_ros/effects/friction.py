@@ -150,6 +150,7 @@ EFFECTS = (
                     'joint turns back.',
         coefficients=(Coefficient('F_c', 'N·m', 'Coulomb friction torque'),),
         columns=_coulomb,
+        pointwise=True,
         confounders=('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
                      'presliding_hysteresis', 'asymmetric_friction', 'torque_offset',
                      'coupled_friction', 'friction_drift'),
@@ -167,6 +168,7 @@ EFFECTS = (
         description='A torque against the motion that grows in proportion to speed.',
         coefficients=(Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),),
         columns=_viscous,
+        pointwise=True,
         confounders=('coulomb_friction', 'stribeck_friction', 'time_delay', 'coupled_friction',
                      'friction_drift'),
         experiment=_TO_AND_FRO,
@@ -184,6 +186,7 @@ EFFECTS = (
                     'faster; it comes on top of Coulomb friction.',
         coefficients=(Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),),
         columns=_stribeck,
+        pointwise=True,
         confounders=('coulomb_friction', 'viscous_friction', 'presliding_hysteresis'),
         experiment='move joint {joint} to and fro through the same range at five speeds, from '
                    'the slowest that the drive holds steady to ten times that',
@@ -208,6 +211,7 @@ EFFECTS = (
         coefficients=(Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
                                                 'downwards'),),
         columns=_asymmetric,
+        pointwise=True,
         confounders=('torque_offset', 'coulomb_friction'),
         experiment='move joint {joint} to and fro and let it stand for some seconds in several '
                    'places on the way',
@@ -226,6 +230,7 @@ EFFECTS = (
         description='Friction in proportion to the gravity torque that the gear carries.',
         coefficients=(Coefficient('mu', '', 'friction torque per torque carried'),),
         columns=_load_dependent,
+        pointwise=True,
         confounders=('coulomb_friction', 'torque_gain'),
         experiment='move joint {joint} to and fro over a short way in a pose with much load '
                    'and in one with none',
@@ -246,6 +251,7 @@ EFFECTS = (
                     'a wrist whose motors drive two joints together.',
         coefficients=(Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),),
         columns=_coupled,
+        pointwise=True,
         confounders=('coulomb_friction', 'viscous_friction'),
         experiment='move joint {joint} and its neighbour to and fro together, first the same '
                    'way at one speed, then against each other, then each alone',

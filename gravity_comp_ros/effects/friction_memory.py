@@ -1,12 +1,13 @@
 """
 Friction with a memory: of how long the arm has run, and of how far it has moved since it turned.
 
-The memory starts anew with every run: nothing is known of what came before it.
+The memory of motion starts anew with every run, since what came before it is unknown. That of
+time starts with a session: recordings with stamps on one clock go on with one another.
 """
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import longest_run, run_slices, run_time
+from gravity_comp_ros.data.runs import clock_time, run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
@@ -28,13 +29,13 @@ _SEEN = 0.02
 
 
 def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    warmth = np.exp(-run_time(motion.samples) / setting['time'])
+    warmth = np.exp(-clock_time(motion.samples) / setting['time'])
     return (motion.direction(joint) * warmth)[:, None]
 
 
 def drift_times(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return time constants from a tenth of the longest run to one and a half times it."""
-    longest = longest_run(motion.samples)
+    """Return time constants from a tenth of the longest session to one and a half times it."""
+    longest = _longest(motion)
     return [{'time': float(t)} for t in np.geomspace(
         max(0.1 * longest, _SHORTEST_TIME), 1.5 * longest, _TIMES)]
 
@@ -45,10 +46,14 @@ def _finer_times(motion: Motion, joint: int, setting: Setting) -> list[dict[str,
 
 def _drift_untestable(motion: Motion, joint: int) -> str | None:
     reason = facts.lacks_both_ways(motion, joint)
-    longest = longest_run(motion.samples)
+    longest = _longest(motion)
     if reason is None and longest < _SHORTEST_RUN:
-        return f'the longest run takes {longest:.3g} s, too short for friction to change'
+        return f'the longest recording takes {longest:.3g} s, too short for friction to change'
     return reason
+
+
+def _longest(motion: Motion) -> float:
+    return float(clock_time(motion.samples).max(initial=0.0))
 
 
 def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -56,7 +61,7 @@ def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     key = f'path {joint}'
     if key not in motion.memo:
         motion.memo[key] = np.concatenate(
-            [steady_path(motion.samples.q[run, joint]) for run in runs])
+            [steady_path(motion.samples.q[run, joint], motion.samples.t[run]) for run in runs])
     column = -motion.direction(joint)
     for run in runs:
         column[run] += presliding_state(motion.memo[key][run], setting['distance'])
@@ -98,10 +103,10 @@ EFFECTS = (
         name='friction_drift',
         title='Friction that warms up',
         family='friction',
-        equation='tau_n = F_w d_n exp(-t / T), t from the start of each run',
-        description='Friction that falls (or, if negative, rises) in the course of a run as '
-                    'the gear warms up.',
-        coefficients=(Coefficient('F_w', 'N·m', 'friction at the start of a run beyond that of '
+        equation='tau_n = F_w d_n exp(-t / T), t from the start of the session',
+        description='Friction that falls (or, if negative, rises) with time as the gear '
+                    'warms up. Recordings with stamps on one clock are one session.',
+        coefficients=(Coefficient('F_w', 'N·m', 'friction at the start beyond that of '
                                                 'a warm gear'),),
         columns=_drift,
         confounders=('torque_drift', 'coulomb_friction', 'viscous_friction'),

@@ -132,6 +132,7 @@ EFFECTS = (
                     'an encoder; all joints carry another torque.',
         coefficients=(Coefficient('delta', 'rad', 'true angle less the one that is reported'),),
         columns=_encoder,
+        pointwise=True,
         confounders=('base_tilt', 'payload_change', 'joint_flexibility'),
         experiment='drive joint {joint} to its calibration mark and read its angle',
         signature='position',
@@ -156,6 +157,7 @@ EFFECTS = (
                       Coefficient('m_a', 'N·m', 'part of it that is constant in q_2 and beyond'),
                       Coefficient('m_b', 'N·m', 'the same across it')),
         columns=_tilt,
+        pointwise=True,
         confounders=('encoder_offset', 'joint_spring', 'payload_change'),
         experiment='put a spirit level on the base; turn the first joint through its whole range '
                    'with the arm stretched out level',

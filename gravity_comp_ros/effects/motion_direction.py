@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.presliding import presliding_state, steady_path
+from gravity_comp_ros.effects.presliding import evenly_spaced, presliding_state, steady_path
 import numpy as np
 
 # rad/s. Below this, encoders and drives are not to be trusted.
@@ -69,7 +69,8 @@ def speed_noise(samples: JointSamples) -> FloatArray:
     Fourth differences take out any smooth motion; their median size is unmoved by the few
     places where a motion sets in. Slower noise than that is taken for motion.
     """
-    parts = [np.diff(samples.qd[run], n=4, axis=0) for run in run_slices(samples)]
+    parts = [np.diff(samples.qd[run], n=4, axis=0)[evenly_spaced(samples.t[run])]
+             for run in run_slices(samples)]
     jumps = np.concatenate(parts) if parts else np.zeros((0, samples.n_joints))
     if not len(jumps):
         return np.zeros(samples.n_joints)
@@ -106,7 +107,7 @@ def _best_hold(fit: _Fit, samples: JointSamples, path: FloatArray) -> tuple[floa
 
 
 def _path(samples: JointSamples, q: FloatArray) -> FloatArray:
-    return np.concatenate([steady_path(q[run]) for run in run_slices(samples)])
+    return np.concatenate([steady_path(q[run], samples.t[run]) for run in run_slices(samples)])
 
 
 def _held(samples: JointSamples, path: FloatArray, hold: float) -> FloatArray:

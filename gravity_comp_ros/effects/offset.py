@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import longest_run, run_time
+from gravity_comp_ros.data.runs import clock_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausibility import smaller_than, within_torque
@@ -20,12 +20,12 @@ def _gain(motion: Motion, joint: int, setting: Setting) -> FloatArray:
 
 
 def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the time within each run from `centre` s on, so that every run drifts by itself."""
-    return (run_time(motion.samples) - setting['centre'])[:, None]
+    """Return the time of the session from `centre` s on."""
+    return (clock_time(motion.samples) - setting['centre'])[:, None]
 
 
 def _mean_time(motion: Motion, joint: int) -> list[dict[str, float]]:
-    return [{'centre': float(run_time(motion.samples).mean())}]
+    return [{'centre': float(clock_time(motion.samples).mean())}]
 
 
 def _gain_untestable(motion: Motion, joint: int) -> str | None:
@@ -35,9 +35,9 @@ def _gain_untestable(motion: Motion, joint: int) -> str | None:
 
 
 def _drift_untestable(motion: Motion, joint: int) -> str | None:
-    longest = longest_run(motion.samples)
+    longest = float(clock_time(motion.samples).max(initial=0.0))
     if longest < _SHORTEST:
-        return f'the longest run takes {longest:.3g} s, too short to drift'
+        return f'the longest recording takes {longest:.3g} s, too short to drift'
     return None
 
 
@@ -50,6 +50,7 @@ EFFECTS = (
         description='A torque signal that is not zero when the torque is.',
         coefficients=(Coefficient('b', 'N·m', 'torque signal at no torque'),),
         columns=_offset,
+        pointwise=True,
         confounders=('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
                      'coulomb_friction', 'cable_stiffness'),
         experiment='let joint {joint} stand in ten poses, each reached from below and from '
@@ -68,6 +69,7 @@ EFFECTS = (
                     'is off.',
         coefficients=(Coefficient('k', '', 'relative error of the torque scale'),),
         columns=_gain,
+        pointwise=True,
         confounders=('payload_change', 'load_dependent_friction'),
         experiment='hang a known mass on the arm and compare the change of torque of joint '
                    '{joint} with the one that its weight and lever arm give',
@@ -82,11 +84,12 @@ EFFECTS = (
         name='torque_drift',
         title='Torque drift',
         family='offset',
-        equation='tau_n = r (t - t_0), t from the start of each run, t_0 its mean',
-        description='A torque signal whose zero moves in the course of a run, as strain gauges '
-                    'do when they warm up.',
+        equation='tau_n = r (t - t_0), t from the start of the session, t_0 its mean',
+        description='A torque signal whose zero moves with time, as strain gauges do when they '
+                    'warm up. Recordings with stamps on one clock are one session.',
         coefficients=(Coefficient('r', 'N·m/s', 'change of the torque signal per second'),),
         columns=_drift,
+        pointwise=True,
         confounders=('friction_drift', 'torque_offset', 'payload_change'),
         experiment='let joint {joint} stand in one pose for as long as a run takes, before and '
                    'after moving it',

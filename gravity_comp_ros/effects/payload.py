@@ -149,6 +149,7 @@ EFFECTS = (
         description='A tool or load that is taken up or set down during the recording.',
         coefficients=(_share('m_i'), _share('e_s')),
         columns=_change,
+        pointwise=True,
         confounders=('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt'),
         experiment='record one run with the load and one without it, and learn the change with '
                    '`gravity_comp update`',
@@ -171,6 +172,7 @@ EFFECTS = (
                     'makes a torque that does not depend on the own angle of its joint.',
         coefficients=(Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),),
         columns=_tool_force,
+        pointwise=True,
         confounders=('torque_offset',),
         experiment='take hoses and cables off the tool and record the same motion again',
         signature='position of the last joints',

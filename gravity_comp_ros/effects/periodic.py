@@ -69,6 +69,7 @@ EFFECTS = (
         coefficients=(Coefficient('a', 'N·m', 'sine part'),
                       Coefficient('b', 'N·m', 'cosine part')),
         columns=_ripple,
+        pointwise=True,
         confounders=('cable_stiffness', 'joint_spring', 'end_stop'),
         experiment='move joint {joint} slowly through its whole range with the others still, '
                    'at a speed that leaves ten samples for each period',

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
 # An encoder that flutters by this many times its noise has not moved.
 _FLUTTER = 3.0
+# Steps of time that differ by less are even; where fewer windows are, all must serve.
+_EVEN = 1.2
+_ENOUGH_EVEN = 0.05
 
 
 def presliding_state(path: FloatArray, distance: float) -> FloatArray:
@@ -35,14 +38,16 @@ def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     return z
 
 
-def steady_path(q: FloatArray) -> FloatArray:
+def steady_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     """
     Return q (M,) of one run without the flutter of its encoder, rad.
+
+    :param t: times (M,) in s; even ones if not given.
 
     The path is pulled along on a leash of three times the noise: what is shorter does not move
     it, so that an encoder's noise at rest does not wear down what friction has built up.
     """
-    leash = _FLUTTER * position_noise(q)
+    leash = _FLUTTER * position_noise(q, t)
     if leash <= 0.0:
         return q
     here, path = float(q[0]), []
@@ -52,8 +57,24 @@ def steady_path(q: FloatArray) -> FloatArray:
     return np.array(path)
 
 
-def position_noise(q: FloatArray) -> float:
-    """Return the standard deviation of what in q (M,) of one run is noise, rad."""
+def position_noise(q: FloatArray, t: FloatArray | None = None) -> float:
+    """
+    Return the standard deviation of what in q (M,) of one run is noise, rad.
+
+    :param t: times (M,) in s; where a message is lost, a difference is of motion, not of noise.
+    """
     jumps = np.diff(q, n=4)
+    if t is not None:
+        jumps = jumps[evenly_spaced(t)]
     # Fourth differences of white noise have 70 times its variance.
     return float(1.4826 * np.median(np.abs(jumps)) / np.sqrt(70.0)) if len(jumps) else 0.0
+
+
+def evenly_spaced(t: FloatArray) -> BoolArray:
+    """Return which of the M - 4 windows of five samples are evenly spaced in time t (M,)."""
+    steps = np.diff(t)
+    if len(steps) < 4:
+        return np.zeros(0, dtype=bool)
+    windows = np.lib.stride_tricks.sliding_window_view(steps, 4)
+    even = windows.max(axis=1) <= _EVEN * windows.min(axis=1)
+    return np.asarray(even if even.mean() >= _ENOUGH_EVEN else np.ones(len(even), dtype=bool))

@@ -34,6 +34,7 @@ EFFECTS = (
                     'friction late by as much looks like presliding.',
         coefficients=(Coefficient('T', 's', 'delay of torque against position'),),
         columns=_delay,
+        pointwise=True,
         confounders=('viscous_friction', 'presliding_hysteresis'),
         experiment='move joint {joint} to and fro through the same way at two speeds with much '
                    'load and with none; a delay shows only with load',

@@ -154,7 +154,7 @@ def _spread(columns: tuple[Column, ...], values: FloatArray, samples: JointSampl
     torque = np.sqrt((samples.tau ** 2).mean(axis=0))
     torque = np.maximum(torque, _LEAST_TORQUE * max(float(torque.max(initial=0.0)), 1e-300))
     # Poses that do not follow each other differ by more than noise.
-    noise = np.minimum(_white_noise(samples), _LARGEST_NOISE * torque)
+    noise = np.minimum(white_noise(samples), _LARGEST_NOISE * torque)
     relative = torque / noise * (1.0 + _reversals(samples))
     size = np.sqrt((values ** 2).mean(axis=1))
     usual = np.array([_USUAL[column.kind] * relative[column.joint] for column in columns])
@@ -171,7 +171,7 @@ def _reversals(samples: JointSamples) -> FloatArray:
     return counts
 
 
-def _white_noise(samples: JointSamples) -> FloatArray:
+def white_noise(samples: JointSamples) -> FloatArray:
     """Return the standard deviation (N,) in N·m of what differs from one sample to the next."""
     within = samples.runs[2:] == samples.runs[:-2]
     if not within.any():

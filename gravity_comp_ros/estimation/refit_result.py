@@ -81,7 +81,13 @@ def held_out(work: RefitProblem, before: FloatArray, after: FloatArray) -> dict[
 
 
 def chance(work: RefitProblem, blocks: Blocks, before: FloatArray, after: FloatArray) -> float:
-    """Return the p-value of the fall of the whole arm's error, block by block."""
-    squares = [blocks.sums((rest / work.sigma) ** 2).sum(axis=1, keepdims=True)
-               for rest in (before, after)]
-    return gain(squares[0], squares[1], 1).p
+    """
+    Return the p-value of the fall of the error, block by block.
+
+    Of the whole arm or of one joint, the smaller, corrected for having looked at both and at all
+    joints (Bonferroni): an effect of one joint must not be judged by the noise of the others.
+    """
+    old, new = (blocks.sums((rest / work.sigma) ** 2) for rest in (before, after))
+    whole = gain(old.sum(axis=1, keepdims=True), new.sum(axis=1, keepdims=True), 2).p
+    joints = old.shape[1]
+    return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * joints).p for n in range(joints)))

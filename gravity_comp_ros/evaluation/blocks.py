@@ -8,6 +8,7 @@ of ten correlation times is nearly independent of the next, so tests and interva
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError
@@ -17,12 +18,14 @@ import numpy as np
 _CORRELATION_TIMES = 10.0
 N_FOLDS = 5
 _FEWEST = 15
+# With so many runs a fold may hold out stretches: the poses of each are seen in another run.
+_RUNS_OF_STRETCHES = 3
 # Places of motion that an interval is drawn from.
 _FEWEST_PLACES = 5
 _MOST = 120
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Blocks:
     """
     M samples cut into B blocks, each within one run, and the blocks put into folds.
@@ -60,6 +63,14 @@ class Blocks:
             place[here] = run * parts + np.arange(len(here)) * parts // len(here)
         return np.unique(place, return_inverse=True)[1].astype(np.int64)
 
+    @cached_property
+    def by_fold(self) -> tuple[IntArray, tuple[slice, ...]]:
+        """Return the samples (M,) in the order of their folds, and where each fold lies."""
+        lengths = np.diff(self.starts)
+        order = np.argsort(np.repeat(self.fold, lengths), kind='stable')
+        ends = np.cumsum([0, *(lengths[self.fold == f].sum() for f in range(self.n_folds))])
+        return order, tuple(slice(int(a), int(b)) for a, b in zip(ends, ends[1:]))
+
     def sums(self, values: FloatArray) -> FloatArray:
         """Return the sum of `values` (M, ...) over each block."""
         return np.add.reduceat(values, self.starts[:-1], axis=0)
@@ -93,12 +104,16 @@ def _folds(run: IntArray) -> IntArray:
     Return each block's fold (B,): a stretch of each run, another one in the next run.
 
     Whole runs would not do: what a fold holds out must be seen elsewhere, and the first run may
-    be the only fast one, or the last the only one with another payload.
+    be the only fast one, or the last the only one with another payload. A fifth of one short run
+    may have poses that are seen nowhere else, so that the error there is that of gravity: of
+    fewer than three runs each fold holds out every fifth block.
     """
     fold = np.empty(len(run), dtype=np.int64)
-    for number, label in enumerate(np.unique(run)):
+    labels = np.unique(run)
+    for number, label in enumerate(labels):
         here = np.flatnonzero(run == label)
-        stretch = np.arange(len(here)) * N_FOLDS // len(here) if len(here) > N_FOLDS else (
-            np.arange(len(here)))
+        stretch = np.arange(len(here))
+        if len(labels) >= _RUNS_OF_STRETCHES and len(here) > N_FOLDS:
+            stretch = stretch * N_FOLDS // len(here)
         fold[here] = (stretch + number) % N_FOLDS
     return np.unique(fold, return_inverse=True)[1].astype(np.int64)

@@ -48,7 +48,8 @@ class JointComparison:
 
     `rmse`, `bias` (mean), `std` and `max_abs` are in N·m; rmse^2 = bias^2 + std^2. `nrmse` is
     the RMSE as a fraction of the range of the measured torque (Yu 2022, Eq. 16), None where
-    that range is 0. `rmse_constant` is what predicting the mean measured torque would leave.
+    that range is 0. `torque_std` is the standard deviation of the measured torque, in N·m.
+    `rmse_constant` is what predicting the mean measured torque would leave.
     `band` is None of a model that does not know its uncertainty.
     """
 
@@ -61,6 +62,7 @@ class JointComparison:
     rmse_constant: float
     where: tuple[Place, ...]
     band: Calibration | None = None
+    torque_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -150,7 +152,8 @@ def compare_prediction(samples: JointSamples, predicted: FloatArray, outside: Bo
             std=float(r.std()), bias=float(r.mean()), max_abs=float(np.abs(r).max()),
             rmse_constant=float(tau.std()),
             where=tuple(find_places(samples, predicted, outside, n)),
-            band=None if inside is None else _calibration(inside[:, n:n + 1], outside))
+            band=None if inside is None else _calibration(inside[:, n:n + 1], outside),
+            torque_std=float(tau.std()))
     return Comparison(joints, residual, float(np.mean(outside)),
                       None if inside is None else _calibration(inside, outside))
 

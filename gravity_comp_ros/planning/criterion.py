@@ -40,14 +40,14 @@ class Answer:
     spread: FloatArray
 
     @property
-    def chance(self) -> float:
-        """The chance that a diagnosis settles the question."""
-        return float(special.ndtr(self.separation - SURE))
-
-    @property
     def value(self) -> float:
         """What the choice of a motion maximises."""
-        return self.chance + _SLOPE * float(np.log1p(self.separation ** 2))
+        return chance(self.separation) + _SLOPE * float(np.log1p(self.separation ** 2))
+
+
+def chance(separation: float) -> float:
+    """Return the chance that a diagnosis settles a question with this separation."""
+    return float(special.ndtr(separation - SURE))
 
 
 def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],

@@ -15,9 +15,9 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import correlation_time
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
-from gravity_comp_ros.planning.criterion import Answer
+from gravity_comp_ros.planning.criterion import Answer, chance
 from gravity_comp_ros.planning.options import PlanOptions, Target
-from gravity_comp_ros.planning.questions import open_targets, question
+from gravity_comp_ros.planning.questions import observed_separation, open_targets, question
 from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
 from gravity_comp_ros.planning.segments import Pace, sampled
 from gravity_comp_ros.planning.workspace import Workspace, workspace
@@ -118,7 +118,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     before, after = chooser.answers_before(), chooser.answers_after(motion)
     t, (q, qd, qdd) = sampled(motion, options.rate)
     tell('plan', 1.0)
-    expected = tuple(_expectation(*each, situation) for each in zip(
+    expected = tuple(_expectation(*each, situation, diagnosis) for each in zip(
         named, questions, before, after))
     notes += [_unlikely(each) for each in expected if each.chance < _LIKELY]
     return Plan(Trajectory(model.joints, t, q, qd, qdd),
@@ -204,11 +204,16 @@ def _unlikely(expected: Expectation) -> str:
 
 
 def _expectation(target: Target, asked: Question, before: Answer, after: Answer,
-                 situation: Situation) -> Expectation:
+                 situation: Situation, diagnosis: Diagnosis | None) -> Expectation:
     symbols = asked.target.effect.coefficients_of(
         situation.recorded, asked.target.joint or 0, asked.target.setting)
     widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.spread)}
     hardest = '' if after.worst is None else asked.alternatives[after.worst].effect.name
     assumed = {c.symbol: float(v) for c, v in zip(symbols, asked.size)}
-    return Expectation(target, before.chance, after.chance, widths, hardest, assumed,
-                       asked.known_size)
+    seen = before.separation
+    if diagnosis is not None:
+        # The recordings have left the question open, whatever they might have said.
+        seen = min(seen, observed_separation(target, diagnosis))
+    added = max(after.separation ** 2 - before.separation ** 2, 0.0)
+    return Expectation(target, chance(seen), chance(float(np.sqrt(seen ** 2 + added))), widths,
+                       hardest, assumed, asked.known_size)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
 from gravity_comp_ros.effects.effect import Effect, Motion, Setting
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect
@@ -13,6 +13,7 @@ from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.planning.regressors import Alternative, Question
 import numpy as np
+from scipy import special
 
 OPEN = ('ambiguous', 'untestable', 'weak')
 # Effects that most joints have: worth asking for where the recording cannot show them.
@@ -27,6 +28,8 @@ _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 # An effect of unknown size is taken to be this share of the joint's torque range, and no less
 # than this many standard deviations of noise.
 _WORTH, _ABOVE_NOISE = 0.03, 0.5
+# Standard errors that a weak finding has at most: it was not settled.
+_MOST_WEAK = 3.0
 
 
 def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
@@ -58,6 +61,26 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
                 found.setdefault((effect, joint), (float(spans[joint]), target))
     ordered = sorted(found.values(), key=lambda pair: -pair[0])
     return [target for _, target in ordered[:_MOST_TARGETS]]
+
+
+def observed_separation(target: Target, diagnosis: Diagnosis) -> float:
+    """
+    Return the standard errors by which recordings have shown a target.
+
+    A tie is within one standard error; a weak finding has its p-value; of what could not be
+    tested nothing was seen.
+
+    :return: infinity for what the diagnosis does not leave open.
+    """
+    finding = _finding(target, diagnosis)
+    if finding is None:
+        report = diagnosis.joints.get(target.joint or '')
+        return 0.0 if report is not None and target.effect in report.untestable else np.inf
+    if finding.verdict not in OPEN:
+        return np.inf
+    if finding.verdict != Verdict.WEAK:
+        return 1.0
+    return float(np.clip(special.ndtri(1.0 - min(finding.p, 1.0)), 0.0, _MOST_WEAK))
 
 
 def question(target: Target, motion: Motion, probe: Motion, noise: FloatArray,

@@ -70,7 +70,7 @@ class Cleaning:
         scale = options.scale(self.joints)
         samples = JointSamples.single_run(
             self.joints, time, self.q, self.qd, self.tau * list(scale.values()),
-            path.name or path.resolve().name)
+            path.name or path.resolve().name, int(self.times[0]) / 1e9)
         steps = np.diff(time)
         self.notes += gap_notes(time)
         self.notes += degree_notes(np.abs(self.q).max(initial=0.0), self.degrees)

@@ -166,7 +166,7 @@ class _Pass:
         scale = self._options.scale(self._joints)
         samples = JointSamples.single_run(
             self._joints, t, q, qd, tau * list(scale.values()),
-            path.name or path.resolve().name)
+            path.name or path.resolve().name, self._times[0] / 1e9)
         notes = [*notes, *(zero_effort_note(joint)
                            for joint, loaded in zip(self._joints, self._loaded) if not loaded)]
         notes += zero_velocity_notes(self._joints, self._high - self._low > MOVES, self._moving)

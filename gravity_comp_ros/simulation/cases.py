@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from zlib import crc32
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
+from gravity_comp_ros.simulation.degraded import Degradation
+from gravity_comp_ros.simulation.generated import generated_arm
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions, sample
 from gravity_comp_ros.simulation.pauses import Pause, with_pauses
 from gravity_comp_ros.simulation.sensors import measured, SensorOptions
@@ -21,7 +24,10 @@ FloatArray = NDArray[np.float64]
 Pair = tuple[str, int | None]
 """An effect and its joint, counted from 0; None for the arm as a whole, or any joint of it."""
 
-ARMS: dict[str, Callable[[], Arm]] = {'iiwa7': iiwa7, 'six_axis': six_axis}
+ARMS: dict[str, Callable[[], Arm]] = {
+    'iiwa7': iiwa7, 'six_axis': six_axis,
+    'right_seven': partial(generated_arm, 21, 7, True),
+    'right_six': partial(generated_arm, 24, 6, True), 'any_six': partial(generated_arm, 28, 6)}
 VERDICTS = ('found', 'nothing', 'unexplained', 'untestable', 'weak')
 
 # A delay or a bristle wants finer steps than a recording has.
@@ -63,7 +69,8 @@ class Case:
 
     `correlated` is the part of the torque noise's variance that is correlated over
     `correlation` s, `max_speed` in rad/s that of the fastest run. `one_way` is a joint that
-    moves in one direction only, and never rests.
+    moves in one direction only, and never rests. With a `pause` in s between runs, their stamps
+    are on one clock. `degraded` is what happens to messages on their way to the recording.
 
     :raises OptionError: if arm or verdict is unknown.
     """
@@ -81,6 +88,8 @@ class Case:
     correlated: float = 0.3
     correlation: float = 0.5
     one_way: int | None = None
+    pause: float | None = None
+    degraded: tuple[Degradation, ...] = ()
 
     def __post_init__(self) -> None:
         if self.arm not in ARMS:
@@ -121,8 +130,19 @@ def recordings(case: Case, seed: int = 0, rate: float = 50.0) -> JointSamples:
         options = SynthesisOptions(seed=int(hidden.generate_state(1)[0]), disturbances=acting)
         run = synthesise(arm, motion, options, f'{case.name} {number + 1}')
         run = run.select(np.arange(0, len(run), every))
-        runs.append(measured(run, noisy, np.random.default_rng(sensing)))
+        runs.append(_received(case, number, measured(run, noisy, np.random.default_rng(sensing)),
+                              np.random.default_rng([number, *sensing.generate_state(2)])))
     return concatenate(runs)
+
+
+def _received(case: Case, number: int, run: JointSamples,
+              rng: np.random.Generator) -> JointSamples:
+    """Return a run as it is recorded, with its start on a clock if there is one."""
+    for degradation in case.degraded:
+        run = degradation.apply(run, rng)
+    if case.pause is None:
+        return run
+    return replace(run, starts=(number * (case.duration + case.pause),))
 
 
 def noise_levels(arm: Arm) -> tuple[float, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from gravity_comp_ros.simulation.case_list import bristles, ROLES
 from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
@@ -17,6 +17,8 @@ import numpy as np
 
 Draw = tuple[Disturbance, Truth, frozenset[Pair]]
 Maker = Callable[[int, float, np.random.Generator], Draw]
+# The joints of arms of `ROLES` that carry load.
+_LOADED = (1, 2, 3)
 
 
 def drawn_case(arm: str, number: int) -> Case:
@@ -30,19 +32,28 @@ def drawn_case(arm: str, number: int) -> Case:
     noise = noise_levels(ARMS[arm]())
     count = int(rng.choice([0, 1, 2], p=[0.2, 0.5, 0.3]))
     joints = rng.permutation(ROLES[arm].count)[:count]
-    draws = [_draw(int(joint), noise[joint], rng) for joint in joints]
+    found = [_draw(int(joint), noise[joint], rng, joint in _LOADED) for joint in joints]
     return Case(
-        f'drawn_{number}', arm, 'found' if draws else 'nothing',
-        tuple(draw[0] for draw in draws), tuple(draw[1] for draw in draws),
-        frozenset(pair for draw in draws for pair in draw[2]),
+        f'drawn_{number}', arm, 'found' if found else 'nothing',
+        tuple(draw[0] for draw in found), tuple(draw[1] for draw in found),
+        frozenset(pair for draw in found for pair in draw[2]),
         runs=int(rng.integers(3, 7)), max_speed=float(rng.uniform(0.15, 0.4)),
         correlated=float(rng.uniform(0.0, 0.8)), correlation=float(rng.uniform(0.1, 1.0)))
 
 
-def _draw(joint: int, noise: float, rng: np.random.Generator) -> Draw:
+def draws(arm: str, joints: Sequence[int], rng: np.random.Generator,
+          loads: frozenset[int]) -> list[Draw]:
+    """Return an effect for each joint, of those that are not friction of every joint."""
+    noise = noise_levels(ARMS[arm]())
+    return [_draw(joint, noise[joint], rng, joint in loads, _MAKERS[2:]) for joint in joints]
+
+
+def _draw(joint: int, noise: float, rng: np.random.Generator, loaded: bool,
+          makers: tuple[Maker, ...] | None = None) -> Draw:
     size = noise * float(np.exp(rng.uniform(np.log(3.0), np.log(30.0))))
+    makers = makers or _MAKERS
     # A joint without load has no friction of load.
-    makers = _MAKERS if joint in (1, 2, 3) else _MAKERS[:-1]
+    makers = makers if loaded else makers[:-1]
     return makers[int(rng.integers(len(makers)))](joint, size, rng)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
@@ -49,7 +49,7 @@ def measured(samples: JointSamples, options: SensorOptions,
     qd = samples.qd + options.speed_noise * rng.standard_normal(shape)
     step = float(samples.t[1] - samples.t[0]) if len(samples) > 1 else 0.0
     tau = samples.tau + torque_noise(shape, step, options, rng)
-    return JointSamples(samples.names, samples.t, q, qd, tau, samples.runs, samples.run_labels)
+    return replace(samples, q=q, qd=qd, tau=tau)
 
 
 def torque_noise(shape: tuple[int, ...], step: float, options: SensorOptions,

@@ -18,7 +18,8 @@ examples:
 Gravity and effects are fitted together to the whole recordings. Slow samples count, unless they
 are few or the effect shows in fast motion only (inertia, Coriolis, delay); --all-samples and
 --max-speed say otherwise. Errors are of data that was not fitted: whole runs, or blocks of time.
-docs/effects.md describes every effect.
+Where another effect would explain the recordings as well, that is said: the best of a tie can be
+added, so that the error falls today. docs/effects.md describes every effect.
 """
 
 
@@ -33,6 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--undo', action='store_true',
                         help='take back what was added last; needs no bag')
     parser.add_argument('--dry-run', action='store_true', help='show, but write nothing')
+    parser.add_argument('--holdout', action='store_true',
+                        help='show the error on what `fit --holdout` held out as well; that part '
+                        'is never fitted')
     speeds = parser.add_argument_group('samples that are fitted')
     speeds.add_argument('--max-speed', metavar='RAD/S', type=arguments.positive,
                         help='only where every joint is slower (default: 0.15, see below)')

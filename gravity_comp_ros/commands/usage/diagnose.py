@@ -21,7 +21,7 @@ verdicts:
   established   it explains held-out data, in nearly every run, and nothing else does: add it
   likely        the same, less surely: add it
   ambiguous     another effect explains as much: both are named, and the motion that settles it.
-                Add none before; never both
+                One of them may be added today; never both
   weak          perhaps there, too small to be sure: leave it out
   untestable    this motion cannot distinguish it from another effect: leave it out
   unexplained   something repeats there that no known effect describes
@@ -39,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='the model to judge, as `fit` writes it (default: one is fitted)')
     parser.add_argument('--effects', metavar='A,B,...', type=arguments.joint_list, default=None,
                         help='look for these effects only (default: all that are known)')
+    parser.add_argument('--holdout', action='store_true',
+                        help='leave out what `fit --holdout` held out, and check that there is '
+                        'some; with a model that part is left out anyway')
     arguments.add_reading(parser)
     arguments.add_json(parser)
     arguments.add_html(parser)

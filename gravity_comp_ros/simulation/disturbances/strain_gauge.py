@@ -46,13 +46,15 @@ class GaugeDrift:
     A zero that moves while the sensor warms, and wanders besides.
 
     The sensor's temperature rises from cold as 1 - exp(-t / warming), and the zero by `rise`
-    N·m with it; a random walk of `wander` N·m per square root of a second is added to it.
+    N·m with it; a random walk of `wander` N·m per square root of a second is added to it. The
+    sensor was switched on `begun` s before the run.
     """
 
     joint: int
     rise: float
     warming: float = 200.0
     wander: float = 0.0
+    begun: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.warming > 0 or not self.wander >= 0:
@@ -66,4 +68,4 @@ class GaugeDrift:
         steps = rng.standard_normal(len(age)) * np.sqrt(np.diff(age, prepend=0.0))
         walk = self.wander * np.cumsum(steps)
         return with_torque(signals, self.joint,
-                           self.rise * -np.expm1(-age / self.warming) + walk)
+                           self.rise * -np.expm1(-(age + self.begun) / self.warming) + walk)

@@ -24,13 +24,14 @@ VOGEL_T0 = -95.0
 @dataclass(frozen=True)
 class WarmFriction:
     """
-    LuGre friction in a gear with a temperature T, in degrees Celsius, that starts at `room`.
+    LuGre friction in a gear with a temperature T, in degrees Celsius, that starts at `begin`.
 
         capacity dT/dt = idle + |friction * qd| - (T - room) / resistance
 
     `resistance` in K/W and `capacity` in J/K give the time resistance * capacity in which the
     gear warms; `idle` W come from motor and brake. The viscous coefficient follows Vogel's law
     of its oil; the bristles' force falls by the fraction `softening` a kelvin, down to a fifth.
+    Without `begin` the gear starts at the temperature of the room.
     """
 
     joint: int
@@ -40,6 +41,7 @@ class WarmFriction:
     capacity: float = 12.0
     softening: float = 0.015
     room: float = 22.0
+    begin: float | None = None
 
     def __post_init__(self) -> None:
         for field in ('resistance', 'capacity'):
@@ -61,7 +63,8 @@ class WarmFriction:
             scaled by how far dry friction has fallen.
         """
         keep = np.exp(-np.diff(t) / (self.resistance * self.capacity))
-        out, state = [self.room], self.room
+        state = self.room if self.begin is None else self.begin
+        out = [state]
         for power, k in zip(cold_power.tolist(), keep.tolist()):
             fall = max(1 - self.softening * (state - self.room), 0.2)
             target = self.room + self.resistance * (self.idle + fall * power)

@@ -1,0 +1,128 @@
+"""
+Cases that nothing was tuned to: friction on every joint, effects beside it, poor recordings.
+
+A case is drawn from its arm, its kind and its seed. Coulomb friction of every joint is to be
+named; viscous friction beside it is there, named or not.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import gravity_torque
+from gravity_comp_ros.simulation.case_list import bristles, coulomb, offset
+from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
+from gravity_comp_ros.simulation.degraded import (
+    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift
+from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
+from gravity_comp_ros.simulation.drawn import draws
+import numpy as np
+
+KINDS = ('friction', 'one_beside', 'two_beside', 'three_beside', 'lost', 'filtered', 'stepped',
+         'no_velocity', 'drift', 'warming', 'one_way')
+_BESIDE = {'one_beside': 1, 'two_beside': 2, 'three_beside': 3, 'lost': 1, 'filtered': 1,
+           'stepped': 1, 'no_velocity': 1}
+_DEGRADED: dict[str, tuple[Degradation, ...]] = {
+    'lost': (LostMessages(),), 'filtered': (FilteredTorque(),), 'stepped': (SteppedTorque(),),
+    'no_velocity': (NoVelocity(),)}
+_SESSION_RUNS, _SESSION_PAUSE = 6, 90.0
+
+
+def judging_case(arm: str, kind: str, seed: int) -> Case:
+    """
+    Return a case of an arm.
+
+    :raises OptionError: if there is no such kind or arm.
+    """
+    if kind not in KINDS or arm not in ARMS:
+        raise OptionError(f'no judging case {kind} of arm {arm}; there are {", ".join(KINDS)}')
+    rng = np.random.default_rng([seed, KINDS.index(kind), sum(arm.encode()), 1])
+    if kind == 'drift':
+        return _drift(arm, rng)
+    if kind == 'warming':
+        return _warming(arm, rng)
+    if kind == 'one_way':
+        return _one_way(arm, rng)
+    return _beside(arm, kind, rng)
+
+
+def _beside(arm: str, kind: str, rng: np.random.Generator) -> Case:
+    """Return friction on every joint, and drawn effects on some of them."""
+    levels = _friction_levels(arm, rng)
+    n = len(levels)
+    joints = [int(j) for j in rng.permutation(n)[:_BESIDE.get(kind, 0)]]
+    beside = draws(arm, joints, rng, loads=_loads(arm))
+    allowed = bristles(*range(n)) | {('viscous_friction', j) for j in range(n)}
+    if kind == 'filtered':
+        # A filter delays the torque, and friction that is late looks like presliding.
+        allowed |= {('time_delay', j) for j in range(n)}
+    return Case(
+        kind, arm,
+        disturbances=(*(Friction(j, LuGre(*level)) for j, level in enumerate(levels)),
+                      *(disturbance for disturbance, _, _ in beside)),
+        truths=(*(coulomb(j, level[0]) for j, level in enumerate(levels)),
+                *(truth for _, truth, _ in beside)),
+        allowed=allowed.union(*(more for _, _, more in beside)),
+        max_speed=float(rng.uniform(0.25, 0.4)), degraded=_DEGRADED.get(kind, ()))
+
+
+def _friction_levels(arm: str, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Return Coulomb friction in N·m and viscous in N·m·s/rad: 1 to 4 % of gravity's range."""
+    built = ARMS[arm]()
+    poses = rng.uniform(built.lower, built.upper, (300, built.n_joints))
+    spans = np.ptp(gravity_torque(built, poses), axis=0)
+    least = 5.0 * np.array(noise_levels(built))
+    levels = np.maximum(rng.uniform(0.01, 0.04, len(spans)) * spans, least)
+    return [(float(c), float(c * rng.uniform(0.3, 3.0))) for c in levels]
+
+
+def _loads(arm: str) -> frozenset[int]:
+    """Return the joints whose gravity varies enough for friction that grows with load."""
+    built = ARMS[arm]()
+    poses = np.random.default_rng(0).uniform(built.lower, built.upper, (300, built.n_joints))
+    spans = np.ptp(gravity_torque(built, poses), axis=0)
+    return frozenset(int(j) for j in np.flatnonzero(spans > 0.3 * spans.max()))
+
+
+def _drift(arm: str, rng: np.random.Generator) -> Case:
+    """Return a sensor whose zero moves over six recordings of twenty minutes."""
+    noise = noise_levels(ARMS[arm]())
+    joint = int(rng.integers(len(noise)))
+    rise = float(rng.choice([-1.0, 1.0]) * rng.uniform(8.0, 20.0) * noise[joint])
+    warming = float(rng.uniform(300.0, 900.0))
+    period = 100.0 + _SESSION_PAUSE
+    runs = tuple((k, GaugeDrift(joint, rise, warming, begun=k * period))
+                 for k in range(_SESSION_RUNS))
+    ties: tuple[Pair, ...] = (('friction_drift', joint), ('payload_change', None))
+    return Case('drift', arm, truths=(Truth('torque_drift', joint, ties),), in_run=runs,
+                allowed=frozenset({('torque_offset', joint)}), runs=_SESSION_RUNS,
+                duration=100.0, pause=_SESSION_PAUSE)
+
+
+def _warming(arm: str, rng: np.random.Generator) -> Case:
+    """Return a gear that warms over six recordings of twenty minutes."""
+    noise = noise_levels(ARMS[arm]())
+    joint = int(rng.integers(len(noise)))
+    level = float(rng.uniform(15.0, 30.0) * noise[joint])
+    minutes = float(rng.uniform(300.0, 700.0))
+    gear = WarmFriction(joint, LuGre(level, 2.0 * level), capacity=minutes / 6.0)
+    period, idle = 100.0 + _SESSION_PAUSE, gear.resistance * gear.idle
+    runs = tuple(
+        (k, WarmFriction(joint, gear.surfaces, capacity=gear.capacity,
+                         begin=gear.room - idle * float(np.expm1(-k * period / minutes))))
+        for k in range(_SESSION_RUNS))
+    return Case('warming', arm, truths=(Truth('friction_drift', joint),), in_run=runs,
+                allowed=bristles(joint) | {('coulomb_friction', joint),
+                                           ('viscous_friction', joint)},
+                runs=_SESSION_RUNS, duration=100.0, pause=_SESSION_PAUSE)
+
+
+def _one_way(arm: str, rng: np.random.Generator) -> Case:
+    """Return friction on a joint that moves one way only, where an offset looks the same."""
+    levels = _friction_levels(arm, rng)
+    joint = int(rng.integers(1, len(levels)))
+    level = levels[joint][0]
+    return Case('one_way', arm, 'untestable', (Friction(joint, LuGre(level)),),
+                truths=(coulomb(joint, level), offset(joint)), one_way=joint)

@@ -1,0 +1,90 @@
+"""`gravity_comp cut`: a part of a recording by time and joints, or several parts."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+import shlex
+
+from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.commands.arguments import names_shown
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.printable import counted
+from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, Recording
+from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a recording: its file, and what is in it, from `begin` to `end` s."""
+
+    path: Path
+    topic: JointTopic
+    start_ns: int
+    begin: float
+    end: float
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read, cut and write."""
+    recording = read_bag(args.bag, ReadOptions(args.topic, args.joints))
+    parts = cut(recording, args.output, args.begin, args.end, args.split)
+    _check_files(args.bag, parts)
+    for part in parts:
+        write_bag(part.path, [part.topic], WriteOptions(start_ns=part.start_ns))
+    if args.json != '-':
+        for line in reading.bag_lines([recording.report]):
+            terminal.show(terminal.safe(line))
+        for part in parts:
+            terminal.show(terminal.safe(
+                f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from '
+                f'{part.begin:.6g} to {part.end:.6g} s, joints {names_shown(part.topic.joints)}'))
+        next_step.show('see what is in it' if len(parts) == 1 else 'see what is in them',
+                       shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
+    if args.json:
+        terminal.emit_json({'input': str(args.bag), 'parts': [
+            {'output': str(part.path), 'n_samples': len(part.topic.t), 'from': part.begin,
+             'to': part.end, 'joints': list(part.topic.joints)} for part in parts]}, args.json)
+    return 0
+
+
+def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | None = None,
+        split: tuple[float, ...] = ()) -> list[Part]:
+    """
+    Return the parts of a recording between times in s from its first sample.
+
+    A part holds the samples from its begin on, before its end; the last one its end as well.
+
+    :raises OptionError: if times do not follow each other.
+    :raises DataError: if there is no sample in a part.
+    """
+    samples, report = recording.samples, recording.report
+    last = float(samples.t[-1])
+    bounds = [begin, *split, last if end is None else end]
+    if any(later <= earlier for earlier, later in zip(bounds, bounds[1:])):
+        raise OptionError('cut: the times must rise, from --from over --split to --to or the end '
+                          f'of the recording at {last:.6g} s; they are '
+                          f'{", ".join(f"{x:g}" for x in bounds)}')
+    parts = []
+    for number, (start, stop) in enumerate(zip(bounds, bounds[1:]), start=1):
+        final = number == len(bounds) - 1
+        here = (samples.t >= start) & ((samples.t <= stop) if final else (samples.t < stop))
+        if not here.any():
+            raise DataError(f'cut: there is no sample from {start:g} to {stop:g} s; the recording '
+                            f'lasts {last:.6g} s')
+        t = samples.t[here]
+        path = output if len(bounds) == 2 else output.with_stem(f'{output.stem}-{number}')
+        velocity = samples.qd[here] if report.velocity == 'measured' else None
+        topic = JointTopic(report.topic, samples.names, t - t[0], samples.q[here], velocity,
+                           samples.tau[here])
+        parts.append(Part(path, topic, report.start_ns + round(float(t[0]) * 1e9), float(t[0]),
+                          float(t[-1])))
+    return parts
+
+
+def _check_files(bag: Path, parts: list[Part]) -> None:
+    """Refuse to write over the recording that is cut."""
+    for part in parts:
+        if part.path.exists() and part.path.resolve() == bag.resolve():
+            raise OptionError(f'{part.path} is the recording that is cut; choose another name')

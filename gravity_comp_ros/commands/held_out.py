@@ -1,0 +1,77 @@
+"""--holdout: what `fit --holdout` kept aside, for the verbs that come after it."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+from gravity_comp_ros.api.provenance import held_out_blocks
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.commands import terminal
+from gravity_comp_ros.commands.screen_table import ScreenTable
+from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.models.gravity_model import GravityModel
+
+_GUARD = HoldoutOptions().guard
+
+
+def required(args: argparse.Namespace, model: GravityModel) -> None:
+    """
+    Check that something was held out of the fit of a model, if --holdout is given.
+
+    :raises OptionError: if nothing was.
+    """
+    if args.holdout and not (model.provenance.get('holdout') or {}).get('blocks'):
+        raise OptionError(f'nothing was held out when {args.model} was fitted: fit it with '
+                          '--holdout')
+
+
+def of_all_samples(model: GravityModel) -> bool:
+    """Return whether a model was fitted to fast samples as well."""
+    return bool((model.provenance.get('gate') or {}).get('all_samples'))
+
+
+def without(model: GravityModel, recording: Recording) -> Recording:
+    """Return a recording without what was held out of the fit of a model."""
+    blocks = held_out_blocks(model, recording.reports, _GUARD)
+    if not blocks:
+        return recording
+    return replace(recording, use=recording.usable & ~within(recording.samples, blocks))
+
+
+def errors(before: GravityModel, after: GravityModel,
+           recording: Recording) -> dict[str, tuple[float, float, float]]:
+    """
+    Return the RMSE of two models in N·m, and the torque's standard deviation, by joint.
+
+    On what was held out of the fit of the first.
+
+    :raises DataError: if nothing of these recordings was held out.
+    """
+    blocks = held_out_blocks(before, recording.reports)
+    use = within(recording.samples, blocks)
+    if not use.any():
+        raise DataError('the model was fitted to all of these bags: nothing of them was held out')
+    gate = None if of_all_samples(before) else recording.gate
+    part = replace(recording, use=use, gate=gate)
+    old, new = (compare_model(model, part).joints for model in (before, after))
+    return {name: (old[name].rmse, new[name].rmse, new[name].torque_std) for name in old}
+
+
+def table(found: dict[str, tuple[float, float, float]]) -> ScreenTable:
+    """Return the errors on what was held out of the fit, before and after."""
+    rows = [(name, f'{before:.4f}', f'{after:.4f}', percent(before / std if std else None),
+             percent(after / std if std else None))
+            for name, (before, after, std) in found.items()]
+    return terminal.table(
+        'error on what `fit --holdout` held out: N·m, and share of the standard deviation of the '
+        'torque', ['joint', 'before', 'after', 'before', 'after'], rows)
+
+
+def to_json(found: dict[str, tuple[float, float, float]]) -> dict[str, dict[str, float]]:
+    """Return the errors as `add --json` prints them."""
+    return {name: {'rmse_before': before, 'rmse_after': after, 'torque_std': std}
+            for name, (before, after, std) in found.items()}

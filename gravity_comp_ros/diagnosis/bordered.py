@@ -1,0 +1,172 @@
+"""
+The held-out errors of a fit with one more effect, without a new fit.
+
+Let A x = r be the normal equations of a fit on columns R, and C the columns of an effect. With
+W = A^-1 R'C, the coefficients of C are
+
+    d = (C'C - (R'C)'W)^-1 (C'y - (R'C)'x),
+
+and the residual becomes e - (C - R W) d (block elimination; Golub and Van Loan, Matrix
+Computations, 2013, 3.2.6). W and C - R W are computed for many effects at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.diagnosis.evidence import (
+    Fit, held_out_residual, JointRows, Prior, regularised, regularised_solve)
+import numpy as np
+
+# Residualised columns that are held at once, numbers of them times rows.
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Border:
+    """
+    Information of other joints about shared effects beside shared columns.
+
+    `cross` (F + 1, S, C), `gram` (F + 1, C, C) and `vector` (F + 1, C) are added to the joint's
+    own sums.
+    """
+
+    cross: FloatArray
+    gram: FloatArray
+    vector: FloatArray
+
+    def __add__(self, other: Border) -> Border:
+        return Border(self.cross + other.cross, self.gram + other.gram,
+                      self.vector + other.vector)
+
+    def of(self, columns: IntArray) -> Border:
+        """Return the part of some of its C columns, given by their numbers."""
+        return Border(self.cross[:, :, columns], self.gram[:, columns[:, None], columns],
+                      self.vector[:, columns])
+
+
+@dataclass(frozen=True, eq=False)
+class Stem:
+    """A fit of one joint to which effects are added: its system, and its held-out residual."""
+
+    joint: JointRows
+    fit: Fit
+    system: FloatArray
+    residual: FloatArray
+
+    @property
+    def errors(self) -> FloatArray:
+        """Return each block's squared held-out error (B,)."""
+        return self.joint.block_sums(self.residual ** 2)
+
+
+def stem(joint: JointRows, fit: Fit, n_shared: int, prior: Prior) -> Stem:
+    """Return a fit of a joint, as `evidence.solve` made it, as something to add effects to."""
+    g, _ = joint.system(fit.columns)
+    g[:, :n_shared, :n_shared] += prior.information
+    return Stem(joint, fit, regularised(g), held_out_residual(joint, fit))
+
+
+def border(joint: JointRows, shared: IntArray, own: IntArray, columns: IntArray) -> Border:
+    """Return a joint's information about shared effects once its own effects are solved out."""
+    cross, gram = joint.products(shared, columns), joint.gram(columns)
+    vector = joint.aims[:, columns]
+    if not len(own):
+        return Border(cross, gram, vector)
+    to_shared, to_effects = joint.products(shared, own), joint.products(own, columns)
+    solved = regularised_solve(
+        joint.gram(own), np.concatenate([to_effects, joint.aims[:, own, None]], axis=2))
+    back = to_effects.transpose(0, 2, 1)
+    return Border(cross - to_shared @ solved[:, :, :-1], gram - back @ solved[:, :, :-1],
+                  vector - (back @ solved[:, :, -1:])[:, :, 0])
+
+
+def explained(stem: Stem, effects: Sequence[IntArray],
+              others: Border | None = None) -> list[float]:
+    """
+    Return the sum of squares that each effect takes off the fit to all data.
+
+    It is no less than what the effect takes off held-out data, but for chance.
+
+    :param others: as in `errors_with`; the sum is then that of all joints.
+    """
+    joint, fit = stem.joint, stem.fit
+    columns = np.concatenate(effects)
+    b, aims = joint.products(fit.columns, columns)[-1], joint.aims[-1, columns].copy()
+    if others is not None:
+        b[:others.cross.shape[1]] += others.cross[-1]
+        aims += others.vector[-1]
+    w = np.linalg.solve(stem.system[-1], b)
+    aims -= b.T @ fit.all_data
+    found, start = [], 0
+    for part in effects:
+        here = slice(start, start + len(part))
+        gram = joint.gram(part)[-1] + (0.0 if others is None else others.gram[-1, here, here])
+        inner = regularised(gram) - b[:, here].T @ w[:, here]
+        found.append(float(aims[here] @ np.linalg.solve(inner, aims[here])))
+        start += len(part)
+    return found
+
+
+def errors_with(stem: Stem, effects: Sequence[IntArray],
+                others: Border | None = None) -> list[FloatArray]:
+    """
+    Return each block's squared held-out error (B,) with one effect more, for each effect.
+
+    :param effects: the columns of each.
+    :param others: information of the other joints, if the effects are shared, about their
+        columns one after the other.
+    """
+    found: list[FloatArray] = []
+    at, group = 0, list[IntArray]()
+    for columns in effects:
+        if group and sum(map(len, group)) + len(columns) > _AT_ONCE:
+            found += _errors_with(stem, group, others, at)
+            at, group = at + sum(map(len, group)), []
+        group.append(columns)
+    return found + (_errors_with(stem, group, others, at) if group else [])
+
+
+def _errors_with(stem: Stem, effects: list[IntArray], others: Border | None,
+                 at: int) -> list[FloatArray]:
+    joint, fit = stem.joint, stem.fit
+    columns = np.concatenate(effects)
+    b = joint.products(fit.columns, columns)
+    aims = joint.aims[:, columns].copy()
+    if others is not None:
+        here = others.of(np.arange(at, at + len(columns)))
+        b[:, :here.cross.shape[1]] += here.cross
+        aims += here.vector
+    w: FloatArray = np.asarray(np.linalg.solve(stem.system, b), dtype=np.float64)
+    coefficients = np.concatenate([fit.without, fit.all_data[None]])
+    aims -= np.einsum('fkc,fk->fc', b, coefficients)
+    left = _residualised(stem, columns, w)
+    found, start = [], 0
+    for part in effects:
+        here_c = slice(start, start + len(part))
+        gram = joint.gram(part)[:-1]
+        if others is not None:
+            whole = slice(at + start, at + start + len(part))
+            gram = gram + others.gram[:-1, whole, whole]
+        inner = regularised(gram) - b[:-1, :, here_c].transpose(0, 2, 1) @ w[:-1, :, here_c]
+        d = np.linalg.solve(inner, aims[:-1, here_c, None])[:, :, 0]
+        residual = stem.residual.copy()
+        for fold, rows in enumerate(joint.folds):
+            residual[rows] -= left[rows, here_c] @ d[fold]
+        found.append(joint.block_sums(residual ** 2))
+        start += len(part)
+    return found
+
+
+def _residualised(stem: Stem, columns: IntArray, w: FloatArray) -> FloatArray:
+    """Return C - R W (M, C) of every row, with the W of its fold left out."""
+    joint, of = stem.joint, stem.fit.columns
+    base = int(np.argmin(np.append(of == np.arange(len(of)), False)))
+    left = joint.x[:, columns]
+    for fold, rows in enumerate(joint.folds):
+        left[rows] -= joint.x[rows, :base] @ w[fold, :base]
+        if base < len(of):
+            left[rows] -= joint.x[rows][:, of[base:]] @ w[fold, base:]
+    return left

@@ -1,0 +1,161 @@
+"""When an effect counts beside others: by evidence, by physics, and by what a moving arm has."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE
+from gravity_comp_ros.diagnosis.fits import Fits
+from gravity_comp_ros.diagnosis.options import SelectionOptions
+from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
+
+Key = tuple[str, int | None]
+# A candidate that takes less than this part of what is asked for off the fit to all data does
+# not take that off the held-out error, or off that of a typical block.
+_PROMISING = 0.25
+# An alternative explains at least this part of what an effect explains in its place.
+_COMPARABLE = 0.5
+# (candidate, coefficients in its own units) -> why they are not physical, or None.
+Implausible = Callable[[Candidate, FloatArray], 'str | None']
+
+
+@dataclass(frozen=True, eq=False)
+class Criteria:
+    """
+    What an effect must pass, given the fits, the candidates and the options.
+
+    `given` are the effects that the gravity model has already: name and joint.
+    """
+
+    fits: Fits
+    candidates: tuple[Candidate, ...]
+    implausible: Implausible
+    options: SelectionOptions = SelectionOptions()
+    given: frozenset[Key] = frozenset()
+
+    @cached_property
+    def _tried(self) -> Counter[str]:
+        return Counter({c.key: c.expectation for c in self.candidates}.values())
+
+    @cached_property
+    def _dynamics(self) -> list[Candidate]:
+        # The last form of an effect of motion has the most columns.
+        return list({c.key: c for c in self.candidates if c.expectation == MOTION}.values())
+
+    def tests(self, candidate: Candidate) -> float:
+        """
+        Return the factor by which a p-value is corrected for what was tried.
+
+        The weighted Bonferroni correction: what moves, what is expected in every joint and all
+        the rest get the same part of the chance of a false alarm (Genovese et al., Biometrika
+        93, 2006).
+        """
+        return len(self._tried) * self._tried[candidate.expectation] * candidate.tried
+
+    def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray) -> Gain:
+        """Return the gain; what fast motion needs shows in the few blocks that have it."""
+        how = gain_of_motion if candidate.expectation == MOTION else gain
+        found = how(before, after, self.tests(candidate))
+        if candidate.expectation == COMMON and found.share >= self.options.evident_share:
+            return how(before, after, float(len(self._tried)))
+        return found
+
+    def least_share(self, candidate: Candidate) -> float:
+        """Return the share of the error that must go; shared effects count on all joints."""
+        return self.options.least_share / (self.fits.n_joints if candidate.shared else 1)
+
+    def gain_beside(self, candidate: Candidate, rest: Sequence[Candidate]) -> Gain:
+        """Return the gain of an effect beside others."""
+        joint = None if candidate.shared else candidate.joint
+        after, = self.fits.errors_with_each(joint, rest, [candidate])
+        return self.gain_of(candidate, self.fits.errors(joint, rest), after)
+
+    def promising(self, candidates: Sequence[Candidate],
+                  chosen: Sequence[Candidate]) -> list[Candidate]:
+        """Return the candidates that take enough off the fit to all data to be looked at."""
+        if not candidates:
+            return []
+        errors = self.fits.errors(None, chosen).sum(axis=0)
+        each = self.fits.explained_by_each(chosen, candidates)
+        return [c for c, part in zip(candidates, each) if part >= _PROMISING * self.least_share(c)
+                * float(errors.sum() if c.shared else errors[c.joint or 0])]
+
+    def is_needed(self, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
+        """Return whether an effect pays beside the rest of what is chosen."""
+        kept = self.gain_beside(candidate, rest)
+        return (kept.p < self.options.alpha
+                and kept.share >= 0.5 * self.least_share(candidate))
+
+    def is_more_than_motion(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
+        """
+        Return whether a rare effect explains much that no inertia or Coriolis torque does.
+
+        Every arm that moves has those, named or not, and no few columns describe all of them;
+        what a rare effect explains of them is not its own. What is expected in every joint needs
+        no such proof.
+        """
+        if candidate.expectation != RARE:
+            return True
+        moving = [c for c in self._dynamics
+                  if c not in chosen and (candidate.shared or c.joint == candidate.joint)]
+        joint = None if candidate.shared else candidate.joint
+        beside = [*chosen, *moving]
+        before = self.fits.errors(joint, beside)
+        after, = self.fits.errors_with_each(joint, beside, [candidate])
+        if gain(before, after, self.tests(candidate)).p >= self.options.alpha:
+            return False
+        shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
+        return max(shares) >= self.options.least_rare_share
+
+    def is_physical(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
+        """Return whether the coefficients of a chosen effect can be those of an arm."""
+        return self.implausible(candidate, self.fits.coefficients(candidate, chosen)) is None
+
+    def open(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:
+        """Return the candidates that may be added."""
+        taken = {c.key for c in chosen}
+        return [c for c in self.candidates if c.key not in taken and c.key not in refused
+                and self._has_parent(c, taken)]
+
+    def open_on(self, joint: int, chosen: Sequence[Candidate],
+                refused: Collection[Key]) -> list[Candidate]:
+        """Return the physical effects of one joint that are not chosen."""
+        return [c for c in self.open(chosen, refused) if c.joint == joint and not c.shared
+                and self.is_physical(c, [*chosen, c])]
+
+    def replacements(self, candidate: Candidate, chosen: Sequence[Candidate],
+                     refused: Collection[Key]) -> list[Candidate]:
+        """Return the alternatives to a chosen effect, on its joint or on the arm."""
+        taken = {c.key for c in chosen if c is not candidate}
+        return [c for c in self.candidates if c is not candidate
+                and c.key not in taken and c.key not in refused
+                and self._has_parent(c, taken)
+                and (c.joint == candidate.joint or c.shared or candidate.shared)]
+
+    def with_each_instead(self, candidate: Candidate, others: Sequence[Candidate],
+                          chosen: Sequence[Candidate]
+                          ) -> Iterator[tuple[Candidate, FloatArray, FloatArray]]:
+        """
+        Return, for each of the others, the errors with a chosen effect and with that instead.
+
+        On the joint of both, or on all joints if either acts on more. Those that explain far less
+        even of the data that they are fitted to are left out.
+        """
+        rest = [c for c in chosen if c is not candidate]
+        own, *each = self.fits.explained_by_each(rest, [candidate, *others])
+        others = [c for c, part in zip(others, each) if part >= _COMPARABLE * own]
+        joints = {id(c): None if candidate.shared or c.shared else candidate.joint
+                  for c in others}
+        then: dict[int, FloatArray] = {}
+        for joint in set(joints.values()):
+            here = [c for c in others if joints[id(c)] == joint]
+            then.update(zip(map(id, here), self.fits.errors_with_each(joint, rest, here)))
+        return ((c, self.fits.errors(joints[id(c)], chosen), then[id(c)]) for c in others)
+
+    def _has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
+        corrects, there = candidate.effect.corrects, taken | self.given
+        return not corrects or any((name, candidate.joint) in there for name in corrects)

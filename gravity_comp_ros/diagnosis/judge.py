@@ -1,0 +1,184 @@
+"""From chosen effects to a diagnosis: findings in order, and a report of every joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.diagnosis import alternative_models, nonparametric
+from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.estimates import estimates
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport, Verdict
+from gravity_comp_ros.diagnosis.fits import Fits
+from gravity_comp_ros.diagnosis.options import VerdictOptions
+from gravity_comp_ros.diagnosis.pose_folds import pose_folds
+from gravity_comp_ros.diagnosis.scale import Scale
+from gravity_comp_ros.diagnosis.selection import alternatives, Selection
+from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_shape
+from gravity_comp_ros.diagnosis.verdict import Proof, untestable_twins, verdict
+from gravity_comp_ros.diagnosis.wording import evidence_sentence
+from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.models.noise import correlation_time
+import numpy as np
+
+# A remaining error this many times the white noise, and of this share of the range of the torque,
+# is not explained.
+_FAR_ABOVE = 5.0
+_LEAST_REMAINING = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """A diagnosis, and the chosen effects that it names or leaves open."""
+
+    diagnosis: Diagnosis
+    chosen: tuple[Candidate, ...]
+
+
+def judge(selection: Selection, motion: Motion, span: FloatArray, noise: FloatArray,
+          options: VerdictOptions = VerdictOptions()) -> Judged:
+    """
+    Return findings, the strongest first, and reports of all joints.
+
+    :param span: (N,) the range of the measured torque in N·m, of which errors are a fraction.
+    :param noise: (N,) standard deviation of the white noise of the torque in N·m.
+    """
+    criteria = selection.criteria
+    scale = Scale(criteria, motion, span)
+    layout, chosen = criteria.fits.layout, selection.chosen
+    refused = dict(selection.refused)
+    findings: list[Finding] = []
+    other = alternative_models.best_alternative(
+        criteria, layout.of_family(alternative_models.FAMILY), chosen)
+    if other is not None:
+        outcome = by_another_law(scale, other, chosen)
+        findings, chosen = list(outcome.findings), outcome.chosen
+        refused[other.effect, other.candidate.joint] = other.words
+    taken = {finding.joint for finding in findings}
+    shapes = layout.of_family(nonparametric.FAMILY)
+    for joint, name in enumerate(scale.names):
+        if name not in taken:
+            outcome = of_unknown_shape(scale, joint, chosen, shapes, refused)
+            findings += outcome.findings
+            chosen = outcome.chosen
+    final = Selection(chosen, refused, criteria)
+    findings += _Findings(final, scale, options).all()
+    findings.sort(key=lambda f: f.verdict not in (Verdict.ESTABLISHED, Verdict.LIKELY))
+    arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
+           if joint is None}
+    reports = {name: _report(scale, n, float(noise[n]), chosen, findings)
+               for n, name in enumerate(scale.names)}
+    return Judged(Diagnosis(tuple(findings), reports, arm), chosen)
+
+
+class _Findings:
+    """The findings of chosen effects."""
+
+    def __init__(self, selection: Selection, scale: Scale, options: VerdictOptions) -> None:
+        self.selection, self.scale, self.options = selection, scale, options
+        self.fits = selection.fits
+        self.chosen = _in_order(self.fits, selection.chosen)
+        folds = pose_folds(scale.motion.samples, self.fits.blocks)
+        self._elsewhere: tuple[Fits, list[Candidate]] | None = None
+        if self.chosen and folds is not None:
+            self._elsewhere = self.fits.refolded(self.chosen, folds)
+
+    def all(self) -> list[Finding]:
+        """Return one finding for each, in the order in which the error falls most."""
+        return [self._finding(place) for place in range(len(self.chosen))]
+
+    def _finding(self, place: int) -> Finding:
+        candidate, scale = self.chosen[place], self.scale
+        rest = [c for c in self.chosen if c is not candidate]
+        kept = self.selection.criteria.gain_beside(candidate, rest)
+        joint = self._most_affected(candidate, rest)
+        before, after = (scale.nrmse(c, joint) for c in (self.chosen[:place],
+                                                         self.chosen[:place + 1]))
+        found = tuple(
+            c.effect.name if c.joint == candidate.joint or c.joint is None
+            else f'{c.effect.name}:{scale.names[c.joint]}'
+            for c in alternatives(self.selection, candidate, self.chosen))
+        twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
+        sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
+        proof = Proof(kept, scale.runs_better(kept),
+                      max(before, scale.nrmse(rest, joint)) if after >= before else before,
+                      after, _effective(self.fits, scale.motion, joint, self.chosen), found,
+                      twins, sizes, *self._errors_elsewhere(place))
+        level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
+        name = None if candidate.joint is None else scale.names[candidate.joint]
+        why = evidence_sentence(candidate.effect.title, name or 'the whole arm', before, after,
+                                kept.p)
+        return Finding(
+            name, candidate.effect.name, level, found or twins, sizes, before, after,
+            scale.absorbed(candidate), proof.runs_better, f'{why}; {doubt}' if doubt else why,
+            _next_step(candidate, name, level), kept.p, dict(candidate.setting))
+
+    def _errors_elsewhere(self, place: int) -> tuple[FloatArray, FloatArray]:
+        """Return errors without and with an effect, at poses unlike those of the fit."""
+        if self._elsewhere is None:
+            none = np.ones((2, 1))
+            return none, 0.5 * none
+        fits, chosen = self._elsewhere
+        candidate = chosen[place]
+        joint = None if candidate.shared else candidate.joint
+        rest = [c for c in chosen if c is not candidate]
+        return fits.errors(joint, rest), fits.errors(joint, chosen)
+
+    def _most_affected(self, candidate: Candidate, rest: Sequence[Candidate]) -> int:
+        """Return the joint on which an effect is judged: its own, or where it helps most."""
+        if not candidate.shared:
+            return candidate.joint or 0
+        with_it, = self.fits.errors_with_each(None, rest, [candidate])
+        return int(np.argmax((self.fits.errors(None, rest) - with_it).sum(axis=0)))
+
+
+def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Return effects so that each next one takes most off the errors that are left."""
+    ordered: list[Candidate] = []
+    remaining = list(chosen)
+    while remaining:
+        gains = []
+        for place in {None if c.shared else c.joint for c in remaining}:
+            here = [c for c in remaining if (None if c.shared else c.joint) == place]
+            now = fits.errors(place, ordered)
+            for c, after in zip(here, fits.errors_with_each(place, ordered, here)):
+                gains.append((float((now - after).sum()), -remaining.index(c), c))
+        best = max(gains, key=lambda entry: entry[:2])[2]
+        ordered.append(best)
+        remaining.remove(best)
+    return ordered
+
+
+def _effective(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candidate]) -> float:
+    """Return how many samples of a joint's held-out residual count as independent."""
+    residual, runs = fits.residual(joint, chosen), motion.samples.runs
+    step = max(1, len(residual) // 4000)
+    return len(residual) / (correlation_time(residual[::step], runs[::step]) * step)
+
+
+def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
+    if level in (Verdict.AMBIGUOUS, Verdict.UNTESTABLE, Verdict.WEAK):
+        return candidate.effect.experiment.replace('{joint}', name or 'the arm')
+    target = candidate.effect.name + (f':{name}' if name else '')
+    return f'gravity_comp add {target} --model MODEL.json BAG...'
+
+
+def _report(scale: Scale, n: int, noise: float, chosen: Sequence[Candidate],
+            findings: Sequence[Finding]) -> JointReport:
+    fits = scale.criteria.fits
+    here = [f for f in findings if f.joint == scale.names[n]]
+    untestable = {effect: reason for (effect, joint), reason in fits.layout.untestable.items()
+                  if joint == n}
+    after = fits.errors(n, chosen)
+    remaining, share = scale.rmse(after, n), scale.nrmse_of(after, n)
+    stays = remaining > _FAR_ABOVE * noise and share > _LEAST_REMAINING
+    words = ', '.join(f'{f.effect or "something"} ({f.verdict})' for f in here)
+    if stays:
+        words = ', '.join(filter(None, [words, (
+            f'{remaining:.3g} N·m remain, {share:.1%} of the range of the torque, that nothing '
+            f'found here explains')]))
+    return JointReport(words or 'nothing missing that this recording could show',
+                       noise, _effective(fits, scale.motion, n, chosen),
+                       scale.rmse(fits.errors(n, []), n), remaining, untestable,
+                       share if stays else 0.0)

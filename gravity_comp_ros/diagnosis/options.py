@@ -1,0 +1,79 @@
+"""The thresholds of a diagnosis, each with what it is derived from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gravity_comp_ros.errors import OptionError
+
+
+@dataclass(frozen=True)
+class SelectionOptions:
+    """
+    When an effect counts.
+
+    `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
+    error must go for an effect to be worth a name, `least_rare_share` for one that is not
+    expected in every joint; `most` effects are looked for in all. An effect that is expected in
+    every joint and takes `evident_share` off its error is not corrected for the other joints and
+    effects that were tried: chance takes a few hundredths off, and a short recording has few
+    blocks.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    alpha: float = 0.01
+    least_share: float = 0.004
+    least_rare_share: float = 0.1
+    evident_share: float = 0.5
+    most: int = 40
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.alpha < 1.0 or self.most < 1:
+            raise OptionError('selection: alpha lies in (0, 1), most is at least 1')
+        if not (0.0 <= self.least_share < 1.0 and 0.0 <= self.least_rare_share < 1.0):
+            raise OptionError('selection: least_share and least_rare_share lie in [0, 1)')
+        if not 0.0 < self.evident_share <= 1.0:
+            raise OptionError('selection: evident_share lies in (0, 1]')
+
+
+@dataclass(frozen=True)
+class VerdictOptions:
+    """
+    What a verdict asks of a chosen effect.
+
+    `fewest_effective`: with fewer samples that count as independent nothing is a finding, and
+    with fewer than `least_effective` nothing is *established*: the jackknife of an interval needs
+    about 20 groups. `effective_each`: *established* asks for this many more a coefficient, as a
+    rule of thumb of regression has it (Harrell, Regression Modeling Strategies, 2015, 4.4).
+    `least_reduction`: an effect that takes a smaller share off the RMSE of the joint where it
+    helps most is not worth a name. `most_runs`: *established* asks for a gain in this share of
+    the runs. `alike`: two effects whose columns agree to this share of their squares cannot be
+    told from each other.
+
+    :raises OptionError: if a value is out of range.
+    """
+
+    fewest_effective: float = 8.0
+    least_effective: float = 20.0
+    effective_each: float = 10.0
+    least_reduction: float = 0.002
+    most_runs: float = 0.8
+    alike: float = 0.95
+
+    def __post_init__(self) -> None:
+        if min(self.fewest_effective, self.least_effective, self.effective_each) < 0.0:
+            raise OptionError('verdict: numbers of samples are at least 0')
+        for name in ('least_reduction', 'most_runs', 'alike'):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise OptionError(f'verdict: {name} is {getattr(self, name)}; it is a share, '
+                                  f'from 0 to 1')
+
+
+@dataclass(frozen=True)
+class DiagnosisOptions:
+    """How to diagnose, and which effects to look for (None: all)."""
+
+    selection: SelectionOptions = SelectionOptions()
+    verdict: VerdictOptions = VerdictOptions()
+    effects: tuple[str, ...] | None = None
