@@ -74,7 +74,6 @@ def workbench(folder: Path) -> None:
         page.set_default_timeout(_WAIT)
         tab.open(address)
         page.get_by_role('button', name='Save the model').wait_for()
-        page.wait_for_function('document.querySelectorAll(".bk-Figure, canvas") != null')
         _told('workbench: recording shown', time.monotonic() - started)
         page.locator('#verdict').wait_for()
         _told('workbench: model shown', time.monotonic() - started)
