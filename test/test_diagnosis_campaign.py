@@ -80,15 +80,6 @@ def test_slow_effects_go_on_from_recording_to_recording(arm, kind):
     assert samples.starts and np.diff(samples.starts).min() > entry.duration
 
 
-def test_lost_messages_cost_no_accuracy():
-    entry = replace(judging_case('right_seven', 'lost', 0), runs=3)
-    samples = recordings(entry, 0, RATE)
-    result = score(entry, diagnose(samples).to_json(), samples.names)
-    assert all(result.named) and not result.false
-    for interval in result.intervals:
-        assert abs(interval.value / interval.truth - 1.0) < 0.1, interval
-
-
 def test_an_effect_may_be_looked_for_alone():
     samples = recordings(replace(case('iiwa7', 'coulomb_large'), duration=DURATION), 7, RATE)
     found = diagnose(samples, options=DiagnosisOptions(effects=('viscous_friction',)))
