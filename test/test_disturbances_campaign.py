@@ -7,7 +7,7 @@ from pathlib import Path
 import sys
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.case_list import case
+from gravity_comp_ros.simulation.case_list import case, ROLES
 from gravity_comp_ros.simulation.cases import ARMS, recordings
 from gravity_comp_ros.simulation.drawn import drawn_case
 import numpy as np
@@ -183,7 +183,7 @@ def test_an_unknown_case_is_refused(tmp_path, monkeypatch, capsys):
     assert 'no case nonsense' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('arm', sorted(ARMS))
+@pytest.mark.parametrize('arm', sorted(ROLES))
 def test_drawn_cases_repeat_and_differ(arm):
     drawn = [drawn_case(arm, number) for number in range(40)]
     assert drawn[7] == drawn_case(arm, 7)

@@ -40,7 +40,7 @@ def changes(entry, arm, motion):
     return (np.abs(signals.tau - still.tau) + np.abs(signals.q - still.q)).max(axis=0)
 
 
-@pytest.mark.parametrize('arm_name', sorted(ARMS))
+@pytest.mark.parametrize('arm_name', sorted(ROLES))
 def test_every_case_hides_something_on_its_joints(arm_name):
     arm = ARMS[arm_name]()
     motion = sweep(arm)
@@ -53,7 +53,7 @@ def test_every_case_hides_something_on_its_joints(arm_name):
             assert np.max(hidden[joint]) > 1e-3, (entry.name, truth)
 
 
-@pytest.mark.parametrize('arm_name', sorted(ARMS))
+@pytest.mark.parametrize('arm_name', sorted(ROLES))
 def test_runs_without_a_disturbance_share_motion_and_noise_with_those_that_have_one(arm_name):
     entry = replace(case(arm_name, 'payload_half_way'), runs=3, duration=90.0)
     seen, plain = recordings(entry), recordings(undisturbed(entry))
@@ -65,7 +65,7 @@ def test_runs_without_a_disturbance_share_motion_and_noise_with_those_that_have_
     assert different[late].all() and not different[(seen.runs == 2) & (seen.t < 75.0)].any()
 
 
-@pytest.mark.parametrize('arm', sorted(ARMS))
+@pytest.mark.parametrize('arm', sorted(ROLES))
 def test_names_are_unique_and_joints_exist(arm):
     names = [entry.name for entry in cases(arm)]
     assert len(set(names)) == len(names) >= 20

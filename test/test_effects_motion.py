@@ -147,6 +147,13 @@ def test_friction_that_holds_on_at_rest_is_told_from_one_that_lets_go():
     assert let_go.hold == 0.0
 
 
+def test_lost_messages_leave_the_way_over_which_friction_turns():
+    samples, q, v, noise = back_and_forth(5e-4)
+    torque = friction_torque(samples.t, q, v, LuGre(1.0, presliding=2e-4)) + 0.1 * noise
+    kept = np.random.default_rng(5).random(len(samples)) > 0.12
+    assert shape_of(samples.select(kept), torque[kept]).hold == pytest.approx(2e-4, rel=0.4)
+
+
 def test_without_friction_the_width_is_that_of_the_noise():
     samples, _, _, noise = back_and_forth(2e-3)
     found = shape_of(samples, 0.1 * noise)

@@ -122,7 +122,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, model_fil
         probe.stream(part(loaded, 170, 220))
         probe.until(lambda: len(probe.residuals) == 50, 60)
         _, relearned = published(loaded, probe.residuals)
-        back, torques, steps, period = rolled_back_at_rest(probe, loaded)
+        back, torques, stamps, slower = rolled_back_at_rest(probe, loaded)
         assert back.success and 'back to the' in back.message
         assert probe.report('learning') and 'closed' in probe.values('learning')['epoch']
         for _ in range(12):
@@ -130,17 +130,23 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, model_fil
         assert not last.success and 'no earlier model' in last.message
     # A swap of models makes no step that an arm would feel, at 250 Hz or at what was reached.
     assert np.abs(torques[-1] - torques[0]).max() > 5.0
-    bound = 0.05 * max(1.0, period / 0.004)
-    assert len(steps) > 300 and np.quantile(np.abs(steps).max(axis=1), 0.99) <= bound
-    # The usual time between messages is measured as they come, late or in pairs.
-    assert np.abs(steps).max() <= 2.0 * bound
+    steps, gaps = np.abs(np.diff(torques, axis=0)).max(axis=1), np.diff(stamps)
+    moving = (steps > 0.0) & (gaps < 0.006)
+    assert moving.sum() > 100 and np.median(steps[moving]) <= 0.05 * slower
+    # Messages come late or in pairs; over a tenth of a second that evens out.
+    change = np.abs(torques[25:] - torques[:-25]).max(axis=1)
+    assert (change <= 1.25 * 0.05 * slower * (stamps[25:] - stamps[:-25]) / 0.004).all()
     worst = np.sqrt(np.mean(stale ** 2, axis=0)).max()
     assert worst > 2.0
     assert np.sqrt(np.mean(relearned ** 2, axis=0)).max() < 0.25 * worst
 
 
 def rolled_back_at_rest(probe, samples):
-    """Call rollback of an arm at rest; return the answer, torques, their steps, the period."""
+    """
+    Call rollback of an arm at rest; return the answer, the torques and their stamps.
+
+    And how much slower than at 250 Hz the messages went out.
+    """
     assert set_parameter(probe, 'ramp_time', 1.0).successful
     probe.torques.clear()
     begun = due = time.monotonic()
@@ -155,13 +161,12 @@ def rolled_back_at_rest(probe, samples):
         if k > 500 and np.abs(np.subtract(probe.torques[-1].effort,
                                           probe.torques[0].effort)).max() > 5.0:
             break
-    period = (time.monotonic() - begun) / (k + 1)
+    slower = max(1.0, (time.monotonic() - begun) / (k + 1) / 0.004)
     probe.until(asked.done)
     heard = answers(probe.torques)
     torques = matrix(heard)
-    # A message that was lost, on either way, makes no step.
-    stamps = [m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in heard]
-    return asked.result(), torques, np.diff(torques, axis=0)[np.diff(stamps) < 0.006], period
+    stamps = np.array([m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec for m in heard])
+    return asked.result(), torques, stamps, slower
 
 
 def test_a_worse_model_is_not_taken(bags, model_file):

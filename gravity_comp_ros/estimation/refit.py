@@ -32,6 +32,8 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
+# Of longer recordings evenly picked samples serve: an hour at 100 Hz becomes one at 17 Hz.
+_MOST_SAMPLES = 60000
 _MOST_ROWS = 20000
 _MOST_FOLDS = 4
 # A refit may raise a joint's RMSE by this factor, and by this share of the arm's largest torque:
@@ -75,6 +77,8 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     """
     tell = progress or (lambda word, share: None)
     samples = samples.joints(model.joints)
+    picked = np.arange(0, samples.n_samples, -(-max(samples.n_samples, 1) // _MOST_SAMPLES))
+    samples, use = samples.select(picked), None if use is None else use[picked]
     tell('motion', 0.0)
     base = _level(samples, model, wanted)
     motion = build_motion(samples, base)

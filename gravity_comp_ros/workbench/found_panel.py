@@ -37,8 +37,8 @@ def parts(one: OpenSession, add: Callable[[str], None]) -> list[UIElement]:
 
 def _findings(one: OpenSession, add: Callable[[str], None]) -> list[UIElement]:
     found = one.session.findings()
-    if not found:
-        return [widgets.html(markup.paragraph('Nothing is missing that this motion could show.'))]
+    if not found and one.session.diagnosis is not None:
+        return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
     shown: list[UIElement] = []
     adding = one.worker.busy and hasattr(one.worker.running, 'effects')
     for number, (finding, target) in enumerate(found[:_MOST_ROWS]):
