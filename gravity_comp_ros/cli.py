@@ -67,6 +67,7 @@ PACKAGES = {
 # What the core advises, in terms of the command line.
 HINTS = {
     Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
+    Hint.IN_MODEL: '`gravity_comp add --undo` takes back what was added last',
     Hint.INSTALL_EFFECT: 'install the package that brings it, or take it back with '
                          '`gravity_comp add --undo`',
 }

@@ -14,6 +14,7 @@ class Hint(Enum):
     """
 
     SLOW_MOTION = 'record slow motion, raise max_speed of the gate, or read with gate=None'
+    IN_MODEL = 'undo() takes back what was added last'
     INSTALL_EFFECT = 'install the package that brings it, or take it back with undo()'
 
 

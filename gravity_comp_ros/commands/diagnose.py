@@ -21,6 +21,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -51,7 +52,7 @@ def _run(args: argparse.Namespace) -> int:
     seconds = time.perf_counter() - started
     for line in reading.scale_warnings(model, reports) if model else []:
         terminal.warn(line)
-    findings = tuple(replace(f, next_step=_spelled_out(f.next_step, args))
+    findings = tuple(replace(f, next_step=f.next_step or _adding(f, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
     for line in broken_plug_ins():
@@ -108,11 +109,13 @@ def _model(args: argparse.Namespace) -> GravityModel | None:
     return model
 
 
-def _spelled_out(step: str, args: argparse.Namespace) -> str:
-    """Return a next step with the file names of this call."""
+def _adding(finding: Finding, args: argparse.Namespace) -> str:
+    """Return the command that adds a finding, with the file names of this call."""
+    if finding.effect is None:
+        return ''
     bags = ' '.join(shlex.quote(str(bag)) for bag in args.bags)
     model = shlex.quote(str(args.model)) if args.model else 'MODEL.json'
-    return step.replace('MODEL.json', model).replace('BAG...', bags)
+    return f'gravity_comp add {target(finding.effect, finding.joint)} --model {model} {bags}'
 
 
 def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.DataCheck,

@@ -40,8 +40,9 @@ class Finding:
 
     `nrmse_before` and `nrmse_after` are held-out fractions of the torque's range (Yu 2022,
     Eq. 16) without and with it; `base_absorbed` is the share of it that the gravity model
-    imitates; `runs_better` the share of runs on which it helps. `verdict` is a `Verdict`, which
-    compares and prints as its text.
+    imitates; `runs_better` the share of runs on which it helps. `next_step` is the motion that
+    settles what is open, '' for what is to be added. `verdict` is a `Verdict`, which compares and
+    prints as its text.
     """
 
     joint: str | None

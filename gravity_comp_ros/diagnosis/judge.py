@@ -158,10 +158,10 @@ def _effective(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candidat
 
 
 def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
-    if level in (Verdict.AMBIGUOUS, Verdict.UNTESTABLE, Verdict.WEAK):
-        return candidate.effect.experiment.replace('{joint}', name or 'the arm')
-    target = candidate.effect.name + (f':{name}' if name else '')
-    return f'gravity_comp add {target} --model MODEL.json BAG...'
+    """Return the motion that settles what is open; what is found is to be added."""
+    if level in (Verdict.ESTABLISHED, Verdict.LIKELY):
+        return ''
+    return candidate.effect.experiment.replace('{joint}', name or 'the arm')
 
 
 def _report(scale: Scale, n: int, noise: float, chosen: Sequence[Candidate],

@@ -16,7 +16,7 @@ from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import effect_torque, installed, predict_torque
 from gravity_comp_ros.effects.request import Request
-from gravity_comp_ros.errors import DataError, FitError
+from gravity_comp_ros.errors import DataError, FitError, Hint
 from gravity_comp_ros.estimation.base_level import levelled
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.effect_fit import EffectFit, fit_with_terms
@@ -193,8 +193,8 @@ def _new_terms(motion: Motion, model: GravityModel,
     terms, skipped = [], {}
     for request in wanted:
         place = 0 if request.joint is None else model.joints.index(request.joint)
-        reason = ('it is in the model already; `gravity_comp add --undo` takes the last one back'
-                  if model.applied.has(request.effect.name, request.joint)
+        there = model.applied.has(request.effect.name, request.joint)
+        reason = ('it is in the model already' if there
                   else request.effect.untestable(motion, place))
         if reason is None and not request.effect.settings(motion, place):
             reason = 'this motion does not reach it'
@@ -202,7 +202,8 @@ def _new_terms(motion: Motion, model: GravityModel,
             terms.append(Term(request.effect, request.joint, {}))
             continue
         if request.named:
-            raise DataError(f'{request.target} cannot be added: {reason}')
+            raise DataError(f'{request.target} cannot be added: {reason}',
+                            Hint.IN_MODEL if there else None)
         skipped[request.target] = reason
     return terms, skipped
 

@@ -104,7 +104,7 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
 def details(findings: tuple[Finding, ...]) -> str:
     """Return why each finding is believed, and what to do next."""
     parts = [f'<p><b>{k + 1}. {markup.text(label(f))}</b> on {markup.text(wording.where(f))}: '
-             f'{markup.text(f.why)}.<br>{markup.text("Next: " + f.next_step)}</p>'
+             f'{markup.text(f.why)}.<br>{markup.text("Next: " + (f.next_step or "add it"))}</p>'
              for k, f in enumerate(findings)]
     return markup.folded('Why, and what to do next', ''.join(parts))
 
