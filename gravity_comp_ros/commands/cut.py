@@ -63,7 +63,7 @@ def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | Non
     last = float(samples.t[-1])
     bounds = [begin, *split, last if end is None else end]
     if any(later <= earlier for earlier, later in zip(bounds, bounds[1:])):
-        raise OptionError('cut: the times must rise, from --from over --split to --to or the end '
+        raise OptionError('the times must rise, from --from over --split to --to or the end '
                           f'of the recording at {last:.6g} s; they are '
                           f'{", ".join(f"{x:g}" for x in bounds)}')
     parts = []
@@ -71,7 +71,7 @@ def cut(recording: Recording, output: Path, begin: float = 0.0, end: float | Non
         final = number == len(bounds) - 1
         here = (samples.t >= start) & ((samples.t <= stop) if final else (samples.t < stop))
         if not here.any():
-            raise DataError(f'cut: there is no sample from {start:g} to {stop:g} s; the recording '
+            raise DataError(f'there is no sample from {start:g} to {stop:g} s; the recording '
                             f'lasts {last:.6g} s')
         t = samples.t[here]
         path = output if len(bounds) == 2 else output.with_stem(f'{output.stem}-{number}')
