@@ -61,6 +61,8 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
                               if together else 'its size may be 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
+    if len(proof.sizes) > options.many and proof.n_effective < _asked(proof, options):
+        return Verdict.WEAK, _too_few(proof, options)
     doubt = _doubt(fits, chosen, candidate, proof, options)
     return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')
 
@@ -68,10 +70,8 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
 def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof: Proof,
            options: VerdictOptions) -> str:
     """Return why an effect is likely at most, '' if nothing speaks against more."""
-    asked = options.least_effective + options.effective_each * (len(proof.sizes) - 1)
-    if proof.n_effective < asked:
-        return (f'the recording is worth {proof.n_effective:.0f} independent samples here, and '
-                f'{counted(len(proof.sizes), "coefficient")} ask for {asked:.0f}')
+    if proof.n_effective < _asked(proof, options):
+        return _too_few(proof, options)
     fit = fits.fit(candidate.joint or 0, chosen)
     here = np.isin(fit.columns, candidate.columns)
     if not (np.sign(fit.without[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
@@ -85,6 +85,16 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
     if not float(after.sum()) < float(before.sum()):
         return 'it does not help at poses that the fit has not seen'
     return ''
+
+
+def _asked(proof: Proof, options: VerdictOptions) -> float:
+    """Return how many independent samples an established effect asks for."""
+    return options.least_effective + options.effective_each * (len(proof.sizes) - 1)
+
+
+def _too_few(proof: Proof, options: VerdictOptions) -> str:
+    return (f'the recording is worth {proof.n_effective:.0f} independent samples here, and '
+            f'{counted(len(proof.sizes), "coefficient")} ask for {_asked(proof, options):.0f}')
 
 
 def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,

@@ -5,10 +5,12 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import clock_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import smaller_than, within_torque
+from gravity_comp_ros.effects.plausibility import all_of, at_least, smaller_than, within_torque
 import numpy as np
 
 _SHORTEST = 10.0
+# Torque constants are known to a few percent; what friction of load leaves is under one percent.
+_LEAST_GAIN = 0.02
 
 
 def _offset(motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -78,8 +80,11 @@ EFFECTS = (
                'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
                '136, 2014',
         untestable=_gain_untestable,
-        implausible=smaller_than(_gain, 1.0, '', 'the scale is off by more than the torque '
-                                                 'itself; check --effort-scale')),
+        implausible=all_of(
+            at_least(_LEAST_GAIN, 'friction that grows with the load looks like a scale that is '
+                                  'off by as little'),
+            smaller_than(_gain, 1.0, '', 'the scale is off by more than the torque itself; check '
+                                         '--effort-scale'))),
     Effect(
         name='torque_drift',
         title='Torque drift',

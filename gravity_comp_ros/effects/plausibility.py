@@ -49,6 +49,14 @@ def smaller_than(columns: Columns, limit: float, unit: str, because: str) -> Imp
     return check
 
 
+def at_least(limit: float, because: str) -> Implausible:
+    """Return a check that the largest coefficient is no smaller than `limit` in size."""
+    def check(values: FloatArray, setting: Setting, motion: Motion, joint: int) -> str | None:
+        largest = float(np.abs(values).max())
+        return None if largest >= limit else f'{largest:.2g} is too little: {because}'
+    return check
+
+
 def all_of(*checks: Implausible) -> Implausible:
     """Return a check that gives the first objection of several."""
     def check(values: FloatArray, setting: Setting, motion: Motion, joint: int) -> str | None:
