@@ -15,7 +15,7 @@ from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_ba
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError
@@ -142,12 +142,17 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
     """
     recording = recording.select_joints(model.joints)
     wanted = requests(effects, model.joints)
-    kept_out = within(recording.samples, held_out_blocks(model, recording.reports, _GUARD))
-    result = refit(recording.samples, model, wanted, speeds, recording.usable & ~kept_out,
+    result = refit(recording.samples, model, wanted, speeds, not_held_out(model, recording),
                    progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
     provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
     return WithEffects(replace(changed, provenance=provenance), result)
+
+
+def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
+    """Return the usable samples (M,) without what was held out of the fit, margins included."""
+    blocks = held_out_blocks(model, recording.reports, _GUARD)
+    return recording.usable & ~within(recording.samples, blocks)
 
 
 def update_model(model: GravityModel, recording: Recording,

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.api.steps import not_held_out
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Finding, Verdict
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
@@ -39,8 +38,7 @@ def ties_of(model: GravityModel, recording: Recording,
     if not alike:
         return ()
     recording = recording.select_joints(model.joints)
-    blocks = held_out_blocks(model, recording.reports, HoldoutOptions().guard)
-    samples = recording.samples.select(recording.usable & ~within(recording.samples, blocks))
+    samples = recording.samples.select(not_held_out(model, recording))
     try:
         found = diagnose(samples, model, DiagnosisOptions(effects=tuple(sorted(names | alike))))
     except DataError:

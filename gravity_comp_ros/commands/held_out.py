@@ -7,15 +7,13 @@ from dataclasses import replace
 
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.api.steps import compare_model, not_held_out
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.data.holdout import within
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
-
-_GUARD = HoldoutOptions().guard
 
 
 def required(args: argparse.Namespace, model: GravityModel) -> None:
@@ -36,10 +34,9 @@ def of_all_samples(model: GravityModel) -> bool:
 
 def without(model: GravityModel, recording: Recording) -> Recording:
     """Return a recording without what was held out of the fit of a model."""
-    blocks = held_out_blocks(model, recording.reports, _GUARD)
-    if not blocks:
+    if not held_out_blocks(model, recording.reports):
         return recording
-    return replace(recording, use=recording.usable & ~within(recording.samples, blocks))
+    return replace(recording, use=not_held_out(model, recording))
 
 
 def errors(before: GravityModel, after: GravityModel,

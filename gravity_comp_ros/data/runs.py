@@ -42,11 +42,6 @@ def clock_time(samples: JointSamples) -> FloatArray:
     return time
 
 
-def longest_run(samples: JointSamples) -> float:
-    """Return the duration of the longest run, s."""
-    return float(run_time(samples).max(initial=0.0))
-
-
 def recorded_time(samples: JointSamples) -> float:
     """Return how long all runs take together, s."""
     return float(sum(samples.t[run][-1] - samples.t[run][0] for run in run_slices(samples)))

@@ -179,6 +179,11 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
         tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
 
 
+def evenly_picked(count: int, most: int) -> IntArray:
+    """Return the numbers of at most `most` of `count` samples, evenly spaced from the first."""
+    return np.arange(0, count, -(-max(count, 1) // most))
+
+
 def _check_names(names: tuple[str, ...]) -> None:
     if not names:
         raise DataError('samples: no joints')

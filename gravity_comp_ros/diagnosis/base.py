@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
@@ -68,11 +68,13 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     :param model: the user's model, whose effects are `Base.given`; None if there is none.
     :param most: of so many samples or fewer the base and its motion are.
     """
-    rows = np.flatnonzero(_thin(samples, most))
+    rows = evenly_picked(samples.n_samples, most)
     part = samples.select(rows)
-    motion = build_motion(part, _potential(samples.select(_thin(samples, _ROUGH_SAMPLES))))
+    few = evenly_picked(samples.n_samples, _ROUGH_SAMPLES)
+    motion = build_motion(part, _potential(samples.select(few)))
     cleaned = replace(part, tau=part.tau - _nuisance(motion))
-    chosen = levelled(_potential(cleaned.select(_thin(part, _SAMPLES))), part.q)
+    few = evenly_picked(part.n_samples, _SAMPLES)
+    chosen = levelled(_potential(cleaned.select(few)), part.q)
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
     # Directions and accelerations are those of all samples.
@@ -108,7 +110,7 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     cleaned = replace(samples, tau=samples.tau - effects)
     chain = _chain(cleaned, base.chain)
     columns = _columns(base.model, base.motion, cleaned, chain)
-    few = _thin(samples, _SAMPLES)
+    few = evenly_picked(samples.n_samples, _SAMPLES)
     before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
     if (after > (1.0 - _WORTHWHILE) * before).all():
         return None
@@ -152,7 +154,7 @@ def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
 
 def _chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
     """Return the serial arm that fits, from a start if there is one; None if none does."""
-    few = cleaned.select(_thin(cleaned, _CHAIN_SAMPLES))
+    few = cleaned.select(evenly_picked(cleaned.n_samples, _CHAIN_SAMPLES))
     try:
         return rough_fit(few, SearchOptions() if start is None else None, start).chain
     except GravityCompError:
@@ -184,10 +186,6 @@ def _reduced(columns: FloatArray) -> FloatArray:
     excited = values > _EXCITED ** 2 * values.max(initial=0.0)
     mixed = flat @ (vectors[:, excited] / np.sqrt(values[excited]))
     return np.asarray(mixed.reshape(m, n, -1))
-
-
-def _thin(samples: JointSamples, count: int) -> BoolArray:
-    return np.asarray(np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // count) == 0)
 
 
 def _nuisance(motion: Motion) -> FloatArray:

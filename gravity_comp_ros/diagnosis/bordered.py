@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.evidence import (
-    Fit, held_out_residual, JointRows, Prior, regularised, regularised_solve)
+    Fit, held_out_residual, JointRows, Prior, regularised, regularised_solve, solve)
 import numpy as np
 
 # Residualised columns that are held at once, numbers of them times rows.
@@ -41,9 +41,9 @@ class Border:
         return Border(self.cross + other.cross, self.gram + other.gram,
                       self.vector + other.vector)
 
-    def of(self, columns: IntArray) -> Border:
-        """Return the part of some of its C columns, given by their numbers."""
-        return Border(self.cross[:, :, columns], self.gram[:, columns[:, None], columns],
+    def of(self, columns: slice) -> Border:
+        """Return the part of some of its C columns."""
+        return Border(self.cross[:, :, columns], self.gram[:, columns, columns],
                       self.vector[:, columns])
 
 
@@ -56,17 +56,12 @@ class Stem:
     system: FloatArray
     residual: FloatArray
 
-    @property
-    def errors(self) -> FloatArray:
-        """Return each block's squared held-out error (B,)."""
-        return self.joint.block_sums(self.residual ** 2)
 
-
-def stem(joint: JointRows, fit: Fit, n_shared: int, prior: Prior) -> Stem:
-    """Return a fit of a joint, as `evidence.solve` made it, as something to add effects to."""
-    g, _ = joint.system(fit.columns)
-    g[:, :n_shared, :n_shared] += prior.information
-    return Stem(joint, fit, regularised(g), held_out_residual(joint, fit))
+def stem(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Stem:
+    """Return the fit of a joint on `columns`, of which the first `n_shared` have a prior."""
+    system = regularised(joint.assembled(columns, n_shared, prior)[0])
+    fit = solve(joint, columns, n_shared, prior)
+    return Stem(joint, fit, system, held_out_residual(joint, fit))
 
 
 def border(joint: JointRows, shared: IntArray, own: IntArray, columns: IntArray) -> Border:
@@ -120,41 +115,47 @@ def errors_with(stem: Stem, effects: Sequence[IntArray],
         columns one after the other.
     """
     found: list[FloatArray] = []
-    at, group = 0, list[IntArray]()
+    at = 0
+    for group in _groups(effects):
+        end = at + sum(map(len, group))
+        found += _errors_with(stem, group, None if others is None else others.of(slice(at, end)))
+        at = end
+    return found
+
+
+def _groups(effects: Sequence[IntArray]) -> list[list[IntArray]]:
+    """Return effects in groups of few columns, in their order."""
+    groups: list[list[IntArray]] = []
     for columns in effects:
-        if group and sum(map(len, group)) + len(columns) > _AT_ONCE:
-            found += _errors_with(stem, group, others, at)
-            at, group = at + sum(map(len, group)), []
-        group.append(columns)
-    return found + (_errors_with(stem, group, others, at) if group else [])
+        if not groups or sum(map(len, groups[-1])) + len(columns) > _AT_ONCE:
+            groups.append([])
+        groups[-1].append(columns)
+    return groups
 
 
-def _errors_with(stem: Stem, effects: list[IntArray], others: Border | None,
-                 at: int) -> list[FloatArray]:
+def _errors_with(stem: Stem, effects: list[IntArray],
+                 others: Border | None) -> list[FloatArray]:
     joint, fit = stem.joint, stem.fit
     columns = np.concatenate(effects)
     b = joint.products(fit.columns, columns)
     aims = joint.aims[:, columns].copy()
     if others is not None:
-        here = others.of(np.arange(at, at + len(columns)))
-        b[:, :here.cross.shape[1]] += here.cross
-        aims += here.vector
+        b[:, :others.cross.shape[1]] += others.cross
+        aims += others.vector
     w: FloatArray = np.asarray(np.linalg.solve(stem.system, b), dtype=np.float64)
     coefficients = np.concatenate([fit.without, fit.all_data[None]])
     aims -= np.einsum('fkc,fk->fc', b, coefficients)
     left = _residualised(stem, columns, w)
     found, start = [], 0
     for part in effects:
-        here_c = slice(start, start + len(part))
-        gram = joint.gram(part)[:-1]
-        if others is not None:
-            whole = slice(at + start, at + start + len(part))
-            gram = gram + others.gram[:-1, whole, whole]
-        inner = regularised(gram) - b[:-1, :, here_c].transpose(0, 2, 1) @ w[:-1, :, here_c]
-        d = np.linalg.solve(inner, aims[:-1, here_c, None])[:, :, 0]
+        here = slice(start, start + len(part))
+        gram = joint.gram(part)[:-1] + (
+            0.0 if others is None else others.gram[:-1, here, here])
+        inner = regularised(gram) - b[:-1, :, here].transpose(0, 2, 1) @ w[:-1, :, here]
+        d = np.linalg.solve(inner, aims[:-1, here, None])[:, :, 0]
         residual = stem.residual.copy()
         for fold, rows in enumerate(joint.folds):
-            residual[rows] -= left[rows, here_c] @ d[fold]
+            residual[rows] -= left[rows, here] @ d[fold]
         found.append(joint.block_sums(residual ** 2))
         start += len(part)
     return found
@@ -162,11 +163,7 @@ def _errors_with(stem: Stem, effects: list[IntArray], others: Border | None,
 
 def _residualised(stem: Stem, columns: IntArray, w: FloatArray) -> FloatArray:
     """Return C - R W (M, C) of every row, with the W of its fold left out."""
-    joint, of = stem.joint, stem.fit.columns
-    base = int(np.argmin(np.append(of == np.arange(len(of)), False)))
-    left = joint.x[:, columns]
-    for fold, rows in enumerate(joint.folds):
-        left[rows] -= joint.x[rows, :base] @ w[fold, :base]
-        if base < len(of):
-            left[rows] -= joint.x[rows][:, of[base:]] @ w[fold, base:]
+    left = stem.joint.x[:, columns]
+    for fold, rows in enumerate(stem.joint.folds):
+        left[rows] -= stem.joint.combined(rows, stem.fit.columns, w[fold])
     return left

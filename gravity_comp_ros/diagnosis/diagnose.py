@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis import (
     alternative_models, nonparametric as unknown_torque, structure_tests)
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
@@ -54,8 +54,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         # What the model has already is not missing; its size may change (`Base.given`).
         samples = replace(samples, tau=samples.tau - effect_torque(model, samples))
     noise = white_noise(samples)
-    samples = samples.select(
-        np.arange(samples.n_samples) % -(-max(samples.n_samples, 1) // _MOST_SAMPLES) == 0)
+    samples = samples.select(evenly_picked(samples.n_samples, _MOST_SAMPLES))
     tell('gravity model', 0.0)
     base = choose_base(samples, model, _MOST_ROWS)
     motion = base.motion

@@ -47,13 +47,30 @@ class JointRows:
     sigma: float
     ridge: FloatArray
 
-    def system(self, columns: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the normal equations (F + 1, K, K) and (F + 1, K) of every training set."""
-        return self.gram(columns), self.aims[:, columns]
-
     def gram(self, columns: IntArray) -> FloatArray:
         """Return the products of columns, their ridge included: (F + 1, K, K)."""
         return np.asarray(self.products(columns, columns) + np.diag(self.ridge[columns]))
+
+    def assembled(self, columns: IntArray, n_shared: int,
+                  prior: Prior) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the normal equations (F + 1, K, K) and (F + 1, K) of every training set.
+
+        The first `n_shared` columns have a prior.
+        """
+        g, r = self.gram(columns), self.aims[:, columns]
+        g[:, :n_shared, :n_shared] += prior.information
+        r[:, :n_shared] += prior.vector
+        return g, r
+
+    def combined(self, rows: slice, columns: IntArray, weights: FloatArray) -> FloatArray:
+        """Return columns times weights (K, ...) in some rows."""
+        # The columns of gravity are the first ones: a view of them needs no copy.
+        base = int(np.argmin(np.append(columns == np.arange(len(columns)), False)))
+        found = self.x[rows, :base] @ weights[:base]
+        if base < len(columns):
+            found += self.x[rows][:, columns[base:]] @ weights[base:]
+        return np.asarray(found)
 
     def products(self, a: IntArray, b: IntArray) -> FloatArray:
         """Return the sums of products of columns a with b: (F + 1, A, B)."""
@@ -169,9 +186,7 @@ class Fit:
 
 def solve(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
     """Fit one joint on `columns`, of which the first `n_shared` are shared and have a prior."""
-    g, r = joint.system(columns)
-    g[:, :n_shared, :n_shared] += prior.information
-    r[:, :n_shared] += prior.vector
+    g, r = joint.assembled(columns, n_shared, prior)
     x = regularised_solve(g, r[:, :, None])[:, :, 0]
     return Fit(columns, x[-1], x[:-1])
 
@@ -180,11 +195,7 @@ def held_out_residual(joint: JointRows, fit: Fit) -> FloatArray:
     """Return each row's residual (M,) in units of noise, fitted without its fold."""
     residual = joint.y.copy()
     for fold, rows in enumerate(joint.folds):
-        # The columns of gravity are the first ones: a view of them needs no copy.
-        base = int(np.argmin(np.append(fit.columns == np.arange(len(fit.columns)), False)))
-        residual[rows] -= joint.x[rows, :base] @ fit.without[fold, :base]
-        if base < len(fit.columns):
-            residual[rows] -= joint.x[rows][:, fit.columns[base:]] @ fit.without[fold, base:]
+        residual[rows] -= joint.combined(rows, fit.columns, fit.without[fold])
     return residual
 
 
@@ -195,7 +206,7 @@ def held_out_errors(joint: JointRows, fit: Fit) -> FloatArray:
 
 def shared_information(joint: JointRows, columns: IntArray, n_shared: int) -> Prior:
     """Return a joint's information about shared columns once its own effects are solved out."""
-    g, r = joint.system(columns)
+    g, r = joint.gram(columns), joint.aims[:, columns]
     s, own = slice(0, n_shared), slice(n_shared, len(columns))
     if n_shared == len(columns):
         return Prior(g[:, s, s], r[:, s])
@@ -217,8 +228,7 @@ def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
     :param groups: (M,) the group of each row, numbered from 0 without gaps.
     """
     gram, c = _group_products(joint, fit.columns, groups)
-    bread = joint.system(fit.columns)[0][-1]
-    bread[:n_shared, :n_shared] += prior.information[-1]
+    bread = joint.assembled(fit.columns, n_shared, prior)[0][-1]
     scores = c - gram @ fit.all_data
     n_groups = len(scores)
     ridge = _RIDGE * float(np.trace(bread)) / len(bread) * np.eye(len(bread))

@@ -71,9 +71,13 @@ class Fits:
 
     def fit(self, joint: int, chosen: Sequence[Candidate]) -> Fit:
         """Return the fit of one joint with these effects."""
+        return solve(self.rows[joint], *self._asked(joint, chosen))
+
+    def _asked(self, joint: int, chosen: Sequence[Candidate]) -> tuple[IntArray, int, Prior]:
+        """Return the columns of a fit, how many of them are shared, and the prior on those."""
         shared = self.shared(chosen)
         columns = np.concatenate([shared, self.own(joint, chosen)])
-        return solve(self.rows[joint], columns, len(shared), self.prior(joint, chosen))
+        return columns, len(shared), self.prior(joint, chosen)
 
     def errors(self, joint: int | None, chosen: Sequence[Candidate]) -> FloatArray:
         """Return held-out errors block by block, of one joint or of all: (B, J)."""
@@ -140,8 +144,7 @@ class Fits:
                 for n in range(self.n_joints)]
 
     def _stem(self, joint: int, chosen: Sequence[Candidate]) -> Stem:
-        return stem(self.rows[joint], self.fit(joint, chosen), len(self.shared(chosen)),
-                    self.prior(joint, chosen))
+        return stem(self.rows[joint], *self._asked(joint, chosen))
 
     def residual(self, joint: int, chosen: Sequence[Candidate]) -> FloatArray:
         """Return a joint's held-out residual (M,) in N·m, in the order of the samples."""

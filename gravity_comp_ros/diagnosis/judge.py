@@ -101,10 +101,9 @@ class _Findings:
             for c in alternatives(self.selection, candidate, self.chosen))
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
         sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
-        proof = Proof(kept, scale.runs_better(kept),
-                      max(before, scale.nrmse(rest, joint)) if after >= before else before,
-                      after, _effective(self.fits, scale.motion, joint, self.chosen), found,
-                      twins, sizes, *self._errors_elsewhere(place))
+        proof = Proof(kept, scale.runs_better(kept), before, after,
+                      _effective(self.fits, scale.motion, joint, self.chosen), found, twins,
+                      sizes, self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
         name = None if candidate.joint is None else scale.names[candidate.joint]
         why = evidence_sentence(candidate.effect.title, name or 'the whole arm', before, after,
@@ -114,11 +113,10 @@ class _Findings:
             scale.absorbed(candidate), proof.runs_better, f'{why}; {doubt}' if doubt else why,
             _next_step(candidate, name, level), kept.p, dict(candidate.setting))
 
-    def _errors_elsewhere(self, place: int) -> tuple[FloatArray, FloatArray]:
+    def _errors_elsewhere(self, place: int) -> tuple[FloatArray, FloatArray] | None:
         """Return errors without and with an effect, at poses unlike those of the fit."""
         if self._elsewhere is None:
-            none = np.ones((2, 1))
-            return none, 0.5 * none
+            return None
         fits, chosen = self._elsewhere
         candidate = chosen[place]
         joint = None if candidate.shared else candidate.joint

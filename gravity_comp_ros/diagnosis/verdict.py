@@ -26,8 +26,8 @@ class Proof:
     `kept` is its gain beside the rest and `runs_better` the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
     count as independent; `alternatives` explain as much; `twins` look the same in this motion;
-    `elsewhere_before` and `elsewhere_after` (B, J) are the errors where poses like those judged
-    were left out of the fit.
+    `elsewhere` are the errors (B, J) without and with it where poses like those judged were left
+    out of the fit, None if all poses are alike.
     """
 
     kept: Gain
@@ -38,8 +38,7 @@ class Proof:
     alternatives: tuple[str, ...]
     twins: tuple[str, ...]
     sizes: Mapping[str, Estimate]
-    elsewhere_before: FloatArray
-    elsewhere_after: FloatArray
+    elsewhere: tuple[FloatArray, FloatArray] | None
 
 
 def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof: Proof,
@@ -53,7 +52,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
         return Verdict.WEAK, (
             f'the recording is worth only {proof.n_effective:.0f} independent samples here, and '
             f'{options.fewest_effective:.0f} are the fewest')
-    if not not_worse(proof.elsewhere_before, proof.elsewhere_after):
+    if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
         together = len(proof.sizes) > 1 and not all_may_be_nothing(fits, chosen, candidate)
@@ -81,8 +80,8 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
     first = next(iter(proof.sizes.values()))
     if first.ci95[0] <= 0.0 <= first.ci95[1]:
         return 'the interval of its first coefficient covers 0'
-    before, after = proof.elsewhere_before, proof.elsewhere_after
-    if not float(after.sum()) < float(before.sum()):
+    if proof.elsewhere is not None and not (
+            float(proof.elsewhere[1].sum()) < float(proof.elsewhere[0].sum())):
         return 'it does not help at poses that the fit has not seen'
     return ''
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import (
+    BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import effect_torque, installed, predict_torque
@@ -77,7 +78,7 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     """
     tell = progress or (lambda word, share: None)
     samples = samples.joints(model.joints)
-    picked = np.arange(0, samples.n_samples, -(-max(samples.n_samples, 1) // _MOST_SAMPLES))
+    picked = evenly_picked(samples.n_samples, _MOST_SAMPLES)
     samples, use = samples.select(picked), None if use is None else use[picked]
     tell('motion', 0.0)
     base = _level(samples, model, wanted)
@@ -234,7 +235,7 @@ def _problem(motion: Motion, model: GravityModel, kept: tuple[AppliedEffect, ...
         slow = allowed & (np.abs(samples.qd) <= options.slow).all(axis=1)
         if options.force or slow.sum() >= _ENOUGH_SLOW * max(len(rows), 1):
             all_speeds, rows = bool(slow.sum() == len(rows)), np.flatnonzero(slow)
-    rows = rows[::-(-max(len(rows), 1) // _MOST_ROWS)]
+    rows = rows[evenly_picked(len(rows), _MOST_ROWS)]
     fixed = np.zeros_like(samples.q)
     if kept:
         fixed = effect_torque(replace(model, applied=replace(model.applied, effects=kept)),

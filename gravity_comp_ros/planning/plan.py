@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -127,7 +127,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
 
 
 def _situation(samples: JointSamples, model: GravityModel) -> Situation:
-    few = samples.select(np.arange(0, samples.n_samples, -(-samples.n_samples // _ROWS)))
+    few = samples.select(evenly_picked(samples.n_samples, _ROWS))
     recorded = build_motion(few, model)
     residual = few.tau - recorded.gravity
     per_second = np.empty(few.n_joints)
