@@ -45,19 +45,20 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
             options: VerdictOptions) -> tuple[Verdict, str]:
     """Return how sure an effect is, and in words why it is not surer ('' if it is)."""
     if proof.twins:
-        return Verdict.UNTESTABLE, f'this motion cannot tell it from {", ".join(proof.twins)}'
+        names = ', '.join(proof.twins)
+        return Verdict.UNTESTABLE, f'this motion cannot distinguish it from {names}'
     if proof.after >= (1.0 - options.least_reduction) * proof.before:
         return Verdict.WEAK, 'the held-out error of the joint hardly falls'
     if proof.n_effective < options.fewest_effective:
         return Verdict.WEAK, (
-            f'the recording is worth only {proof.n_effective:.0f} independent samples here, and '
-            f'{options.fewest_effective:.0f} are the fewest')
+            f'the effective sample size is {proof.n_effective:.0f} here, and at least '
+            f'{options.fewest_effective:.0f} is needed')
     if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
         together = len(proof.sizes) > 1 and not all_may_be_nothing(fits, chosen, candidate)
-        return Verdict.WEAK, ('this motion does not tell its coefficients from each other'
-                              if together else 'its size may be 0')
+        return Verdict.WEAK, ('this motion cannot distinguish its coefficients' if together
+                              else 'the interval of every coefficient covers 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
     if len(proof.sizes) > options.many and proof.n_effective < _asked(proof, options):
@@ -87,13 +88,14 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
 
 
 def _asked(proof: Proof, options: VerdictOptions) -> float:
-    """Return how many independent samples an established effect asks for."""
+    """Return the effective sample size that an established effect needs."""
     return options.least_effective + options.effective_each * (len(proof.sizes) - 1)
 
 
 def _too_few(proof: Proof, options: VerdictOptions) -> str:
-    return (f'the recording is worth {proof.n_effective:.0f} independent samples here, and '
-            f'{counted(len(proof.sizes), "coefficient")} ask for {_asked(proof, options):.0f}')
+    coefficients = counted(len(proof.sizes), 'coefficient')
+    return (f'the effective sample size is {proof.n_effective:.0f} here; '
+            f'{_asked(proof, options):.0f} is needed for {coefficients}')
 
 
 def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
