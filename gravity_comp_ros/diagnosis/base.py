@@ -12,6 +12,7 @@ joint's angle does to the torque (a tilted base) is then left for an effect to e
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.nuisance import nuisance
@@ -21,9 +22,10 @@ from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
+from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
@@ -62,7 +64,8 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     Return the gravity to refit with effects.
 
     Gravity is chosen from the samples alone, so that a diagnosis does not depend on the
-    formulation of the user's model.
+    formulation of the user's model. Where that model lies on the axes of a description, these are
+    taken.
 
     :param samples: without the torque of the effects that the model has.
     :param model: the user's model, whose effects are `Base.given`; None if there is none.
@@ -71,17 +74,19 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     rows = evenly_picked(samples.n_samples, most)
     part = samples.select(rows)
     few = evenly_picked(samples.n_samples, _ROUGH_SAMPLES)
-    motion = build_motion(part, _potential(samples.select(few)))
+    on_axes = model is not None and model.geometry is not None and model.chain is not None
+    choose = partial(_on_axes, model) if on_axes else _potential
+    motion = build_motion(part, choose(samples.select(few)))
     cleaned = replace(part, tau=part.tau - _nuisance(motion))
     few = evenly_picked(part.n_samples, _SAMPLES)
-    chosen = levelled(_potential(cleaned.select(few)), part.q)
+    chosen = levelled(choose(cleaned.select(few)), part.q)
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
     # Directions and accelerations are those of all samples.
     motion = build_motion(samples, chosen).at(rows)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
-    chain = _chain(cleaned, None)
+    chain = None if on_axes else _chain(cleaned, None)
     return Base(chosen, motion, _columns(chosen, motion, cleaned, chain), chain, given)
 
 
@@ -100,6 +105,22 @@ def _potential(samples: JointSamples) -> GravityModel:
     return replace(model, noise=np.sqrt((left ** 2).mean(axis=0)))
 
 
+def _on_axes(model: GravityModel, samples: JointSamples) -> GravityModel:
+    """Return the gravity of an arm whose axes are known: the moments that fit best."""
+    assert model.chain is not None
+    columns = ForwardKinematics(model.chain.axes, samples.q).moment_columns()
+    size = np.maximum(samples.tau.std(axis=0), 1e-6 * max(float(samples.tau.std()), 1e-9))
+    flat = (columns / size[None, :, None]).reshape(len(columns), -1).T
+    moments = np.linalg.lstsq(flat, (samples.tau / size).T.ravel(), rcond=_EXCITED)[0]
+    chain = Chain(model.chain.axes, moments.reshape(-1, 2))
+    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
+                        samples.n_runs)
+    found = GravityModel.from_energy(samples.names, 'chain', expand(chain),
+                                     np.zeros(samples.n_joints), coverage, {}, chain)
+    left = samples.tau - found.predict(samples.q)
+    return replace(found, geometry=model.geometry, noise=np.sqrt((left ** 2).mean(axis=0)))
+
+
 def refined(base: Base, effects: FloatArray) -> Base | None:
     """
     Return the base as it is once effects are taken off the torque; None if that is the same.
@@ -107,6 +128,8 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     :param effects: (M, N) N·m, what was found beside gravity.
     """
     samples = base.motion.samples
+    if base.model.chain is not None:
+        return None
     cleaned = replace(samples, tau=samples.tau - effects)
     chain = _chain(cleaned, base.chain)
     columns = _columns(base.model, base.motion, cleaned, chain)
@@ -125,7 +148,10 @@ def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
 
 
 def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
-    """Return the regressor (M, N, K) of the features that an energy has."""
+    """Return the regressor (M, N, K) of the moments of a chain, or of an energy's features."""
+    if model.chain is not None:
+        columns = ForwardKinematics(model.chain.axes, q).moment_columns()
+        return np.ascontiguousarray(columns.transpose(2, 1, 0))
     features = model.energy.indices if model.energy else np.zeros(0, dtype=np.int64)
     flat = EnergyDesign(q, np.ones(q.shape)).columns(features)
     return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
@@ -133,8 +159,11 @@ def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
 
 def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples,
              chain: Chain | None) -> FloatArray:
-    gravity = np.concatenate([_model_columns(model, cleaned.q), _tangent(cleaned.q, chain)],
-                             axis=2)
+    if model.chain is None:
+        gravity = np.concatenate([_model_columns(model, cleaned.q), _tangent(cleaned.q, chain)],
+                                 axis=2)
+    else:
+        gravity = _model_columns(model, cleaned.q)
     return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE
+from gravity_comp_ros.diagnosis.estimates import p_of_size
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
@@ -56,12 +57,23 @@ class Criteria:
         """
         return len(self._tried) * self._tried[candidate.expectation] * candidate.tried
 
-    def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray) -> Gain:
-        """Return the gain; what fast motion needs shows in the few blocks that have it."""
+    def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray,
+                rest: Sequence[Candidate]) -> Gain:
+        """
+        Return the gain beside others; what fast motion needs shows in the few blocks that have it.
+
+        Where an effect that is expected in every joint takes much off the held-out error, its
+        size is evidence as well: blocks gain as much as each of them moves, and a short
+        recording has few, so that their gains differ widely while the coefficient is certain.
+        """
         how = gain_of_motion if candidate.expectation == MOTION else gain
         found = how(before, after, self.tests(candidate))
         if candidate.expectation == COMMON and found.share >= self.options.evident_share:
-            return how(before, after, float(len(self._tried)))
+            tests = float(len(self._tried))
+            found = how(before, after, tests)
+            if found.p >= self.options.alpha and len(candidate.columns) == 1:
+                p = p_of_size(self.fits, [*rest, candidate], candidate)
+                found = replace(found, p=min(found.p, 2.0 * tests * p))
         return found
 
     def least_share(self, candidate: Candidate) -> float:
@@ -72,7 +84,7 @@ class Criteria:
         """Return the gain of an effect beside others."""
         joint = None if candidate.shared else candidate.joint
         after, = self.fits.errors_with_each(joint, rest, [candidate])
-        return self.gain_of(candidate, self.fits.errors(joint, rest), after)
+        return self.gain_of(candidate, self.fits.errors(joint, rest), after, rest)
 
     def promising(self, candidates: Sequence[Candidate],
                   chosen: Sequence[Candidate]) -> list[Candidate]:
@@ -115,11 +127,23 @@ class Criteria:
         """Return whether the coefficients of a chosen effect can be those of an arm."""
         return self.implausible(candidate, self.fits.coefficients(candidate, chosen)) is None
 
+    def certain(self, refused: Collection[Key]) -> list[Candidate]:
+        """
+        Return the effects that the search starts with.
+
+        An arm of rigid bodies needs torque for its motion. What it needs is large in fast motion,
+        and hides friction and all that is smaller. It is dropped like any other where it does not
+        pay, or is not physical beside the rest.
+        """
+        every = {c.key: c for c in self.candidates if c.effect.certain and c.key not in refused}
+        return list(every.values())
+
     def open(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:
-        """Return the candidates that may be added."""
+        """Return the candidates that may be added; motion is described once."""
         taken = {c.key for c in chosen}
+        moves = any(c.effect.certain for c in chosen)
         return [c for c in self.candidates if c.key not in taken and c.key not in refused
-                and self._has_parent(c, taken)]
+                and self._has_parent(c, taken) and not (moves and c.expectation == MOTION)]
 
     def open_on(self, joint: int, chosen: Sequence[Candidate],
                 refused: Collection[Key]) -> list[Candidate]:

@@ -107,19 +107,30 @@ def _fits(motion: Motion, columns: Columns) -> Fits:
     blocks = cut(motion.samples, residual)
     sigma = np.maximum(residual.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
     common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
-    known, rows = all_effects(), []
+    known, rows, usual = all_effects(), [], _information(columns, motion)
     for joint, own in enumerate(columns.own):
         x = np.column_stack([columns.shared[:, joint], *own])
         own.clear()
         scale = np.concatenate([common, np.sqrt((x[:, len(common):] ** 2).mean(axis=0))])
         scale[scale < 1e-12] = 1.0
-        prior = np.zeros(x.shape[1])
+        prior = usual * (float(sigma[joint]) ** 2 * len(x) / blocks.count)
+        prior = np.concatenate([prior, np.zeros(x.shape[1] - len(prior))])
         # A prior keeps columns near 0 that are many, and of no known effect.
         prior[layout.n_core[joint]:] = unknown_torque.PRIOR_BLOCKS * len(x) / blocks.count
         rows.append(joint_rows(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior,
                                layout.n_core[joint]))
     reasons = {key: why for key, why in layout.untestable.items() if key[0] in known}
     return Fits(tuple(rows), replace(layout, untestable=reasons), blocks)
+
+
+def _information(columns: Columns, motion: Motion) -> FloatArray:
+    """Return what is known of the shared coefficients (S,) before any data, by each joint."""
+    known = np.zeros(columns.shared.shape[2])
+    for c in columns.layout.candidates:
+        if c.shared and c.effect.spread is not None:
+            usual = c.effect.spread(motion, c.joint or 0, c.setting)
+            known[c.columns] = usual ** -2 / motion.samples.n_joints
+    return known
 
 
 def _residual(columns: Columns, motion: Motion, joint: int) -> FloatArray:

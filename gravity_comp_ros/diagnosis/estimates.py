@@ -64,6 +64,17 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 
+def p_of_size(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate) -> float:
+    """Return the p-value of a chosen effect's one coefficient, by the jackknife over blocks."""
+    joint = candidate.joint or 0
+    fit = fits.fit(joint, chosen)
+    groups = fits.rows[joint].group_of_rows(np.arange(fits.blocks.count))
+    here = int(np.flatnonzero(np.isin(fit.columns, candidate.columns))[0])
+    spread = float(_covariance(fits, chosen, joint, fit, groups)[here, here])
+    t = abs(float(fit.all_data[here])) / max(np.sqrt(max(spread, 0.0)), 1e-300)
+    return float(2.0 * special.stdtr(fits.blocks.count - 1, -t))
+
+
 def _half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int, fit: Fit,
                  speed: FloatArray) -> FloatArray:
     """

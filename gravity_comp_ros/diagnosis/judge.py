@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis import alternative_models, nonparametric
 from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.effective import effective, effective_of
 from gravity_comp_ros.diagnosis.estimates import estimates
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
@@ -19,7 +20,6 @@ from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_sh
 from gravity_comp_ros.diagnosis.verdict import Proof, untestable_twins, verdict
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
 # A remaining error this many times the white noise, and of this share of the range of the torque,
@@ -102,8 +102,10 @@ class _Findings:
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
         sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
         proof = Proof(kept, scale.runs_better(kept), before, after,
-                      _effective(self.fits, scale.motion, joint, self.chosen), found, twins,
-                      sizes, self._errors_elsewhere(place))
+                      effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
+                      found, twins,
+                      sizes, 1 if candidate.effect.spread else len(sizes),
+                      self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
         name = None if candidate.joint is None else scale.names[candidate.joint]
         why = evidence_sentence(candidate.effect.title, name or 'the whole arm', before, after,
@@ -148,13 +150,6 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
     return ordered
 
 
-def _effective(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candidate]) -> float:
-    """Return how many samples of a joint's held-out residual count as independent."""
-    residual, runs = fits.residual(joint, chosen), motion.samples.runs
-    step = max(1, len(residual) // 4000)
-    return len(residual) / (correlation_time(residual[::step], runs[::step]) * step)
-
-
 def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
     """Return the motion that settles what is open; what is found is to be added."""
     if level in (Verdict.ESTABLISHED, Verdict.LIKELY):
@@ -177,6 +172,6 @@ def _report(scale: Scale, n: int, noise: float, chosen: Sequence[Candidate],
             f'{remaining:.3g} N·m remain, {share:.1%} of the range of the torque, that nothing '
             f'found here explains')]))
     return JointReport(words or 'nothing missing that this recording could show',
-                       noise, _effective(fits, scale.motion, n, chosen),
+                       noise, effective(fits, scale.motion, n, chosen),
                        scale.rmse(fits.errors(n, []), n), remaining, untestable,
                        share if stays else 0.0)

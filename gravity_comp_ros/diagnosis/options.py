@@ -25,7 +25,7 @@ class SelectionOptions:
     alpha: float = 0.01
     least_share: float = 0.004
     least_rare_share: float = 0.1
-    evident_share: float = 0.5
+    evident_share: float = 0.4
     most: int = 40
 
     def __post_init__(self) -> None:

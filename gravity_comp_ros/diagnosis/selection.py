@@ -78,7 +78,7 @@ class _Search:
                  refused: Mapping[tuple[str, int | None], str]) -> None:
         self.criteria = criteria
         self.fits = criteria.fits
-        self.chosen: list[Candidate] = []
+        self.chosen = criteria.certain(refused)
         self.refused = dict(refused)
         self._gains: dict[int, Gain] = {}
         # Effects of the arm whose gain is that beside fewer effects of joints.
@@ -120,11 +120,15 @@ class _Search:
         return self.add_best()
 
     def remove_idle(self) -> bool:
-        """Drop a chosen effect that the others have made needless."""
+        """Drop a chosen effect that the others have made needless, or that is not physical."""
         # What corrects another effect goes before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.corrects):
             rest = [c for c in self.chosen if c is not candidate]
             if not self.criteria.is_needed(candidate, rest):
+                self._change(rest)
+                return True
+            if candidate.effect.certain and not self.criteria.is_physical(candidate, self.chosen):
+                self.refused[candidate.key] = 'it is not physical beside what else was found'
                 self._change(rest)
                 return True
         return False
@@ -166,7 +170,7 @@ class _Search:
                 continue
             before = self.fits.errors(place, self.chosen)
             for c, after in zip(here, self.fits.errors_with_each(place, self.chosen, here)):
-                self._gains[id(c)] = self.criteria.gain_of(c, before, after)
+                self._gains[id(c)] = self.criteria.gain_of(c, before, after, self.chosen)
                 self._old.discard(id(c))
 
     def _change(self, chosen: list[Candidate]) -> None:

@@ -25,7 +25,7 @@ class Proof:
 
     `kept` is its gain beside the rest and `runs_better` the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
-    count as independent; `alternatives` explain as much; `twins` look the same in this motion;
+    count as independent; `free` coefficients are not kept near a value by a prior; `alternatives` explain as much; `twins` look the same in this motion;
     `elsewhere` are the errors (B, J) without and with it where poses like those judged were left
     out of the fit, None if all poses are alike.
     """
@@ -38,6 +38,7 @@ class Proof:
     alternatives: tuple[str, ...]
     twins: tuple[str, ...]
     sizes: Mapping[str, Estimate]
+    free: int
     elsewhere: tuple[FloatArray, FloatArray] | None
 
 
@@ -61,7 +62,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
                               else 'the interval of every coefficient covers 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
-    if len(proof.sizes) > options.many and proof.n_effective < _asked(proof, options):
+    if proof.free > options.many and proof.n_effective < _asked(proof, options):
         return Verdict.WEAK, _too_few(proof, options)
     doubt = _doubt(fits, chosen, candidate, proof, options)
     return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')
@@ -89,11 +90,11 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
 
 def _asked(proof: Proof, options: VerdictOptions) -> float:
     """Return the effective sample size that an established effect needs."""
-    return options.least_effective + options.effective_each * (len(proof.sizes) - 1)
+    return options.least_effective + options.effective_each * (proof.free - 1)
 
 
 def _too_few(proof: Proof, options: VerdictOptions) -> str:
-    coefficients = counted(len(proof.sizes), 'coefficient')
+    coefficients = counted(proof.free, 'coefficient')
     return (f'the effective sample size is {proof.n_effective:.0f} here; '
             f'{_asked(proof, options):.0f} is needed for {coefficients}')
 

@@ -85,6 +85,8 @@ Settings = Callable[[Motion, int], list[dict[str, float]]]
 Refinement = Callable[[Motion, int, Setting], list[dict[str, float]]]
 # (motion, joint) -> why this motion cannot show the effect, or None if it can.
 Untestable = Callable[[Motion, int], str | None]
+# (motion, joint, setting) -> how large the K coefficients are before any data, inf where free.
+Spread = Callable[[Motion, int, Setting], FloatArray]
 # (coefficients, setting, motion, joint) -> why these values are not physical, or None.
 Implausible = Callable[[FloatArray, Setting, Motion, int], str | None]
 
@@ -135,6 +137,10 @@ class Effect:
     columns mean the same on other motions. `corrects` names effects one of which must be there on
     the joint before this one, which corrects it, is looked for. `otherwise` is another law by
     which the same cause could act, where no effect has it: what follows that is not this effect.
+    `pointwise` says that a column's value at a sample depends on that sample alone. `spread` gives
+    the standard deviations of the coefficients before any data, for effects that have more of
+    them than a motion may show; None leaves them free. `certain` says that every arm has the
+    effect wherever it is testable.
 
     :raises OptionError: if the scope is unknown or there is no coefficient.
     """
@@ -162,6 +168,8 @@ class Effect:
     symbols: Symbols | None = None
     otherwise: OtherLaw | None = None
     pointwise: bool = False
+    spread: Spread | None = None
+    certain: bool = False
 
     def __post_init__(self) -> None:
         if self.scope not in ('joint', 'arm'):

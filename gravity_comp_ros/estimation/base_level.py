@@ -37,4 +37,4 @@ def levelled(model: GravityModel, q: FloatArray) -> GravityModel:
     kept = Expansion(energy.indices[~first], energy.weights[~first])
     level = GravityModel.from_energy(model.joints, model.formulation, kept, model.noise,
                                      model.coverage, model.provenance)
-    return replace(level, applied=model.applied, history=model.history)
+    return replace(level, applied=model.applied, history=model.history, geometry=model.geometry)

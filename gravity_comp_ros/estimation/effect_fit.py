@@ -27,6 +27,8 @@ from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 import numpy as np
 
 _ROUNDS = 3
+# So many neighbouring residuals count as one, beside what is known of coefficients.
+_ALIKE = 10.0
 # Effects and the nuisance terms whose place they take.
 _REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
              'viscous_friction': VISCOUS, 'torque_offset': OFFSET, 'inertia': INERTIA,
@@ -89,11 +91,13 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
     dense = np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
         if len(columns) else None
     regression = build_regression(cleaned, qdd=fast_accelerations(part), effects=dense,
-                                  means=means, excluded=_excluded(motion, terms))
+                                  means=means, excluded=_excluded(motion, terms),
+                                  usual=_usual(motion, terms, columns, model.noise_beside))
     estimate = estimate_gravity(regression, options, model, known, warm)
     effects = (*kept, *_applied(motion, terms, estimate))
     made = replace(_having(gravity_model(estimate, part), effects, motion),
-                   history=model.history, provenance=model.provenance)
+                   history=model.history, provenance=model.provenance,
+                   geometry=model.geometry)
     rmse = _rmse(made, motion.samples, rows)
     return EffectFit(replace(made, noise=rmse), estimate, rmse)
 
@@ -123,6 +127,28 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
             whole = own.transpose(2, 0, 1)
         parts.append(whole)
     return np.concatenate(parts)
+
+
+def _usual(motion: Motion, terms: Sequence[Term], columns: FloatArray,
+           noise: FloatArray) -> FloatArray | None:
+    """
+    Return the spread of the terms' coefficients before any data (K,), per N·m of noise.
+
+    :param columns: (K, R, N), theirs.
+    :param noise: (N,) N·m, what a model leaves beside nuisance terms; neighbours of it are alike.
+    """
+    if all(term.effect.spread is None for term in terms):
+        return None
+    parts = []
+    for term in terms:
+        joint = 0 if term.joint is None else motion.samples.names.index(term.joint)
+        count = len(term.effect.coefficients_of(motion, joint, term.setting))
+        parts.append(np.full(count, np.inf) if term.effect.spread is None
+                     else term.effect.spread(motion, joint, term.setting))
+    noise = np.sqrt(_ALIKE) * np.maximum(noise, 1e-3 * max(float(noise.max()), 1e-9))
+    lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
+    weighted = np.sqrt(((columns / noise) ** 2).sum(axis=(1, 2)))
+    return np.asarray(np.concatenate(parts) * weighted / np.maximum(lengths, 1e-300))
 
 
 def _applied(motion: Motion, terms: Sequence[Term], estimate: Estimate) -> list[AppliedEffect]:

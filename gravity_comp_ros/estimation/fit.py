@@ -126,7 +126,8 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     report = build_report(model, samples, estimate.choice, estimate.regression)
     if warning:
         report['warnings'].insert(0, warning)
-    model = replace(model, provenance={'options': options.to_json(), 'report': report})
+    model = replace(model, provenance={'options': options.to_json(), 'report': report},
+                    geometry=_geometry(options, estimate))
     if progress:
         progress('fit', 1.0)
     found = estimate.choice.estimate
@@ -189,6 +190,14 @@ def gravity_model(estimate: Estimate, samples: JointSamples) -> GravityModel:
         model = GravityModel(names, 'per_joint', found.torques, None, noise, coverage)
     rmse = np.sqrt(((samples.tau - model.predict(samples.q)) ** 2).mean(axis=0))
     return replace(model, noise=rmse, nuisance=_nuisance(found, names))
+
+
+def _geometry(options: FitOptions, estimate: Estimate) -> Geometry | None:
+    """Return the geometry of the options, if the model is a chain on its axes."""
+    found = estimate.choice.estimate
+    if not (estimate.choice.known_axes and isinstance(found, ChainEstimate)):
+        return None
+    return options.geometry
 
 
 def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]) -> Any:

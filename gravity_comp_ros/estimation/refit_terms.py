@@ -99,12 +99,15 @@ class RefitProblem:
                       self.n_folds)
 
     def _prior(self, term: Term, k: int) -> Prior:
-        """Return what is known of a term: nothing, or that it is about what it was."""
+        """Return what is known of a term: its usual size if it has one, or what it was."""
+        if term.effect.spread is not None:
+            usual = term.effect.spread(self.motion, self.place(term), term.setting)
+            return Prior(usual ** -2, np.zeros(k))
         if term.old is None:
             return Prior(np.zeros(k), np.zeros(k))
         values = np.array([term.old.coefficients[symbol].value for symbol in self.symbols(term)])
-        usual = max(float(np.abs(values).max()), 1e-9)
-        return Prior(np.full(k, usual ** -2), values)
+        largest = max(float(np.abs(values).max()), 1e-9)
+        return Prior(np.full(k, largest ** -2), values)
 
     def symbols(self, term: Term) -> list[str]:
         """Return the symbols of a term's coefficients."""

@@ -22,8 +22,9 @@ class Regression:
 
     `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2
     where fast samples are fitted. `nuisance` are the columns of nuisance terms; `effects`
-    (K, N, m) those of effects that the model is to have, which take the place of the nuisance
-    terms `excluded` (kind and joint number). `trust` (m, N) weighs squared residuals.
+    (K, N, m) those of effects that the model is to have, `usual` (K,) the standard deviations
+    of their coefficients before any data, per N·m of noise, inf where free; they take the place of the nuisance terms `excluded` (kind
+    and joint number). `trust` (m, N) weighs squared residuals.
     """
 
     recorded: JointSamples
@@ -34,6 +35,7 @@ class Regression:
     qdd: FloatArray | None = None
     effects: FloatArray | None = None
     excluded: frozenset[tuple[str, int]] = frozenset()
+    usual: FloatArray | None = None
 
     @property
     def n_effects(self) -> int:
@@ -46,9 +48,12 @@ class Regression:
         trust = None if (self.trust == 1.0).all() else self.trust
         if not parts:
             return Beside(None, trust)
-        # What effects that were asked for may be is not bounded.
-        spread = np.concatenate([np.full(self.n_effects, np.inf), self.nuisance.spread])
+        spread = np.concatenate([self._spread(), self.nuisance.spread])
         return Beside(np.concatenate(parts), trust, spread)
+
+    def _spread(self) -> FloatArray:
+        """Return the spread (K,) of the effects' coefficients before any data, per N·m of noise."""
+        return np.full(self.n_effects, np.inf) if self.usual is None else self.usual
 
     def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:
         """Return what a gravity torque (m, N) and coefficients (K,) beside it leave, N·m."""
@@ -89,7 +94,8 @@ class Regression:
 def build_regression(samples: JointSamples, options: CondenseOptions = CondenseOptions(),
                      qdd: FloatArray | None = None, effects: FloatArray | None = None,
                      means: Condensation | None = None,
-                     excluded: frozenset[tuple[str, int]] = frozenset()) -> Regression:
+                     excluded: frozenset[tuple[str, int]] = frozenset(),
+                     usual: FloatArray | None = None) -> Regression:
     """
     Return the regression of samples with all nuisance columns that the motion can identify.
 
@@ -97,9 +103,10 @@ def build_regression(samples: JointSamples, options: CondenseOptions = CondenseO
     :param effects: columns (K, N, m) of effects, condensed by `means`.
     :param means: how the samples are condensed, if that is decided already.
     :param excluded: kinds and joint numbers of nuisance terms that effects take the place of.
+    :param usual: (K,) as in `Regression`; None if all are free.
     """
     means = means or condense(samples, options)
     columns = build_columns(samples, plain_shapes(samples), means, qdd, effects, excluded)
     condensed = means.samples(samples)
     return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
-                      effects, excluded)
+                      effects, excluded, usual)

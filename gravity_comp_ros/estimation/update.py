@@ -150,7 +150,8 @@ def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
         chain, ChainUncertainty(chain, covariance))
     direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
     return replace(made, applied=replace(model.applied, direction=direction),
-                   history=model.history, nuisance=model.nuisance.in_order(order))
+                   history=model.history, nuisance=model.nuisance.in_order(order),
+                   geometry=geometry)
 
 
 @dataclass(frozen=True)
@@ -240,7 +241,7 @@ def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,
-                   nuisance=model.nuisance)
+                   nuisance=model.nuisance, geometry=model.geometry)
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,

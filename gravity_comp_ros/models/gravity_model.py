@@ -16,6 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerms
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -84,7 +85,8 @@ class GravityModel:
     alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
     latest last. `nuisance` are terms that were fitted beside gravity and are not predicted.
     `payload_path` is the energy in J that a payload added: it shows how a load travels along an
-    arm of unknown lengths (`estimation.payload_path`).
+    arm of unknown lengths (`estimation.payload_path`). `geometry` is where the axes of the arm are,
+    if a description told them: then the chain was fitted on them.
 
     :raises DataError: if the parts disagree in their number of joints, or an effect is on a
         joint that there is not.
@@ -103,6 +105,7 @@ class GravityModel:
     history: tuple[Step, ...] = ()
     nuisance: NuisanceTerms = NuisanceTerms()
     payload_path: Expansion | None = None
+    geometry: Geometry | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joints)
@@ -117,6 +120,9 @@ class GravityModel:
             if part.indices.size and part.indices[-1] >= limit:
                 raise DataError(f'model: feature {part.indices[-1]} is outside the dictionary '
                                 f'of {n} joints ({limit} features)')
+        if self.geometry is not None and self.geometry.joints != self.joints:
+            raise DataError(f'model: a geometry of {", ".join(self.geometry.joints)}, but joints '
+                            f'{", ".join(self.joints)}')
         for effect in self.applied.effects:
             if effect.joint is not None and effect.joint not in self.joints:
                 raise DataError(f'model: effect {effect.target} is on no joint of it')

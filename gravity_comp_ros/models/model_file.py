@@ -19,6 +19,7 @@ from gravity_comp_ros.errors import GravityCompError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import check_formulation, Coverage, GravityModel, Step
 from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerm, NuisanceTerms
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty, Uncertainty
@@ -131,6 +132,8 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
         body['nuisance'] = model.nuisance.to_json()
     if model.payload_path is not None:
         body['payload_path'] = _terms(model.payload_path)
+    if model.geometry is not None:
+        body['geometry'] = model.geometry.to_json()
     if model.applied.effects or model.history:
         body['applied'] = _applied_json(model)
     # Through JSON and back, so that the checksum is of what a reader will see.
@@ -166,6 +169,8 @@ def _from_json(body: dict[str, Any]) -> GravityModel:
         model = replace(model, nuisance=_nuisance(body['nuisance']))
     if 'payload_path' in body:
         model = replace(model, payload_path=_expansion(body['payload_path']))
+    if 'geometry' in body:
+        model = replace(model, geometry=Geometry.from_json(body['geometry']))
     if 'applied' not in body:
         return model
     parts = body['applied']

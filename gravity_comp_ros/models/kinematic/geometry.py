@@ -8,8 +8,10 @@ two moments of every link.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
@@ -77,6 +79,25 @@ class Geometry:
         off = np.abs(every @ every.transpose(0, 2, 1) - np.eye(3)).max()
         if off > 1e-6 or (np.linalg.det(every) < 0.0).any():
             raise DataError('geometry: an axis is not given by a rotation')
+
+    @classmethod
+    def from_json(cls, parts: Mapping[str, Any]) -> Geometry:
+        """
+        Return the geometry that `to_json` gave.
+
+        :raises DataError: as the constructor.
+        """
+        held = tuple(HeldJoint(str(h['name']), float(h['value']), str(h['by']))
+                     for h in parts['held'])
+        return cls(tuple(map(str, parts['joints'])), parts['rotations'], parts['origins'],
+                   str(parts['link']), parts['link_rotation'], held, str(parts['source']))
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the geometry as plain lists, for a model file."""
+        return {'joints': list(self.joints), 'rotations': self.rotations.tolist(),
+                'origins': self.origins.tolist(), 'link': self.link,
+                'link_rotation': self.link_rotation.tolist(), 'source': self.source,
+                'held': [{'name': h.name, 'value': h.value, 'by': h.by} for h in self.held]}
 
     @property
     def n_joints(self) -> int:

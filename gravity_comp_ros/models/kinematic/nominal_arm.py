@@ -1,0 +1,90 @@
+"""
+An arm with given axes and first moments: masses along its links.
+
+Gravity shows first moments alone. Of all arms that have them, one with masses at the ends and in
+the middle of each link, none negative, is physical, and its inertias are of the right size.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
+import numpy as np
+from scipy import optimize
+
+# Masses lie about the middle line of a link, at this share of the mean length of links.
+_ASIDE = 0.25
+# m: the least length of a link that counts.
+_SHORT = 0.02
+# Weight of a mass of 1 kg against a moment that differs by the largest of all: masses that the
+# moments leave open are spread evenly.
+_EVEN = 1e-3
+# Poses at which moments of masses, and inertias, are computed.
+_POSES = 40
+
+
+def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
+    """
+    Return inertial parameters (10 N,) of an arm with given first moments, as `rigid_body` has them.
+
+    :param moments: (N, 2) in kg·m about the axes, what lies beyond a link counted as in `Chain`.
+    """
+    points = _points(geometry)
+    parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
+                                 for link, places in enumerate(points)])
+    weighed = _moments_of(geometry, parameters)
+    size = max(float(np.abs(moments).max()), 1e-9)
+    a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
+    b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
+    masses = optimize.nnls(a, b)[0]
+    return np.asarray(masses @ parameters)
+
+
+def mean_inertia(geometry: Geometry, parameters: FloatArray) -> FloatArray:
+    """Return the inertia (N,) in kg·m^2 about each joint, the mean over poses drawn at random."""
+    n = geometry.n_joints
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
+    found = np.empty(n)
+    for joint in range(n):
+        unit = np.zeros_like(q)
+        unit[:, joint] = 1.0
+        torque = regressor(geometry, q, np.zeros_like(q), unit) @ parameters
+        found[joint] = torque[:, joint].mean()
+    return found
+
+
+def _points(geometry: Geometry) -> list[FloatArray]:
+    """Return where masses of each link may be, (P, 3) in m in its own frame."""
+    ends = [*geometry.origins[1:], np.zeros(3)]
+    lengths = [float(np.linalg.norm(end)) for end in ends]
+    long = [x for x in lengths if x > _SHORT]
+    aside = _ASIDE * (float(np.mean(long)) if long else 0.2)
+    around = np.concatenate([np.zeros((1, 3)), aside * np.eye(3), -aside * np.eye(3)])
+    found = []
+    for end, length in zip(ends, lengths):
+        shares = (0.0, 0.5, 1.0) if length > _SHORT else (0.0,)
+        found.append(np.concatenate([share * end + around for share in shares]))
+    return found
+
+
+def _of_points(places: FloatArray, link: int, n: int) -> FloatArray:
+    """Return the parameters (P, 10 N) of 1 kg at each place of a link."""
+    x, y, z = places.T
+    one = np.stack([np.ones(len(places)), x, y, z, y * y + z * z, -x * y, -x * z, x * x + z * z,
+                    -y * z, x * x + y * y], axis=1)
+    found = np.zeros((len(places), len(PARAMETERS) * n))
+    found[:, len(PARAMETERS) * link:len(PARAMETERS) * (link + 1)] = one
+    return found
+
+
+def _moments_of(geometry: Geometry, parameters: FloatArray) -> FloatArray:
+    """Return the first moments (2 N, P) in kg·m of parameters (P, 10 N), from their gravity."""
+    n = geometry.n_joints
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
+    zero = np.zeros_like(q)
+    torque = regressor(geometry, q, zero, zero, 1.0) @ parameters.T
+    columns = ForwardKinematics(geometry.rotations, q).moment_columns()
+    flat = columns.transpose(2, 1, 0).reshape(-1, 2 * n)
+    return np.asarray(np.linalg.lstsq(flat, torque.reshape(len(flat), -1), rcond=1e-9)[0])
