@@ -18,8 +18,8 @@ from gravity_comp_ros.effects.effect import Effect, Motion, Setting
 import numpy as np
 
 _SETTINGS_KEPT = 3
-# What everybody expects in a joint.
-_COMMON = ('coulomb_friction', 'viscous_friction', 'torque_offset', 'joint_spring')
+# What a moving joint usually has.
+USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 # What an arm has because it moves, what a joint may well have, and all the rest: each has the
 # same part of the chance of a false alarm.
 MOTION, COMMON, RARE = 'motion', 'common', 'rare'
@@ -33,7 +33,7 @@ def expectation(effect: Effect) -> str:
     """Return whether an effect comes with motion, is common in joints, or is rare."""
     if effect.family == _DYNAMICS:
         return MOTION
-    return COMMON if effect.name in _COMMON else RARE
+    return COMMON if effect.name in (*USUAL, 'joint_spring') else RARE
 
 
 @dataclass(frozen=True)

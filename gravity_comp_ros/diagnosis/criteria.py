@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE
+from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE, USUAL
 from gravity_comp_ros.diagnosis.estimates import p_of_size
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
@@ -98,9 +98,12 @@ class Criteria:
 
     def is_needed(self, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
         """Return whether an effect pays beside the rest of what is chosen."""
+        return self.need(candidate, rest) < self.options.alpha
+
+    def need(self, candidate: Candidate, rest: Sequence[Candidate]) -> float:
+        """Return the p-value of an effect beside the rest; 1 if it takes next to nothing off."""
         kept = self.gain_beside(candidate, rest)
-        return (kept.p < self.options.alpha
-                and kept.share >= 0.5 * self.least_share(candidate))
+        return kept.p if kept.share >= 0.5 * self.least_share(candidate) else 1.0
 
     def is_more_than_motion(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
         """
@@ -127,16 +130,20 @@ class Criteria:
         """Return whether the coefficients of a chosen effect can be those of an arm."""
         return self.implausible(candidate, self.fits.coefficients(candidate, chosen)) is None
 
-    def certain(self, refused: Collection[Key]) -> list[Candidate]:
+    def start(self, refused: Collection[Key]) -> list[Candidate]:
         """
         Return the effects that the search starts with.
 
-        An arm of rigid bodies needs torque for its motion. What it needs is large in fast motion,
-        and hides friction and all that is smaller. It is dropped like any other where it does not
-        pay, or is not physical beside the rest.
+        An arm of rigid bodies needs torque for its motion, and friction and offset of each joint
+        are usual beside it: that is the model of rigid-body identification. Its parts hide each
+        other in fast motion, so that they are looked at all together; what does not pay beside the
+        others, or is not physical, is dropped. Without a description of the robot there is no such
+        model, and the search starts with nothing.
         """
-        every = {c.key: c for c in self.candidates if c.effect.certain and c.key not in refused}
-        return list(every.values())
+        every = {c.key: c for c in self.candidates if c.key not in refused}
+        certain = [c for c in every.values() if c.effect.certain]
+        return [*certain, *(c for c in every.values() if c.effect.name in USUAL)] \
+            if certain else []
 
     def open(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:
         """Return the candidates that may be added; motion is described once."""

@@ -62,6 +62,7 @@ def select(criteria: Criteria) -> Selection:
 def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:
     """Return what is chosen where some effects are refused from the start."""
     search = _Search(criteria, refused)
+    search.remove_all_idle()
     for _ in range(_ROUNDS):
         while len(search.chosen) < criteria.options.most and (
                 search.add_best() or search.add_best_afresh()):
@@ -78,12 +79,24 @@ class _Search:
                  refused: Mapping[tuple[str, int | None], str]) -> None:
         self.criteria = criteria
         self.fits = criteria.fits
-        self.chosen = criteria.certain(refused)
+        self.chosen = criteria.start(refused)
         self.refused = dict(refused)
         self._gains: dict[int, Gain] = {}
         # Effects of the arm whose gain is that beside fewer effects of joints.
         self._old: set[int] = set()
         self._stale = False
+
+    def remove_all_idle(self) -> None:
+        """Drop what does not pay or is not physical, the least needed first."""
+        while self.chosen:
+            needs = {id(c): self.criteria.need(c, [o for o in self.chosen if o is not c])
+                     for c in self.chosen}
+            idle = [c for c in self.chosen if needs[id(c)] >= self.criteria.options.alpha
+                    or not self.criteria.is_physical(c, self.chosen)]
+            if not idle:
+                break
+            worst = max(idle, key=lambda c: needs[id(c)])
+            self._change([c for c in self.chosen if c is not worst])
 
     def add_best(self) -> bool:
         """Add the simplest of the best effects; return False if none pays."""

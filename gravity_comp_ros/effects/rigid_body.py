@@ -34,8 +34,8 @@ _AT_ONCE, _POSES = 4096, 256
 # the largest.
 _CHECKED, _NEGATIVE = 64, 0.05
 # How far inertias differ from those of the nominal arm, relative to what its joint carries; how
-# large a rotor is, relative to the joint that carries most.
-_DIFFERS, _ROTOR = 0.5, 0.05
+# large a rotor is, and what every joint carries at least, relative to the joint that carries most.
+_DIFFERS, _ROTOR, _LEAST = 0.1, 0.02, 0.01
 _NOMINAL = Coefficient('s', '', 'share of the torque of motion of the nominal arm, whose first '
                                 'moments are those of gravity')
 
@@ -66,7 +66,8 @@ def dynamics_of(model: GravityModel, geometry: Geometry) -> Dynamics:
     inertias, rotors = _identifiable(geometry.rotations.tobytes(), geometry.origins.tobytes(),
                                      geometry.n_joints)
     nominal = nominal_parameters(geometry, first_moments(model, geometry))
-    carried = np.maximum(mean_inertia(geometry, nominal), 1e-6)
+    carried = mean_inertia(geometry, nominal)
+    carried = np.maximum(carried, max(_LEAST * float(carried.max()), 1e-6))
     usual = np.concatenate([[3.0], _DIFFERS * carried[inertias // 10],
                             np.full(len(rotors), _ROTOR * carried.max())])
     return Dynamics(nominal, inertias, rotors, usual)
