@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 _HALF = math.pi / 2
-# Of each joint, after J. J. Craig: a of the link before (m), alpha of the link before (rad), d (m).
+# Of each joint, after J. J. Craig: a and alpha of the link before (m, rad), and d (m).
 _UR10 = ((0.0, 0.0, 0.1273), (0.0, _HALF, 0.0), (-0.612, 0.0, 0.0), (-0.5723, 0.0, 0.163941),
          (0.0, _HALF, 0.1157), (0.0, -_HALF, 0.0922))
 _PANDA = ((0.0, 0.0, 0.333), (0.0, -_HALF, 0.0), (0.0, _HALF, 0.316), (0.0825, _HALF, 0.0),

@@ -74,8 +74,8 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     rows = evenly_picked(samples.n_samples, most)
     part = samples.select(rows)
     few = evenly_picked(samples.n_samples, _ROUGH_SAMPLES)
-    on_axes = model is not None and model.geometry is not None and model.chain is not None
-    choose = partial(_on_axes, model) if on_axes else _potential
+    described = model if model is not None and model.geometry and model.chain else None
+    choose = _potential if described is None else partial(_on_axes, described)
     motion = build_motion(part, choose(samples.select(few)))
     cleaned = replace(part, tau=part.tau - _nuisance(motion))
     few = evenly_picked(part.n_samples, _SAMPLES)
@@ -86,7 +86,7 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     motion = build_motion(samples, chosen).at(rows)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
-    chain = None if on_axes else _chain(cleaned, None)
+    chain = _chain(cleaned, None) if described is None else None
     return Base(chosen, motion, _columns(chosen, motion, cleaned, chain), chain, given)
 
 

@@ -25,9 +25,10 @@ class Proof:
 
     `kept` is its gain beside the rest and `runs_better` the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
-    count as independent; `free` coefficients are not kept near a value by a prior; `alternatives` explain as much; `twins` look the same in this motion;
-    `elsewhere` are the errors (B, J) without and with it where poses like those judged were left
-    out of the fit, None if all poses are alike.
+    count as independent; `free` coefficients are kept near no value by a prior; `alternatives`
+    explain as much; `twins` look the same in this motion; `elsewhere` are the errors (B, J)
+    without and with it where poses like those judged were left out of the fit, None if all poses
+    are alike.
     """
 
     kept: Gain

@@ -35,7 +35,7 @@ _AT_ONCE, _POSES = 4096, 256
 _CHECKED, _NEGATIVE = 64, 0.05
 # How far inertias differ from those of the nominal arm, relative to what its joint carries; how
 # large a rotor is, and what every joint carries at least, relative to the joint that carries most.
-_DIFFERS, _ROTOR, _LEAST = 0.1, 0.02, 0.01
+_DIFFERS, _ROTOR, _LEAST = 0.2, 0.02, 0.01
 _NOMINAL = Coefficient('s', '', 'share of the torque of motion of the nominal arm, whose first '
                                 'moments are those of gravity')
 

@@ -22,9 +22,10 @@ class Regression:
 
     `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2
     where fast samples are fitted. `nuisance` are the columns of nuisance terms; `effects`
-    (K, N, m) those of effects that the model is to have, `usual` (K,) the standard deviations
-    of their coefficients before any data, per N·m of noise, inf where free; they take the place of the nuisance terms `excluded` (kind
-    and joint number). `trust` (m, N) weighs squared residuals.
+    (K, N, m) those of effects that the model is to have. Effects take the place of the nuisance
+    terms `excluded` (kind and joint number). `usual` (K,) are standard deviations of the effects'
+    coefficients before any data, per N·m of noise, inf where they are free. `trust` (m, N) weighs
+    squared residuals.
     """
 
     recorded: JointSamples
@@ -52,7 +53,7 @@ class Regression:
         return Beside(np.concatenate(parts), trust, spread)
 
     def _spread(self) -> FloatArray:
-        """Return the spread (K,) of the effects' coefficients before any data, per N·m of noise."""
+        """Return the spread (K,) of the effects' coefficients before any data."""
         return np.full(self.n_effects, np.inf) if self.usual is None else self.usual
 
     def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:

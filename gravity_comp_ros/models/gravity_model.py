@@ -85,8 +85,8 @@ class GravityModel:
     alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
     latest last. `nuisance` are terms that were fitted beside gravity and are not predicted.
     `payload_path` is the energy in J that a payload added: it shows how a load travels along an
-    arm of unknown lengths (`estimation.payload_path`). `geometry` is where the axes of the arm are,
-    if a description told them: then the chain was fitted on them.
+    arm of unknown lengths (`estimation.payload_path`). `geometry` has the axes of the arm, if the
+    chain was fitted on those of a description.
 
     :raises DataError: if the parts disagree in their number of joints, or an effect is on a
         joint that there is not.

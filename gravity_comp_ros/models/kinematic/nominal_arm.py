@@ -14,20 +14,21 @@ from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 import numpy as np
 from scipy import optimize
 
-# Masses lie about the middle line of a link, at this share of the mean length of links.
-_ASIDE = 0.25
-# m: the least length of a link that counts.
-_SHORT = 0.02
+# Masses lie about the middle line of a link, at this share of the mean length of it and of the one
+# before.
+_ASIDE = 0.5
+# m: the least length that counts.
+_SHORT = 0.05
 # Weight of a mass of 1 kg against a moment that differs by the largest of all: masses that the
 # moments leave open are spread evenly.
-_EVEN = 1e-3
+_EVEN = 0.03
 # Poses at which moments of masses, and inertias, are computed.
 _POSES = 40
 
 
 def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     """
-    Return inertial parameters (10 N,) of an arm with given first moments, as `rigid_body` has them.
+    Return inertial parameters (10 N,) of an arm with given first moments (`rigid_body`).
 
     :param moments: (N, 2) in kg·m about the axes, what lies beyond a link counted as in `Chain`.
     """
@@ -39,7 +40,13 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
     b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
     masses = optimize.nnls(a, b)[0]
-    return np.asarray(masses @ parameters)
+    found = np.asarray(masses @ parameters)
+    # Masses that are not negative need not reach every moment: the rest is put where it is.
+    missing = moments - (weighed @ masses).reshape(-1, 2)
+    for link, (x, y) in enumerate(missing):
+        found[len(PARAMETERS) * link + 1] += x
+        found[len(PARAMETERS) * link + 2] += y
+    return found
 
 
 def mean_inertia(geometry: Geometry, parameters: FloatArray) -> FloatArray:
@@ -58,12 +65,12 @@ def mean_inertia(geometry: Geometry, parameters: FloatArray) -> FloatArray:
 def _points(geometry: Geometry) -> list[FloatArray]:
     """Return where masses of each link may be, (P, 3) in m in its own frame."""
     ends = [*geometry.origins[1:], np.zeros(3)]
-    lengths = [float(np.linalg.norm(end)) for end in ends]
-    long = [x for x in lengths if x > _SHORT]
-    aside = _ASIDE * (float(np.mean(long)) if long else 0.2)
-    around = np.concatenate([np.zeros((1, 3)), aside * np.eye(3), -aside * np.eye(3)])
+    lengths = np.linalg.norm(ends, axis=1)
+    before = np.linalg.norm(geometry.origins, axis=1)
     found = []
-    for end, length in zip(ends, lengths):
+    for end, length, last in zip(ends, lengths, before):
+        aside = _ASIDE * max(0.5 * float(length + last), _SHORT)
+        around = np.concatenate([np.zeros((1, 3)), aside * np.eye(3), -aside * np.eye(3)])
         shares = (0.0, 0.5, 1.0) if length > _SHORT else (0.0,)
         found.append(np.concatenate([share * end + around for share in shares]))
     return found

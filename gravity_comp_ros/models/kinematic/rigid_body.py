@@ -62,7 +62,7 @@ def regressor(geometry: Geometry, q: FloatArray, qd: FloatArray, qdd: FloatArray
 
 @dataclass(frozen=True, eq=False)
 class _Link:
-    """Motion of a link, (M, 3), in its own coordinates; `rotation` (M, 3, 3) into the one before."""
+    """Motion of a link (M, 3) in its own coordinates, and their rotation into the one before."""
 
     rotation: FloatArray
     omega: FloatArray

@@ -1,0 +1,227 @@
+"""Rigid-body dynamics with known axes, against Pinocchio's recursive Newton-Euler."""
+
+from dataclasses import replace
+
+import gravity_comp_ros as gc
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
+from gravity_comp_ros.errors import DataError, ModelFileError
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import identifiable, regressor
+from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.simulation import arms
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.generated import generated_arm
+from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+from hypothesis import given, settings, strategies as st
+import numpy as np
+import pinocchio as pin
+import pytest
+
+G = STANDARD_GRAVITY
+FAST = MultisineOptions(band=0.8, max_speed=1.5)
+
+
+def geometry_of(arm):
+    placements = list(arm.model.jointPlacements)[1:]
+    return Geometry(arm.joints, np.array([p.rotation for p in placements]),
+                    np.array([p.translation for p in placements]), 'hand', np.eye(3))
+
+
+def parameters_of(arm):
+    """Return Pinocchio's inertias as this package orders them."""
+    found = []
+    for inertia in list(arm.model.inertias)[1:]:
+        m, mx, my, mz, xx, xy, yy, xz, yz, zz = inertia.toDynamicParameters()
+        found += [m, mx, my, mz, xx, xy, xz, yy, yz, zz]
+    return np.array(found)
+
+
+def drawn(n, count, seed):
+    rng = np.random.default_rng(seed)
+    return (rng.uniform(-3, 3, (count, n)), rng.normal(size=(count, n)),
+            2.0 * rng.normal(size=(count, n)))
+
+
+def of_motion(arm, q, qd, qdd):
+    """Return the torque (M, N) of motion alone."""
+    return arms.inverse_dynamics(arm, q, qd, qdd) - arms.gravity_torque(arm, q)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10 ** 6), st.integers(1, 8))
+def test_the_regressor_is_newton_and_euler(seed, n):
+    # Every other pair of seeds has a tilted base, which is no business of the regressor.
+    arm = generated_arm(4 * (seed // 4), n)
+    q, qd, qdd = drawn(n, 5, seed)
+    theta, geometry = parameters_of(arm), geometry_of(arm)
+    gravity = abs(float(arm.model.gravity.linear[2]))
+    whole = regressor(geometry, q, qd, qdd, gravity) @ theta
+    assert whole == pytest.approx(arms.inverse_dynamics(arm, q, qd, qdd), abs=1e-9)
+    motion = regressor(geometry, q, qd, qdd) @ theta
+    assert motion == pytest.approx(of_motion(arm, q, qd, qdd), abs=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_inertias_moments_and_rotors_are_all_that_motion_shows(seed):
+    arm = generated_arm(seed)
+    n, geometry = arm.n_joints, geometry_of(arm)
+    q, qd, qdd = drawn(n, 200, seed)
+    every = regressor(geometry, q, qd, qdd).reshape(-1, 10 * n)
+    inertias, rotors = identifiable(geometry)
+    first = [10 * k + i for k in range(n) for i in (1, 2)]
+    kept = every[:, [*first, *inertias]]
+    assert np.linalg.matrix_rank(kept) == np.linalg.matrix_rank(every)
+    # No column of an inertia can be made from the others.
+    own = every[:, inertias]
+    assert np.linalg.matrix_rank(own) == len(inertias)
+    turns = np.zeros((len(q), n, len(rotors)))
+    for place, joint in enumerate(rotors):
+        turns[:, joint, place] = qdd[:, joint]
+    both = np.column_stack([every, turns.reshape(len(every), -1)])
+    assert np.linalg.matrix_rank(both) == np.linalg.matrix_rank(every) + len(rotors)
+
+
+def gravity_of(arm, seed=0):
+    """Return a chain on the arm's axes that was fitted to gravity alone."""
+    q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (400, arm.n_joints))
+    samples = JointSamples.single_run(arm.joints, 0.2 * np.arange(len(q)), q, np.zeros_like(q),
+                                      arms.gravity_torque(arm, q))
+    return fit(samples, FitOptions('chain', geometry=geometry_of(arm))).model
+
+
+@pytest.mark.parametrize('arm', [arms.iiwa7(), generated_arm(0), generated_arm(1)],
+                         ids=lambda arm: arm.name)
+def test_the_dynamics_of_an_arm_are_those_of_gravity_and_inertias(arm):
+    model = gravity_of(arm)
+    dynamics = dynamics_of(model, model.geometry)
+    motion = drawn(arm.n_joints, 300, 1)
+    columns = columns_of(dynamics, model.geometry, *motion)
+    truth = of_motion(arm, *motion)
+    flat = columns[:, :, 1:].reshape(truth.size, -1)
+    left = (truth - columns[:, :, 0]).ravel()
+    rest = left - flat @ np.linalg.lstsq(flat, left, rcond=1e-10)[0]
+    # With a coefficient of 1 the nominal arm has all of what is no inertia.
+    assert np.linalg.norm(rest) < 1e-3 * np.linalg.norm(truth)
+
+
+@pytest.mark.parametrize('seed', [0, 1, 4, 5, 8])
+def test_the_nominal_arm_has_the_moments_asked_for_and_is_physical(seed):
+    arm = generated_arm(seed)
+    n, geometry = arm.n_joints, geometry_of(arm)
+    q, zero, _ = drawn(n, 50, seed)
+    wanted = gravity_of(arm).chain.moments / G
+    found = nominal_parameters(geometry, wanted)
+    still = regressor(geometry, q, 0 * zero, 0 * zero, G)
+    truth = still @ parameters_of(arm)
+    assert still @ found == pytest.approx(truth, abs=1e-5 * np.abs(truth).max())
+    masses = mass_matrices(geometry, found, q)
+    assert np.linalg.eigvalsh(masses).min() > -0.1 * masses.max()
+    about = mean_inertia(geometry, found)
+    real = mean_inertia(geometry, parameters_of(arm))
+    assert about[:2] == pytest.approx(real[:2], rel=0.4)
+
+
+def mass_matrices(geometry, parameters, q):
+    """Return the mass matrices (M, N, N) at poses."""
+    n = geometry.n_joints
+    unit = np.tile(np.eye(n), (len(q), 1))
+    rows = np.repeat(q, n, axis=0)
+    return (regressor(geometry, rows, 0 * rows, unit) @ parameters).reshape(-1, n, n)
+
+
+def recording(arm, seed, duration=20.0):
+    """Return fast motion with LuGre friction on every joint."""
+    size = 0.05 * np.abs(arms.gravity_torque(arm, np.random.default_rng(0).uniform(
+        arm.lower, arm.upper, (200, arm.n_joints)))).max(axis=0)
+    friction = [Friction(n, LuGre(max(float(x), 0.2), max(float(x), 0.2)))
+                for n, x in enumerate(size)]
+    motion = multisine(arm.lower, arm.upper, np.full(arm.n_joints, 2.0), seed, FAST, duration,
+                       100.0)
+    return synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.05), seed,
+                                                    disturbances=friction))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('arm, seed', [(arms.iiwa7(), 0), (generated_arm(0), 1),
+                                       (generated_arm(1), 2)], ids=['iiwa7', 'six', 'seven'])
+def test_the_loop_finds_it_and_the_error_falls_on_another_path(arm, seed):
+    train = gc.Recording(recording(arm, seed), gate=None)
+    later = gc.Recording(recording(arm, seed + 100), gate=None)
+    options = FitOptions('chain', geometry=geometry_of(arm))
+    model = gc.Model(fit(train.samples, options).model)
+    found = gc.diagnose(train, model).findings
+    named = {(f.effect, f.joint) for f in found if f.verdict in ('established', 'likely')}
+    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in found]
+    assert not {name for name, _ in named} & {'inertia', 'coriolis'}
+    scale = next(f for f in found if f.effect == 'rigid_body_dynamics').coefficients['s']
+    assert 0.7 < scale.value < 1.4
+    added = gc.add_effects(model, train, found, all_samples=True)
+    assert added.gravity.geometry is not None
+    without = gc.add_effects(model, train, [f for f in found if f.effect
+                                            != 'rigid_body_dynamics'], all_samples=True)
+    worst = [max(j.rmse / j.torque_std for j in gc.compare(m, later).joints.values())
+             for m in (model, without, added)]
+    assert worst[2] < 0.5 * worst[1] and worst[2] < 0.3 * worst[0], worst
+
+
+def test_without_a_description_it_says_what_it_needs():
+    arm = arms.iiwa7()
+    samples = recording(arm, 0, 8.0)
+    model = gc.Model(fit(samples, FitOptions('chain')).model)
+    with pytest.raises(DataError, match='description'):
+        gc.add_effects(model, gc.Recording(samples, gate=None), ['rigid_body_dynamics'])
+
+
+def test_a_mass_matrix_that_is_not_positive_is_refused():
+    from gravity_comp_ros.effects.motion import build_motion
+    from gravity_comp_ros.effects.registry import find_effect
+    arm = arms.iiwa7()
+    model = gravity_of(arm)
+    motion = build_motion(recording(arm, 0, 4.0), model)
+    effect = find_effect('rigid_body_dynamics')
+    values = np.zeros(effect.columns(motion, 0, {}).shape[2])
+    values[0] = 1.0
+    assert effect.implausible(values, {}, motion, 0) is None
+    assert 'kinetic energy' in effect.implausible(-values, {}, motion, 0)
+
+
+def test_a_model_keeps_its_geometry(tmp_path):
+    model = gravity_of(arms.iiwa7())
+    save_model(tmp_path / 'm.json', model)
+    found = load_model(tmp_path / 'm.json').geometry
+    assert found.joints == model.joints and found.source == model.geometry.source
+    for name in ('rotations', 'origins', 'link_rotation'):
+        assert (getattr(found, name) == getattr(model.geometry, name)).all()
+    with pytest.raises(DataError, match='geometry'):
+        replace(model, geometry=replace(model.geometry, joints=tuple('abcdefg')))
+    broken = replace(model.geometry)
+    object.__setattr__(broken, 'origins', np.zeros((2, 3)))
+    save_model(tmp_path / 'bad.json', replace(model, geometry=broken))
+    with pytest.raises(ModelFileError, match='origins'):
+        load_model(tmp_path / 'bad.json')
+
+
+def test_columns_are_those_of_each_sample_alone():
+    arm = generated_arm(0)
+    model = gravity_of(arm)
+    dynamics = dynamics_of(model, model.geometry)
+    one, two = (drawn(arm.n_joints, 30, seed) for seed in (0, 1))
+    both = [np.concatenate(pair) for pair in zip(one, two)]
+    parts = [columns_of(dynamics, model.geometry, *motion) for motion in (one, two)]
+    assert (columns_of(dynamics, model.geometry, *both) == np.concatenate(parts)).all()
+
+
+def test_pinocchio_is_the_reference_here():
+    arm = arms.iiwa7()
+    q, qd, qdd = drawn(7, 3, 0)
+    data = arm.model.createData()
+    truth = np.array([pin.rnea(arm.model, data, *row) for row in zip(q, qd, qdd)])
+    assert arms.inverse_dynamics(arm, q, qd, qdd) == pytest.approx(truth, abs=1e-9)
+    assert concatenate([recording(arm, 0, 1.0)]).n_samples == 100
