@@ -67,22 +67,24 @@ class Choice:
 
 
 def choose(regression: Regression, options: SparseOptions, known: FloatArray | None = None,
-           start: Chain | None = None, warm: bool = False) -> Choice:
+           start: Chain | None = None, warm: bool = False, bare: bool = False) -> Choice:
     """
     Fit the chain, and the potential where the chain leaves something to explain.
 
     :param known: axes (N, 3, 3) of the chain that need no search.
     :param start: a chain to begin with.
     :param warm: whether no other starts than that are tried.
+    :param bare: whether the chain to begin with was found without offsets: then they are taken
+        only if the torque asks for them.
     :raises FitError: if there are no samples.
     """
     chain, warning = _chain(regression, known, start, warm)
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if not uses_known and n <= _MOST_JOINTS and _offsets(chain).any():
-        bare = _bare(chain)
-        if bare is not None:
-            return Choice(bare, 'the chain explains the torque without an offset', {}, False,
+        without = _bare(chain) if bare else None
+        if without is not None:
+            return Choice(without, 'the chain explains the torque without an offset', {}, False,
                           warning)
         plain = _without_offset(chain, options)
         if plain is not None:

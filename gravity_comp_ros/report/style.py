@@ -9,6 +9,7 @@ from typing import Any
 from bokeh.models import BoxSelectTool, DataRange1d, Range1d, WheelZoomTool
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
+from gravity_comp_ros.report import css
 
 # Okabe and Ito's colours, which people with any common colour blindness tell apart.
 BLUE, SKY, GREEN, ORANGE = '#0072b2', '#56b4e9', '#009e73', '#e69f00'
@@ -66,6 +67,8 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
                   title=canvas_text(title), x_axis_label=canvas_text(x) or None,
                   y_axis_label=canvas_text(y) or None, **more)
     made.toolbar.logo = None
+    made.stylesheets = [css.PLOT]
+    made.toolbar.stylesheets = [css.TOOLS]
     wheel = made.select_one(WheelZoomTool)
     if wheel is not None:
         # Over an axis the wheel zooms that axis alone; without Ctrl it scrolls the page.

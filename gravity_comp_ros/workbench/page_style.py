@@ -14,8 +14,9 @@ INSIDE = """
   white-space: normal; overflow-wrap: anywhere }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }
+""" + css.ARROW + """
 .bk-btn { background: var(--soft); color: var(--text); border: 1px solid var(--line);
-  white-space: normal; text-align: left }
+  white-space: normal; overflow-wrap: anywhere; text-align: left; max-width: 100% }
 .bk-btn:hover, .bk-btn:focus { background: var(--soft); color: var(--text);
   border-color: var(--strong) }
 .bk-btn.bk-active { background: var(--strong); color: var(--ground) }
@@ -27,7 +28,8 @@ INSIDE = """
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 1px }
 """ + css.CONTENT + """
 h1, h2, h3 { margin-top: .5rem }
-h1 { font-size: 1.3rem; margin-bottom: 0 }
+.finding { margin: .1rem 0 }
+h1 { font-size: 1.2rem; margin: .2rem 0 0 }
 """
 
 # Every plot of Bokeh listens to the viewport for ever, and keeps itself and its data alive by that

@@ -66,12 +66,12 @@ def label(finding: Finding) -> str:
     return finding.effect or 'unexplained'
 
 
-def coefficients(finding: Finding) -> str:
-    """Return the coefficients with units and 95 % intervals in one line."""
+def coefficients(finding: Finding, most: int = _MOST_COEFFICIENTS) -> str:
+    """Return at most so many coefficients with units and 95 % intervals in one line."""
     items = list(finding.coefficients.items())
     shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
-                      for symbol, x in items[:_MOST_COEFFICIENTS])
-    more = len(items) - _MOST_COEFFICIENTS
+                      for symbol, x in items[:most])
+    more = len(items) - most
     return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
 
 
