@@ -359,15 +359,19 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         page.locator('.fall').wait_for()
         page.get_by_label('Note').fill('with friction')
         page.get_by_label('Note').press('Enter')
+        stages = page.get_by_label('Stage (')
+        stages.locator('option', has_text='with friction').wait_for(state='attached')
+        page.locator('#idle').wait_for()
         # Back, and another way from there: a branch.
-        page.get_by_label('Stage (').select_option('0')
+        stages.select_option(label='1. gravity')
         page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
-        page.get_by_role('button', name=re.compile('^Add viscous_friction')).first.click()
+        page.get_by_role('button', name='Add viscous_friction:shoulder').click()
         page.get_by_label('Stage (').locator('option').nth(2).wait_for(state='attached')
         page.locator('#idle').wait_for()
         page.get_by_role('button', name='Two models', exact=True).click()
-        page.get_by_label('A', exact=True).select_option('stage 1')
-        page.get_by_label('B', exact=True).select_option('stage 2')
+        first, second = (page.get_by_label(letter, exact=True) for letter in 'AB')
+        first.select_option(label='2. + coulomb_friction:shoulder')
+        second.select_option(label='3. + viscous_friction:shoulder')
         page.get_by_role('heading', name=re.compile(r'^3\. .* against 2\. ')).wait_for()
         row = page.get_by_role('row', name=re.compile('^coulomb_friction:shoulder '))
         assert 'F_c' in row.inner_text() and 'not in it' in row.inner_text()
@@ -377,10 +381,11 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         assert [t for t in titles if t.startswith(('A ', 'B '))] == [
             'A  shoulder', 'B  shoulder', 'A  elbow', 'B  elbow']
         # What is added later leaves the choice as it is.
-        page.get_by_label('Stage (').select_option('1')
-        page.locator('#idle').wait_for()
-        assert page.get_by_label('A', exact=True).input_value() == 'stage 1'
-        assert page.get_by_label('B', exact=True).input_value() == 'stage 2'
+        page.get_by_label('Stage (').select_option(
+            label='· 2. + coulomb_friction:shoulder – with friction')
+        page.get_by_role('button', name='Add viscous_friction:shoulder').wait_for()
+        assert [place.evaluate('(it) => it.selectedOptions[0].textContent')[:2]
+                for place in (first, second)] == ['2.', '3.']
         tab.picture('workbench-two-models')
         assert tab.complaints == []
 

@@ -28,6 +28,7 @@ h2 { font-size: 1.15rem; margin: 2rem 0 .4rem; border-bottom: 1px solid var(--li
   padding-bottom: .2rem }
 h3 { font-size: 1rem; margin: 1rem 0 .3rem }
 p { margin: .4rem 0; max-width: 75em }
+h1, h2, h3, p, li, summary { overflow-wrap: anywhere }
 .quiet { color: var(--faint) }
 .wide { overflow-x: auto; margin: .6rem 0 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }

@@ -70,7 +70,9 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
 .skip:focus { left: 1rem; top: .5rem; background: var(--ground); padding: .4rem; z-index: 9 }
-@media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) } }
+/* On a narrow page the answer comes first, the choices last. */
+@media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) }
+  aside { order: 1 } }
 </style>
 </head>
 <body>
@@ -94,6 +96,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 <script nonce="NONCE">COPY</script>
 <script nonce="NONCE">{BRING}</script>
 <script nonce="NONCE">FORGET</script>
+<script nonce="NONCE">{PLAIN}</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -104,6 +107,6 @@ def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
-    text = text.replace('FORGET', _FORGET)
+    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.PLAIN_LINES)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

@@ -37,7 +37,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     findings = diagnosis.findings
     lead = markup.paragraph(
         'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
-        'range of the measured torque.', 'quiet') + findings_table(findings)
+        'range of the measured torque, each with the effects above it.', 'quiet') + findings_table(findings)
     # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
     parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
@@ -83,7 +83,7 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
     source = ColumnDataSource({
         'name': shown, 'before': [100.0 * f.nrmse_before for f in findings],
         'after': [100.0 * f.nrmse_after for f in findings]})
-    made = plot(style, 'Held-out error without and with each effect, added in this order',
+    made = plot(style, 'Held-out error without and with each',
                 '% of the range of the torque', '', 92 + 38 * len(names), 'hover',
                 y_range=FactorRange(*shown[::-1]))
     made.hbar(dodge('name', 0.17, range=made.y_range), right='before', height=0.3, source=source,
