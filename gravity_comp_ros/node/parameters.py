@@ -102,6 +102,10 @@ class Parameters:
         'report', 'What to do where the residual shows a payload that the node was not told of: '
         '`report` publishes an event on `~/payload_suspected`, `learn` does that and then what '
         '`~/payload_changed` does.', choices=('report', 'learn'))
+    suspect_after: float = parameter(
+        16.0, 'How long a change of the torque must last before it is called a payload. A hand '
+        'that presses straight down makes the torque of a weight for as long as it presses.', 's',
+        0.0, 120.0, read_only=True)
     fit_timeout: float = parameter(
         120.0, 'A fit that takes longer is taken for hanging: its process is killed and replaced.',
         's', 0.1, 3600.0)
