@@ -40,7 +40,7 @@ class Parameters:
     robot_description: str = parameter(
         'auto', 'Where the axes of the arm, its joints without end and its effort limits are '
         'taken from: `auto` listens to the topic `robot_description`, `off` does not, anything '
-        'else is the text of a URDF.', read_only=True)
+        'else is the text of a URDF.', read_only=True, may_be_off=True)
     continuous_joints: tuple[str, ...] = parameter(
         (), 'Joints that may turn without end. Any other joint further than 4π from 0 is refused '
         'as a pose: angles in degrees are such. Torque has a period of one turn for every joint.',

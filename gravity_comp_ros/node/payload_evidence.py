@@ -50,8 +50,10 @@ _UNSTEADY, _WITHIN = 0.3, 2.0
 # By so much a steady body must explain more than one that varies. Payloads of 1 to 5 kg led by 10
 # to 200 in sixteen seconds of motion, 0.5 kg by 5 to 50 in nine of ten.
 LEAST_STEADY_LEAD = 3.0
-# The share of the squared residual of each part of the window that the other parts must predict.
-LEAST_EXPLAINED = 0.6
+# The share of the squared residual of each part of the window that the other parts must predict,
+# and of its first and its last second: a body is there all the time.
+LEAST_EXPLAINED, LEAST_AT_ENDS = 0.6, 0.3
+_END = 1.0
 # What is unknown of friction: this part of itself, as an offset that one, and the noise besides.
 _FRICTION_PART, _OFFSET_PART = 0.5, 0.25
 # rad/s; a viscous term makes a torque of the size of the residual at this speed.
@@ -73,13 +75,17 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
     gravity = replace(samples, tau=samples.tau - effect_torque(model, samples)
                       - nuisance_torque(model.nuisance, samples))
     window = _Window(gravity, samples.tau - gravity.tau, model, chain, limits, geometry)
-    evidence, explained = window.evidence(), window.explained()
+    evidence, explained = window.evidence(), window.explained(
+        np.arange(len(samples)) * PARTS // len(samples) == np.arange(PARTS)[:, None])
+    ends = window.explained(np.array([samples.t <= samples.t[0] + _END,
+                                      samples.t >= samples.t[-1] - _END]))
     residual = np.sqrt((window.residual ** 2).mean(axis=0))
     worst = int(np.argmax(residual / window.noise))
     values = {
         'joint': samples.names[worst], 'residual [Nm]': f'{residual[worst]:.3g}',
         'noise of the training [Nm]': f'{window.noise[worst]:.3g}',
         'log evidence': f'{evidence:.1f}', 'least part explained': f'{explained.min():.3f}',
+        'least end explained': f'{ends.min():.3f}',
         'samples': str(len(samples)), 'from [s]': f'{samples.t[0]:.3f}',
         'to [s]': f'{samples.t[-1]:.3f}', **window.mass()}
     figures = (f'residual of {samples.names[worst]} {residual[worst]:.3g} N·m, noise of the '
@@ -89,7 +95,8 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
     values['log evidence of a push over a body'] = f'{push:.1f}'
     values['log evidence of a varying force over a body'] = f'{varying:.1f}'
     if evidence < LEAST_EVIDENCE or explained.min() < LEAST_EXPLAINED or (
-            -LEAST_LEAD < push <= 0.0) or -LEAST_STEADY_LEAD < varying <= 0.0:
+            ends.min() < LEAST_AT_ENDS) or -LEAST_LEAD < push <= 0.0 or (
+            -LEAST_STEADY_LEAD < varying <= 0.0):
         return PayloadFinding(False, False, f'no payload is suspected: {figures}', values)
     why = _objection(gravity, model, chain, limits, geometry)
     if why is None and push > 0.0:
@@ -148,14 +155,13 @@ class _Window:
         unsteady = _UNSTEADY ** 2 * np.outer(body, body) * np.tile(alike, 2 * self._shape[1:])
         return _log_evidence(self._s1 + unsteady, self._r) - _log_evidence(self._s1, self._r)
 
-    def explained(self) -> FloatArray:
-        """Return the share of the squared residual of each part that the others predict."""
+    def explained(self, parts: np.ndarray) -> FloatArray:
+        """Return the share of the squared residual of each part (P, M) that the rest predicts."""
         m, n = self._shape
-        part = np.tile(np.arange(m) * PARTS // m, n)
         weight = np.repeat(self.noise ** -2, m)
         shares = []
-        for k in range(PARTS):
-            here = part == k
+        for part in parts:
+            here = np.tile(part, n)
             error = float((weight[here] * _left_out(self._s1, self._r, here) ** 2).sum())
             shares.append(1.0 - error / float((weight[here] * self._r[here] ** 2).sum()))
         return np.array(shares)

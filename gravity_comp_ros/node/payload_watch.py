@@ -10,7 +10,7 @@ weight for as long as it presses, so a change counts as a payload only once it h
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -27,8 +27,6 @@ FEWEST, MOST = 30, 75
 _LONGER = (2.5, 5.0 / 3.0, 1.0)
 # s; samples closer to each other repeat each other.
 PERIOD = 0.2
-# So many samples at either end of a window may be large by chance: what lasts is between them.
-_ENDS = 2
 # An arm that moved less than this since the last sample is at rest: rest shows nothing new, rad.
 _MOVED = 0.005
 # A mean acceleration above this is inertia, not gravity, rad/s^2.
@@ -120,7 +118,7 @@ class PayloadWatch:
         length = self._due[self._looks % len(self._due)]
         self._looks += 1
         rows = list(self._rows)[-length:]
-        self._lasted = _lasted(rows, length)
+        self._lasted = rows[-1].t - rows[0].t
         picked = np.unique(np.linspace(0, length - 1, min(length, MOST)).round().astype(int))
         t, q, qd, tau = (np.array(column) for column in zip(
             *((row.t, row.q, row.qd, row.tau) for row in (rows[k] for k in picked))))
@@ -141,7 +139,7 @@ class PayloadWatch:
             return []
         large = np.array([row.is_large for row in rows])
         enough = next((length for length in range(FEWEST, len(rows) + 1)
-                       if large[-length] and _lasted(rows, length) >= self._lasting), None)
+                       if large[-length] and rows[-1].t - rows[-length].t >= self._lasting), None)
         lengths = {min(len(rows), MOST), FEWEST}
         if enough is not None:
             lengths |= {length for length in (math.ceil(part * enough) for part in _LONGER)
@@ -149,8 +147,3 @@ class PayloadWatch:
         return [length for length in sorted(lengths, reverse=True)
                 if all(part.mean() >= _MOSTLY
                        for part in np.array_split(large[-length:], PARTS))]
-
-
-def _lasted(rows: Sequence[_Row], length: int) -> float:
-    """Return the time in s that the last `length` rows span, without their ends."""
-    return rows[-1 - _ENDS].t - rows[_ENDS - length].t
