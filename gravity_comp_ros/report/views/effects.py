@@ -36,8 +36,9 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
                        + structure(diagnosis) + summaries(diagnosis))
     findings = diagnosis.findings
     lead = markup.paragraph(
-        'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
-        'range of the measured torque, each with the effects above it.', 'quiet') + findings_table(findings)
+        'Ranked by how sure they are. Errors are of data that was not fitted, each with the '
+        'effects above it, as a share of the range of the measured torque.', 'quiet')
+    lead += findings_table(findings)
     # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
     parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
