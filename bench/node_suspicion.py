@@ -3,13 +3,15 @@
 False alarms and delay of `~/payload_suspected`, at the core of the node, faster than real time.
 
     python3 bench/node_suspicion.py [--hours 1] [--seeds 5] [--masses 0.5 1 2] [--axes]
-                                    [--lasts 0.3 3]
+                                    [--lasts 0.3 3] [--upright] [--varies 0.2]
 
 An iiwa with Coulomb and viscous friction is learned from 100 s of slow motion. Then it moves from
 pose to pose: slowly, fast (up to 1.5 rad/s, with inertia), at rest, one move of ten to a pose
 outside the training. Friction drifts by a third in half an hour. About three times a minute
-something touches the last link for 0.3 to 3 s (`--lasts`) with 5 to 60 N. No payload changes, so
-that each event is a false alarm. For the delay a payload is put on while the arm moves as before.
+something touches the last link for 0.3 to 3 s (`--lasts`) with 5 to 60 N, in any direction that
+stays (`--upright`: straight down or up), with a force that is steady (`--varies`: the standard
+deviation of its size as a part of it, within two seconds). No payload changes, so that each event
+is a false alarm. For the delay a payload is put on while the arm moves as before.
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ RATE, NOISE = 25.0, 0.1
 COULOMB = np.array([0.8, 1.2, 0.6, 0.8, 0.3, 0.3, 0.2])
 VISCOUS = np.array([2.0, 3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
 WIDTH = 0.005
+# s; a hand's force changes within this time.
+WANDER = 2.0
 # Friction goes through this part of itself, up and down, in an hour.
 DRIFT, DRIFT_PERIOD = 0.33, 3600.0
 
@@ -88,14 +92,30 @@ def force_torque(arm: Arm, data: pin.Data, q: FloatArray, force: FloatArray) -> 
     return np.asarray((data.oMi[7].rotation @ jacobian[:3]).T @ force)
 
 
-class Touch:
-    """Something that touches the last link now and then, for `lasts` (shortest, longest) s."""
+@dataclass(frozen=True)
+class Touches:
+    """
+    What touches the last link now and then.
 
-    def __init__(self, rng: np.random.Generator, lasts: tuple[float, float] = (0.3, 3.0),
-                 every: float = 20.0) -> None:
-        self._rng, self._lasts, self._every = rng, lasts, every
+    It lasts for `lasts` (shortest, longest) s, and begins about `every` s after the last. Its
+    force varies by the part `varies`, and is vertical where it `is_upright`.
+    """
+
+    lasts: tuple[float, float] = (0.3, 3.0)
+    every: float = 20.0
+    varies: float = 0.0
+    is_upright: bool = False
+
+
+class Touch:
+    """Something that touches the last link now and then."""
+
+    def __init__(self, rng: np.random.Generator, options: Touches = Touches()) -> None:
+        self._rng, self._options = rng, options
+        self._lasts, self._every = options.lasts, options.every
         self._next = self._until = -1.0
         self._force = np.zeros(3)
+        self._wander = 0.0
         self.count = 0
 
     def torque(self, arm: Arm, data: pin.Data, s: Sample) -> FloatArray:
@@ -104,13 +124,18 @@ class Touch:
         if s.t > self._next:
             if self._next >= 0.0:
                 direction = rng.standard_normal(3)
+                if self._options.is_upright:
+                    direction[:2] = 0.0
                 self._force = rng.uniform(5.0, 60.0) * direction / np.linalg.norm(direction)
                 self._until = s.t + rng.uniform(*self._lasts)
                 self.count += 1
             self._next = s.t + self._lasts[1] + rng.exponential(self._every)
         if s.t > self._until:
             return np.zeros(7)
-        return force_torque(arm, data, s.q, self._force)
+        keep = np.exp(-1.0 / (RATE * WANDER))
+        self._wander = keep * self._wander + np.sqrt(1.0 - keep ** 2) * rng.standard_normal()
+        return force_torque(arm, data, s.q,
+                            self._force * (1.0 + self._options.varies * self._wander))
 
 
 def learned(rng: np.random.Generator) -> GravityModel:
@@ -176,9 +201,9 @@ class Core:
 
 
 def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int,
-                 lasts: tuple[float, float]) -> int:
+                 touches: Touches) -> int:
     rng = np.random.default_rng(seed)
-    core, touch = Core(model, axes), Touch(rng, lasts)
+    core, touch = Core(model, axes), Touch(rng, touches)
     start = time.monotonic()
     low, high = model.coverage.q_min, model.coverage.q_max
     events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, touch, False)
@@ -208,9 +233,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--hours', type=float, default=1.0)
     parser.add_argument('--seeds', type=int, default=5)
-    parser.add_argument('--masses', type=float, nargs='+', default=[0.5, 1.0, 2.0])
+    parser.add_argument('--masses', type=float, nargs='*', default=[0.5, 1.0, 2.0])
     parser.add_argument('--lasts', type=float, nargs=2, default=(0.3, 3.0),
                         help='shortest and longest touch, s')
+    parser.add_argument('--upright', action='store_true',
+                        help='touches press straight down or lift')
+    parser.add_argument('--varies', type=float, default=0.0,
+                        help='standard deviation of the force of a touch, as a part of it')
+    parser.add_argument('--seed', type=int, default=0, help='of the motion with touches')
     parser.add_argument('--axes', action='store_true', help='the axes are known (URDF)')
     args = parser.parse_args()
     model = learned(np.random.default_rng(5))
@@ -222,7 +252,8 @@ def main() -> None:
             print(f'{mass:g} kg at {centre}: suspected after {np.median(found):.1f} s of motion '
                   f'in the median, {min(found):.1f} to {max(found):.1f}', flush=True)
     if args.hours:
-        sys.exit(1 if false_alarms(model, args.hours, args.axes, 0, tuple(args.lasts)) else 0)
+        touches = Touches(tuple(args.lasts), varies=args.varies, is_upright=args.upright)
+        sys.exit(1 if false_alarms(model, args.hours, args.axes, args.seed, touches) else 0)
 
 
 if __name__ == '__main__':

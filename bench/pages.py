@@ -5,10 +5,13 @@ How long the pages take for an hour of seven joints at 100 Hz, and how their mem
 
 Prints seconds of wall time in headless Chromium: of a report, to its first paint and to its last
 plot; of the workbench, from the command to the views and to the model, from a click on Add to
-the new error; and the JavaScript heap before and after 100 actions.
+the new error; and the JavaScript heap before and after 100 actions, at the same view. Processor
+time stands beside it, of the page's main thread or of the workbench with its process, because
+wall time is of little use on a machine that does other work.
 """
 
 from contextlib import contextmanager
+import os
 from pathlib import Path
 import re
 import signal
@@ -26,7 +29,10 @@ _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
 _HOUR = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',
          '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1']
 _PAINT = "performance.getEntriesByType('paint')[0].startTime / 1000"
-_VIEWS = ('Errors', 'Over time', 'Residual', 'Pairs', 'Spectrum')
+_VIEWS = {'Errors': 'Error, joint by joint', 'Over time': 'Over time',
+          'Residual': 'What the residual depends on', 'Data': 'Quality of the data',
+          'Answer': 'Error of each joint'}
+_TICKS = os.sysconf('SC_CLK_TCK')
 _WAIT = 300_000
 
 
@@ -47,20 +53,25 @@ def report(folder: Path) -> None:
                                      '--html', 'hour.html'))
     address = (folder / 'hour.html').as_uri()
     with watched(address) as tab:
+        thread = tab.page.context.new_cdp_session(tab.page)
+        thread.send('Performance.enable', {'timeDomain': 'threadTicks'})
         started = time.monotonic()
         tab.open(address)
         _told('report: all plots', time.monotonic() - started)
+        for metric in thread.send('Performance.getMetrics')['metrics']:
+            if metric['name'] == 'TaskDuration':
+                _told('report: processor time of the page', metric['value'])
         _told('report: first paint', tab.page.evaluate(_PAINT))
         _told('report: plots', len(tab.plots()), '')
 
 
 @contextmanager
 def served(folder: Path):
-    """Yield the address of a workbench on the hour."""
+    """Yield the address of a workbench on the hour, and the number of its process."""
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'hour.mcap', '--port', '0', '--no-browser',
                                 '--forget'], cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
-        yield re.search(r'http://\S+/', process.stdout.readline())[0]
+        yield re.search(r'http://\S+/', process.stdout.readline())[0], process.pid
     finally:
         process.send_signal(signal.SIGINT)
         process.wait()
@@ -69,7 +80,7 @@ def served(folder: Path):
 def workbench(folder: Path) -> None:
     """Time the workbench on an hour, then measure its heap."""
     started = time.monotonic()
-    with served(folder) as address, watched(address) as tab:
+    with served(folder) as (address, pid), watched(address) as tab:
         page = tab.page
         page.set_default_timeout(_WAIT)
         tab.open(address)
@@ -81,17 +92,34 @@ def workbench(folder: Path) -> None:
         add.wait_for()
         _told('workbench: what is missing is named', time.monotonic() - started)
         page.locator('#idle').wait_for()
-        started = time.monotonic()
+        started, worked = time.monotonic(), _processor(pid)
         add.click()
         page.locator('.fall').wait_for()
         _told('workbench: Add, to the new error', time.monotonic() - started)
+        _told('workbench: processor time of that', _processor(pid) - worked)
         page.locator('#idle').wait_for()
+        for view in _VIEWS:
+            _look(page, view)
         before = heap(page)
         for number in range(100):
-            page.get_by_role('button', name=_VIEWS[number % len(_VIEWS)], exact=True).click()
-            page.wait_for_timeout(300)
+            _look(page, list(_VIEWS)[number % len(_VIEWS)])
         _told('workbench: heap before 100 actions', before, 'MB')
         _told('workbench: heap after them', heap(page), 'MB')
+
+
+def _look(page, view: str) -> None:
+    """Open a view and wait for it."""
+    page.get_by_role('button', name=view, exact=True).click()
+    page.locator('#views').get_by_role('heading', name=_VIEWS[view], exact=True).wait_for()
+    page.wait_for_timeout(200)
+
+
+def _processor(pid: int) -> float:
+    """Return the processor time in s of a process and of those that it started."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    return (int(fields[11]) + int(fields[12])) / _TICKS + sum(
+        _processor(int(child)) for child in children)
 
 
 def main() -> None:

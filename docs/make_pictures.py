@@ -6,6 +6,7 @@ Make the pictures of docs/report.md and docs/workbench.md, in headless Chromium.
 A simulated arm with friction that no model knows of is recorded, reported and put on the bench.
 """
 
+import os
 from pathlib import Path
 import re
 import signal
@@ -16,7 +17,7 @@ import tempfile
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
 
-from browser import watched  # noqa: E402
+from browser import PLOTS, Watched, watched  # noqa: E402
 from PIL import Image  # noqa: E402
 
 URDF = ROOT / 'bags' / 'iiwa7.urdf'
@@ -24,9 +25,10 @@ PICTURES = ROOT / 'docs' / 'pictures'
 MOTION = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '20', '--duration', '60',
           '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8']
 _PROGRAM = [sys.executable, '-m', 'gravity_comp_ros.cli']
-_WAIT = 300
-_TALLEST, _COLOURS = 960, 200
-_NARROW, _DRAWN = {'width': 400, 'height': 860}, 2000
+# Seconds that a step may take: on a busy machine each takes minutes.
+_WAIT = 600
+_TALLEST, _COLOURS = 1000, 255
+_SCREEN, _NARROW, _DRAWN = {'width': 1280, 'height': 860}, {'width': 400, 'height': 860}, 2000
 
 
 def _gravity_comp(folder: Path, *argv: str) -> None:
@@ -40,51 +42,89 @@ def _report(folder: Path) -> None:
                   page.name, '--urdf', str(URDF))
     with watched(page.as_uri(), color_scheme='dark') as tab:
         tab.page.set_viewport_size(_NARROW)
-        tab.open(page.as_uri())
-        tab.page.wait_for_timeout(_DRAWN)
+        _opened(tab, page.as_uri())
         tab.page.screenshot(path=PICTURES / 'report-narrow.png')
     with watched(page.as_uri()) as tab:
-        tab.open(page.as_uri())
-        tab.page.screenshot(path=PICTURES / 'report-top.png')
+        # As tall as its largest part: what is scrolled has its tools in the middle.
+        tab.page.set_viewport_size({'width': 1280, 'height': 2000})
+        _opened(tab, page.as_uri())
         for part in ('residuals', 'arm', 'pairs', 'effects'):
-            place = tab.page.locator(f'#{part}')
-            place.screenshot(path=PICTURES / f'report-{part}.png')
+            tab.page.locator(f'#{part}').screenshot(path=PICTURES / f'report-{part}.png')
+        tab.page.set_viewport_size(_SCREEN)
+        tab.page.evaluate('scrollTo(0, 0)')
+        tab.page.wait_for_timeout(_DRAWN)
+        tab.page.screenshot(path=PICTURES / 'report-top.png')
+
+
+def _opened(tab: Watched, address: str) -> None:
+    tab.page.set_default_timeout(_WAIT * 1000)
+    tab.open(address)
+    tab.page.wait_for_timeout(_DRAWN)
+
+
+def _look(tab: Watched, view: str, heading: str) -> None:
+    """Open a view, and wait until it is there and its plots are drawn."""
+    tab.page.get_by_role('button', name=view, exact=True).click()
+    tab.page.locator('#views').get_by_role('heading', name=heading).wait_for()
+    tab.page.wait_for_function(f'() => {{ const p = ({PLOTS})(); '
+                               'return p.length && p.every(x => x[1] > 60) }')
+    tab.page.wait_for_timeout(_DRAWN)
 
 
 def _workbench(folder: Path) -> None:
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'run1.mcap', 'run2.mcap', '--port', '0',
-                                '--no-browser', '--forget', '--urdf', str(URDF)], cwd=folder,
-                               stdout=subprocess.PIPE, text=True)
+                                '--no-browser', '--urdf', str(URDF)], cwd=folder,
+                               stdout=subprocess.PIPE, text=True,
+                               env={**os.environ, 'XDG_STATE_HOME': str(folder)})
     assert process.stdout is not None
     try:
         found = re.search(r'http://\S+/', process.stdout.readline())
         assert found is not None
-        with watched(found[0]) as tab:
-            tab.open(found[0])
-            add = tab.page.get_by_role('button', name='Add coulomb_friction:iiwa_joint_4')
-            add.wait_for(timeout=_WAIT * 1000)
-            tab.page.screenshot(path=PICTURES / 'workbench-found.png')
-            add.click()
-            tab.page.locator('.fall').wait_for(timeout=_WAIT * 1000)
-            tab.page.locator('#idle').wait_for(timeout=_WAIT * 1000)
-            tab.page.wait_for_timeout(_DRAWN)
-            tab.page.screenshot(path=PICTURES / 'workbench-added.png')
-            tab.page.get_by_role('button', name='Dark').click()
-            tab.page.get_by_role('button', name='Two models').click()
-            tab.page.get_by_role('heading', name='against 1. gravity').wait_for()
-            tab.page.wait_for_timeout(_DRAWN)
-            tab.page.screenshot(path=PICTURES / 'workbench-dark.png')
-            tab.page.set_viewport_size(_NARROW)
-            tab.page.get_by_role('button', name='Arm').click()
-            tab.page.wait_for_timeout(_DRAWN)
-            tab.page.locator('#views').screenshot(path=PICTURES / 'workbench-arm-narrow.png')
-            tab.page.get_by_role('button', name='Light').click()
-            tab.page.get_by_role('button', name='Answer').click()
-            tab.page.wait_for_timeout(_DRAWN)
-            tab.page.locator('#views').screenshot(path=PICTURES / 'workbench-narrow.png')
+        with watched(found[0], color_scheme='light') as tab:
+            address = _worked(tab, found[0])
+        # The same session, on another screen.
+        for scheme in ('light', 'dark'):
+            with watched(address, color_scheme=scheme) as tab:
+                tab.page.set_viewport_size(_NARROW)
+                _opened(tab, address)
+                _look(tab, 'Answer', 'Error of each joint')
+                tab.page.screenshot(path=PICTURES / f'workbench-narrow-{scheme}.png')
+                _look(tab, 'Arm', 'The arm')
+                place = tab.page.locator('#views')
+                place.screenshot(path=PICTURES / f'workbench-arm-narrow-{scheme}.png')
     finally:
         process.send_signal(signal.SIGINT)
         process.wait(_WAIT)
+
+
+def _worked(tab: Watched, address: str) -> str:
+    """Go through the loop once; return the address of the session."""
+    page = tab.page
+    _opened(tab, address)
+    add = page.get_by_role('button', name='Add coulomb_friction:iiwa_joint_4')
+    add.wait_for()
+    _look(tab, 'Answer', 'Error of each joint')
+    page.screenshot(path=PICTURES / 'workbench-found.png')
+    add.click()
+    page.locator('.fall').wait_for()
+    page.locator('#idle').wait_for()
+    _look(tab, 'Answer', 'Error of each joint')
+    page.screenshot(path=PICTURES / 'workbench-added.png')
+    _look(tab, 'Two models', 'against 1. gravity')
+    page.locator('#views').screenshot(path=PICTURES / 'workbench-two-models.png')
+    page.get_by_role('button', name='Dark', exact=True).click()
+    page.get_by_role('button', name='Light', exact=True).wait_for()
+    _look(tab, 'Over time', 'Over time')
+    page.screenshot(path=PICTURES / 'workbench-dark.png')
+    return str(page.url)
+
+
+def _smaller(path: Path) -> None:
+    """Keep the top of a picture, in few colours that are those that most of it has."""
+    with Image.open(path) as picture:
+        top = picture.convert('RGB').crop((0, 0, picture.width, min(picture.height, _TALLEST)))
+    top.quantize(_COLOURS, Image.Quantize.MEDIANCUT, kmeans=3, dither=Image.Dither.NONE).save(
+        path, optimize=True)
 
 
 def main() -> None:
@@ -98,10 +138,7 @@ def main() -> None:
         _report(folder)
         _workbench(folder)
     for path in PICTURES.glob('*.png'):
-        with Image.open(path) as picture:
-            top = picture.convert('RGB').crop((0, 0, picture.width, min(picture.height, _TALLEST)))
-        # Few colours, chosen so that rare ones keep theirs.
-        top.quantize(_COLOURS, Image.Quantize.MAXCOVERAGE).save(path, optimize=True)
+        _smaller(path)
 
 
 if __name__ == '__main__':

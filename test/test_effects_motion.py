@@ -4,13 +4,13 @@ from effect_motions import arm_of, clean_motion, clean_samples, exact_model, mot
 from gravity_comp_ros.data.runs import run_time
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.excitation import reversals
-from gravity_comp_ros.effects.motion import (
-    accelerations, build_motion, gravity_gradient, MotionOptions)
+from gravity_comp_ros.effects.motion import accelerations, build_motion, MotionOptions
 from gravity_comp_ros.effects.motion_direction import (
     direction, find_shape, LEAST_WIDTH, least_widths, speed_noise)
 from gravity_comp_ros.effects.presliding import evenly_spaced, position_noise
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 import numpy as np
 import pytest

@@ -258,11 +258,16 @@ def test_a_simulated_clock_that_jumps(recording, model_file):
             for t in times:
                 message = Clock()
                 message.clock.sec, message.clock.nanosec = int(t), round((t % 1) * 1e9)
-                clock.publish(message)
-                probe.spin(0.1)
                 seen = len(probe.torques)
-                field.good()
-                probe.until(lambda n=seen: len(probe.torques) > n, 60, f'an answer after {name}')
+
+                def answered(message=message, seen=seen):
+                    # The first may be lost: the clock knows of the node before the node of it.
+                    clock.publish(message)
+                    probe.spin(0.1)
+                    field.good()
+                    return len(probe.torques) > seen
+
+                probe.until(answered, 60, f'an answer after {name}')
             bound = max(np.abs(field.model.predict_one(q)).max() for q in field.poses.values())
             assert all(np.abs(m.effort).max() <= bound + BOUND for m in probe.torques), name
             assert node.process.poll() is None

@@ -39,6 +39,31 @@ def test_effort_that_repeats_itself_while_the_arm_moves_is_frozen():
     assert [zero.fault(np.full(2, 0.04 * k), 0 * tau, None, None) for k in range(3)][-1] == OFF
 
 
+def test_one_joint_that_repeats_itself_while_its_torque_changes_is_frozen():
+    """A sensor at the end of its range, say; what is within the noise of its model is no sign."""
+    health, found = EffortHealth(), []
+    for k in range(12):
+        predicted = HEAVY + [0.3 * k, 0.0]
+        found.append(health.fault(np.full(2, 0.02 * k), np.array([20.0, 10.0 + 1e-3 * k]),
+                                  predicted, NOISE))
+    assert found == 4 * [None] + 8 * [FROZEN] and health.frozen == (0,)
+    assert health.fault(np.full(2, 0.3), np.array([20.1, 10.5]), HEAVY, NOISE) is None
+    # At rest the prediction changes with a new model, or with the sign of friction.
+    resting = EffortHealth()
+    assert not any(resting.fault(np.zeros(2), np.array([20.0, 10.0 + 1e-3 * k]),
+                                 HEAVY + [2.0 * k, 0.0], NOISE) for k in range(12))
+
+
+@given(st.floats(0.01, 0.4), st.integers(0, 1000))
+def test_a_coarse_sensor_is_not_frozen(step, seed):
+    """The residual of the training holds the steps of the sensor."""
+    samples, health = motion(seed=seed, noise=0.01), EffortHealth()
+    truth = samples.q * [20.0, 8.0]
+    coarse = step * np.round(samples.tau / step)
+    noise = np.maximum((coarse - truth).std(axis=0), 0.05)
+    assert not any(health.fault(*row, noise) for row in zip(samples.q, coarse, truth))
+
+
 def motion(n=120, seed=0, gain=(20.0, 8.0), noise=0.1):
     t = 0.2 * np.arange(n)
     q = np.stack([0.7 * np.sin(0.1 * t), 0.5 * np.cos(0.13 * t)], axis=1)

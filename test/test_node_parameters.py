@@ -75,3 +75,11 @@ def test_the_example_configuration_is_accepted():
     Parameters(**{k: BY_NAME[k].parse(v) for k, v in given.items()})
     controllers = yaml.safe_load((ROOT / 'config' / 'controllers.yaml').read_text())
     assert controllers['gravity_controller']['ros__parameters']['joints'] == given['joints']
+
+
+def test_off_is_what_yaml_makes_of_it():
+    assert BY_NAME['robot_description'].parse(False) == 'off'
+    assert BY_NAME['robot_description'].parse('off') == 'off'
+    for name, value in (('robot_description', True), ('model_file', False)):
+        with pytest.raises(OptionError, match='it must be text'):
+            BY_NAME[name].parse(value)

@@ -318,9 +318,11 @@ def test_stale_input_holds_then_fades(model_file, bags):
     with running(options) as (_, probe):
         probe.stream(part(later, 0, 20))
         probe.until(lambda: len(probe.torques) >= 20, 60)
-        held = np.array(probe.torques[-1].effort)
         probe.until(lambda: not np.any(probe.torques[-1].effort), 60, 'zero torque')
-        fade = matrix(probe.torques[20:])
+        # A busy machine may pause among the joint states too.
+        last = answers(probe.torques)[-1]
+        held = np.array(last.effort)
+        fade = matrix(probe.torques[probe.torques.index(last):])
         status = probe.report('feed-forward')
         assert status.level == b'\x02' and 'faded to zero' in status.message
         assert 'stale' in probe.status['input'].message
@@ -330,7 +332,8 @@ def test_stale_input_holds_then_fades(model_file, bags):
         assert np.abs(probe.torques[-1].effort).max() > 1.0
     joint = int(np.argmax(np.abs(held)))
     share = fade[:, joint] / held[joint]
-    assert np.all(np.diff(share) <= 1e-12) and np.sum(share > 0.999) >= 10
+    assert np.all(np.diff(share) <= 1e-12) and np.sum(share > 0.999) >= 2
+    assert np.sum((share > 0.001) & (share < 0.999)) >= 2
 
 
 def test_an_arm_that_compensates_gravity_itself_is_reported(bags):

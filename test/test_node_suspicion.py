@@ -14,9 +14,10 @@ from gravity_comp_ros.node.fit_messages import Look
 from gravity_comp_ros.node.fit_questions import look
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, LiveFriction, residual_noise, usual_residual)
-from gravity_comp_ros.node.payload_watch import PayloadWatch, WINDOWS
+from gravity_comp_ros.node.payload import PayloadFinding
+from gravity_comp_ros.node.payload_watch import FEWEST, MOST, PayloadWatch, PERIOD
 from gravity_comp_ros.node.unsure_change import UnsureChange
-from hypothesis import given, strategies as st
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -38,9 +39,9 @@ def geometry():
     return read_urdf(ROOT / 'bags' / 'iiwa7.urdf', ARM.joints)
 
 
-def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0):
-    """Return what an arm with friction measures in ten seconds of slow motion."""
-    motion = bench.eq17(N / 5.0, 5.0, start)
+def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0):
+    """Return what an arm with friction measures in some seconds of slow motion."""
+    motion = bench.eq17(seconds, 5.0, start)
     arm = ARM if mass == 0.0 else bench.with_payload(ARM, bench.Payload(mass, (0.08, -0.05, 0.1)))
     tau = gravity_torque(arm, motion.q)
     tau += friction * (bench.COULOMB * np.tanh(motion.qd / bench.WIDTH)
@@ -51,11 +52,13 @@ def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0):
     return JointSamples.single_run(ARM.joints, motion.t, motion.q, motion.qd, tau)
 
 
-def pushed(force, start=170.0, seed=0):
-    """Return ten seconds of slow motion against a steady force (3,) on the last link, N."""
-    samples = window(start=start, seed=seed)
+def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
+    """Return slow motion against a force (3,) on the last link, N, steady or not."""
+    samples = window(start=start, seed=seed, seconds=seconds)
     data = ARM.model.createData()
-    torque = [bench.force_torque(ARM, data, q, np.array(force)) for q in samples.q]
+    size = 1.0 + varies * np.sin(2.0 * np.pi * (samples.t - samples.t[0]) / 5.0)
+    torque = [part * bench.force_torque(ARM, data, q, np.array(force))
+              for part, q in zip(size, samples.q)]
     return replace(samples, tau=samples.tau + np.array(torque))
 
 
@@ -89,9 +92,14 @@ def test_a_push_that_lasts_is_no_payload_and_said(force, known, model, geometry)
     assert 'pushes or pulls the last link, and not only downwards' in found.text
 
 
-def test_what_only_bears_down_is_a_weight(model, geometry):
-    for axes in (None, geometry):
-        assert finding(model, pushed((0.0, 0.0, 15.0)), axes).is_payload
+@pytest.mark.parametrize('known', [False, True])
+def test_a_steady_force_straight_down_is_a_weight_and_one_that_varies_is_not(known, model,
+                                                                             geometry):
+    axes = geometry if known else None
+    assert finding(model, pushed((0.0, 0.0, 20.0), seconds=16.0), axes).is_payload
+    varying = finding(model, pushed((0.0, 0.0, 20.0), varies=0.1, seconds=16.0), axes)
+    assert not varying.is_payload and varying.is_other, varying.text
+    assert 'with a force that varies' in varying.text
 
 
 def test_broken_effort_is_no_payload_and_said(model):
@@ -130,18 +138,39 @@ def offered(watch, ratios, start=0.0, step=0.01):
 
 
 def test_the_watch_asks_only_where_the_residual_stays():
-    short = WINDOWS[-1]
-    watch = PayloadWatch(('a', 'b'))
-    offered(watch, [9.0] * (short - 1))
+    watch = PayloadWatch(('a', 'b'), 16.0)
+    offered(watch, [-9.0] * (FEWEST - 1))
     assert not watch.is_due()
-    offered(watch, [9.0], 100.0)
-    assert watch.is_due() and len(watch.window()) == short and not watch.is_due()
-    touched = PayloadWatch(('a', 'b'))
-    offered(touched, [1.0] * short + [30.0] * (short // 3) + [1.0] * short)
+    offered(watch, [-9.0], 100.0)
+    assert watch.is_due() and len(watch.window()) == FEWEST and not watch.is_due()
+    touched = PayloadWatch(('a', 'b'), 16.0)
+    offered(touched, [1.0] * FEWEST + [30.0] * (FEWEST // 3) + [1.0] * FEWEST)
     assert not touched.is_due()
-    resting = PayloadWatch(('a', 'b'))
-    offered(resting, [9.0] * 5 * short, step=0.0)
+    resting = PayloadWatch(('a', 'b'), 16.0)
+    offered(resting, [9.0] * 5 * FEWEST, step=0.0)
     assert not resting.is_due()
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 60.0), st.floats(3.0, 40.0), st.floats(1.0, 100.0))
+def test_only_a_change_that_has_lasted_is_a_payload(lasting, lasts, rate):
+    """Whatever the rate of the samples, and although every look finds a payload."""
+    watch, said = PayloadWatch(('a',), lasting), []
+    finding = PayloadFinding(True, False, 'a payload')
+    for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
+        ratio = 9.0 if t <= lasts else 1.0
+        watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.array([ratio]))
+        if watch.is_due():
+            window = watch.window()
+            assert FEWEST <= len(window) <= MOST and np.diff(window.t).min() > 0.85 * PERIOD
+            if watch.found(finding, window.t[0]) is not None:
+                said.append(t)
+    assert len(said) <= 1 and all(t >= lasting for t in said)
+    if lasts < lasting:
+        assert not said
+    # The longest pause of two samples at this rate, and the samples from look to look.
+    elif lasts > max(lasting, FEWEST * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
+        assert said
 
 
 @given(st.floats(0.0, 50.0), st.floats(0.0, 3.0))
@@ -196,20 +225,20 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
     try:
         play(core, window(seed=1), lambda: live.learner.events)
         assert not live.learner.events
-        play(core, window(2.0, start=190.0), lambda: live.learner.events)
+        play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.learner.events)
         event = live.learner.events.popleft()
-        assert 'another payload is suspected' in event.text and event.since > 175.0
+        assert 'another payload is suspected' in event.text and event.since > 185.0
         assert any('another payload' in text for _, text in live.news)
-        status = {each.name: each for each in live.statuses(200.0)}['payload']
+        status = {each.name: each for each in live.statuses(212.0)}['payload']
         if action == 'learn':
             assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
             assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
-            play(core, window(2.0, start=200.0), lambda: live.learner.events)
+            play(core, window(2.0, start=212.0), lambda: live.learner.events)
             assert not live.learner.events, 'said once'
-            play(core, window(start=210.0), lambda: False)
-            status = {each.name: each for each in live.statuses(220.0)}['payload']
+            play(core, window(start=222.0), lambda: False)
+            status = {each.name: each for each in live.statuses(232.0)}['payload']
             assert status.level == OK
     finally:
         live.close()

@@ -246,6 +246,21 @@ def test_a_narrow_dark_page_has_all_its_plots_within_it(diagnosed, watched):
         assert tab.complaints == []
 
 
+def test_paper_is_light_and_has_whole_plots_and_coloured_keys(diagnosed, watched):
+    with watched(diagnosed.as_uri(), color_scheme='dark') as tab:
+        tab.page.set_viewport_size({'width': 1900, 'height': 860})
+        tab.open(diagnosed.as_uri())
+        tab.page.emulate_media(media='print', color_scheme='dark')
+        found = tab.page.evaluate(_paper)
+        assert found['ground'] == '#ffffff' and found['keys'] == {'exact': found['count']}
+        # Plots that were drawn dark are turned light; none is cut by the end of a page.
+        assert found['plots'] and all(
+            'invert(1)' in shown and whole == 'avoid' for shown, whole in found['plots'])
+        assert found['tools'] == ['none'] * len(found['tools']) != []
+        assert tab.page.pdf().startswith(b'%PDF')
+        assert tab.complaints == []
+
+
 def test_names_that_are_markup_or_formulas_stay_text(folder, watched):
     page = folder / 'evil.html'
     assert main(['diagnose', str(folder / EVIL_BAG), '--html', str(page)]) == 0
@@ -331,6 +346,24 @@ _grounds = """() => {
   const found = []
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.type == 'Figure') found.push(model.background_fill_color)
+  return found
+}"""
+_paper = """() => {
+  const keys = [...document.querySelectorAll('.key i')].map(
+    each => getComputedStyle(each).printColorAdjust)
+  const found = {ground: getComputedStyle(document.documentElement).getPropertyValue('--ground'),
+                 count: keys.length, keys: {}, plots: [], tools: []}
+  for (const each of keys) found.keys[each] = (found.keys[each] || 0) + 1
+  const walk = (root) => {
+    for (const element of root.querySelectorAll('*')) {
+      const style = getComputedStyle(element)
+      if (element.classList.contains('bk-Figure')) found.plots.push(
+        [style.filter, style.breakInside])
+      if (element.classList.contains('bk-Toolbar')) found.tools.push(style.display)
+      if (element.shadowRoot) walk(element.shadowRoot)
+    }
+  }
+  walk(document)
   return found
 }"""
 _chosen_cells = """() => {

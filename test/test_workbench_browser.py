@@ -30,7 +30,7 @@ VIEWS = {'Over time': ('Over time', 4), 'Residual': ('What the residual depends 
          'Pairs': ('Over pairs of joints', 2), 'Spectrum': ('How the residual repeats', 4),
          'Effects': ('What is missing', 1), 'Model': ('The model', 2),
          'Data': ('Quality of the data', 0), 'Origin': ('Where this comes from', 0),
-         'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 1)}
+         'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 5)}
 LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
         rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
@@ -92,7 +92,7 @@ def served(folder, *argv):
 
 
 def test_the_loop_in_a_browser(server, watched, tmp_path):
-    with watched(server[0]) as tab:
+    with watched(server[0], color_scheme='light') as tab:
         page = tab.page
         tab.open(server[0])
         add = page.get_by_role('button', name='Add coulomb_friction:shoulder')
@@ -121,11 +121,10 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         page.wait_for_function("document.activeElement.id == 'head'")
         _look_at_all_views(tab)
         # What a page no longer shows does not stay in its memory.
+        _look(page, 'Answer')
         before = heap(page)
-        for number in range(60):
-            page.get_by_role('button', name=('Errors', 'Data', 'Answer')[number % 3],
-                             exact=True).click()
-        page.locator('#views').get_by_role('heading', name='Error of each joint').wait_for()
+        for number in range(100):
+            _look(page, _HEADINGS[number % len(_HEADINGS)])
         assert heap(page) < before + 8.0
         _select(tab)
         saved = _saved(page, 'Save the model', tmp_path / 'saved.json')
@@ -244,6 +243,17 @@ def _rmse(page, joint):
     return float(row.locator(RMSE).inner_text())
 
 
+_HEADINGS = ('Errors', 'Over time', 'Data', 'Residual', 'Answer')
+
+
+def _look(page, name):
+    """Open a view and wait for its heading."""
+    title = {'Errors': 'Error, joint by joint', 'Answer': 'Error of each joint'}
+    page.get_by_role('button', name=name, exact=True).click()
+    page.locator('#views').get_by_role('heading', name=title.get(name) or VIEWS[name][0],
+                                       exact=True).wait_for()
+
+
 def _look_at_all_views(tab):
     for name, (title, at_least) in VIEWS.items():
         _show(tab, name)
@@ -280,6 +290,110 @@ def _saved(page, button, path):
         page.get_by_role('button', name=button).click()
     download.value.save_as(path)
     return path
+
+
+LONG = tuple(f'left_arm_of_the_second_robot/{name}_pitch_joint' for name in ('shoulder', 'elbow'))
+# Each line of the chart of errors: its colour, and the marker on it.
+LINES = """() => {
+  const found = []
+  for (const document of Bokeh.documents)
+    for (const model of document._all_models.values())
+      if (model.type == 'LegendItem' && model.renderers.length == 2)
+        found.push([model.renderers[0].glyph.line_color.value,
+                    model.renderers[1].glyph.marker.value])
+  return found
+}"""
+GROUNDS = """() => {
+  const found = []
+  for (const document of Bokeh.documents)
+    for (const model of document._all_models.values())
+      if (model.type == 'Figure') found.push(model.background_fill_color)
+  return found
+}"""
+# What is wider than the screen, in boxes that do not scroll by themselves.
+WIDE = """() => {
+  const found = []
+  const walk = (root) => {
+    for (const element of root.querySelectorAll('*')) {
+      const box = element.getBoundingClientRect()
+      if (element.localName == 'button' && box.right > innerWidth + 1)
+        found.push(element.textContent)
+      if (element.shadowRoot) walk(element.shadowRoot)
+    }
+  }
+  walk(document)
+  return [document.documentElement.scrollWidth, found]
+}"""
+
+
+def test_a_narrow_dark_page_with_long_names_has_everything_within_it(folder, watched):
+    write_bag(folder / 'long.mcap', [joint_states(two_links(1, names=LONG))])
+    with served(folder, 'long.mcap') as (address, _), \
+            watched(address, color_scheme='dark') as tab:
+        page = tab.page
+        page.set_viewport_size({'width': 400, 'height': 860})
+        tab.open(address)
+        page.wait_for_selector('html.dark')
+        page.get_by_role('button', name=re.compile('^Add all')).wait_for()
+        page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.click()
+        page.locator('.fall').wait_for()
+        page.locator('#idle').wait_for()
+        for name in ('Answer', *VIEWS):
+            page.get_by_role('button', name=name, exact=True).click()
+            page.wait_for_timeout(300)
+            width, out = page.evaluate(WIDE)
+            assert width <= 400 and out == [], (name, width, out)
+            assert all(60 < wide < 400 for _, wide, _ in tab.plots()), name
+            assert set(page.evaluate(GROUNDS)) == {'#14181d'}, name
+        lines = page.evaluate(LINES)
+        assert len(lines) == 2 and len({c for c, _ in lines}) == len({m for _, m in lines}) == 2
+        tab.picture('workbench-narrow')
+        assert tab.complaints == []
+
+
+def test_two_stages_side_by_side_tell_what_differs(server, watched):
+    with watched(server[0]) as tab:
+        page = tab.page
+        tab.open(server[0])
+        page.get_by_role('button', name='Add coulomb_friction:shoulder').click()
+        page.locator('.fall').wait_for()
+        page.get_by_label('Note').fill('with friction')
+        page.get_by_label('Note').press('Enter')
+        stages = page.get_by_label('Stage (')
+        stages.locator('option', has_text='with friction').wait_for(state='attached')
+        page.locator('#idle').wait_for()
+        # Back, and another way from there: a branch.
+        stages.select_option(label='1. gravity')
+        page.get_by_role('button', name='Add coulomb_friction:shoulder').wait_for()
+        page.get_by_role('button', name='Add viscous_friction:shoulder').click()
+        page.get_by_label('Stage (').locator('option').nth(2).wait_for(state='attached')
+        page.locator('#idle').wait_for()
+        page.get_by_role('button', name='Two models', exact=True).click()
+        first, second = (page.get_by_label(letter, exact=True) for letter in 'AB')
+        first.select_option(label='2. + coulomb_friction:shoulder')
+        second.select_option(label='3. + viscous_friction:shoulder')
+        page.get_by_role('heading', name=re.compile(r'^3\. .* against 2\. ')).wait_for()
+        row = page.get_by_role('row', name=re.compile('^coulomb_friction:shoulder '))
+        assert 'F_c' in row.inner_text() and 'not in it' in row.inner_text()
+        assert 'with friction' in page.get_by_role('row', name=re.compile('^note')).inner_text()
+        # One plot of the residual a joint and model, on the same scale.
+        titles = [title for title, _, _ in tab.plots()]
+        assert [t for t in titles if t.startswith(('A ', 'B '))] == [
+            'A  shoulder', 'B  shoulder', 'A  elbow', 'B  elbow']
+        # What is added later leaves the choice as it is.
+        page.get_by_label('Stage (').select_option(
+            label='· 2. + coulomb_friction:shoulder – with friction')
+        page.get_by_role('button', name='Add viscous_friction:shoulder').wait_for()
+        assert [place.evaluate('(it) => it.selectedOptions[0].textContent')[:2]
+                for place in (first, second)] == ['2.', '3.']
+        tab.picture('workbench-two-models')
+        assert tab.complaints == []
+
+
+def test_without_javascript_the_page_says_why_it_is_empty(server, watched):
+    with watched(server[0], java_script_enabled=False) as tab:
+        tab.page.goto(server[0])
+        assert 'needs JavaScript' in tab.page.locator('noscript').first.inner_text()
 
 
 def test_what_cannot_be_shown_is_said_in_words(folder, watched):

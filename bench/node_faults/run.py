@@ -39,7 +39,7 @@ def fire(faults: list[Any], path: Path, description: str) -> list[str]:
     failed = []
     parameters = {**PARAMETERS, 'model_file': path, **faults[0].parameters}
     with running(parameters) as (node, probe):
-        if description:
+        if description and parameters.get('robot_description') != 'off':
             describe(probe, description)
         for fault in faults:
             start = time.monotonic()

@@ -15,7 +15,7 @@ from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_ba
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
-from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError
@@ -187,12 +187,14 @@ def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
     return replace(slow, tau=slow.tau - torque)
 
 
-def compare_model(model: GravityModel, recording: Recording) -> Comparison:
+def compare_model(model: GravityModel, recording: Recording,
+                  predicted: FloatArray | None = None) -> Comparison:
     """
     Compare a model, with its effects, with the measured torques of the slow samples.
 
+    :param predicted: what the model predicts of all samples (M, N) in N·m, if that is known.
     :raises DataError: if no sample is slow.
     :raises ModelMismatchError: if the recording lacks a joint of the model.
     """
     recording = recording.select_joints(model.joints)
-    return compare(model, recording.slow, recording.samples)
+    return compare(model, recording.slow, recording.samples, predicted)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import math
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
@@ -98,7 +99,8 @@ class Gate:
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
         self._options = options
-        self._max_speed, self._max_acceleration = options.limits(n_joints)
+        max_speed, self._max_acceleration = options.limits(n_joints)
+        self._slow = Bounds(max_speed)
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self.reset()
 
@@ -117,7 +119,7 @@ class Gate:
         :param q: positions (N,) in rad.
         :param qd: velocities (N,) in rad/s.
         """
-        if not (math.isfinite(t) and np.isfinite(q).all() and np.isfinite(qd).all()):
+        if not (math.isfinite(t) and all_finite(q) and all_finite(qd)):
             return NOT_FINITE
         if t <= self._last:
             return TIME
@@ -125,7 +127,7 @@ class Gate:
             self._first = t
         self._last = t
         calm = self._max_acceleration is None or self._is_calm(t, qd, self._max_acceleration)
-        if (np.abs(qd) > self._max_speed).any():
+        if not self._slow.hold(qd):
             return FAST
         if not calm:
             return ACCELERATING

@@ -133,6 +133,8 @@ class JointSamples:
         if missing:
             raise ModelMismatchError(
                 f'no joint {", ".join(missing)} in the data; it has {", ".join(self.names)}')
+        if tuple(names) == self.names:
+            return self
         order = [self.names.index(name) for name in names]
         return JointSamples(tuple(names), self.t, self.q[:, order], self.qd[:, order],
                             self.tau[:, order], self.runs, self.run_labels, self.starts)

@@ -3,7 +3,7 @@ From samples and a gravity model to what effects are computed from.
 
 Acceleration is the slope of a cubic fitted to the speed over a short window, on either side of
 each sample alike and within one run, so that nothing is shifted in time. The predicted torque
-and its gradient come from the model in closed form.
+comes from the model in closed form.
 """
 
 from __future__ import annotations
@@ -17,11 +17,7 @@ from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion_direction import find_shape, least_widths
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
-
-# Rows of the feature matrix held at once.
-_CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -58,8 +54,7 @@ def build_motion(samples: JointSamples, model: GravityModel,
     qdd = accelerations(samples, options)
     shapes = [find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n], residual[:, n],
                          float(least[n])) for n in range(samples.n_joints)]
-    return Motion(samples, qdd, gravity, gravity_gradient(model, samples.q),
-                  np.array([shape.width for shape in shapes]), model,
+    return Motion(samples, qdd, gravity, None, np.array([shape.width for shape in shapes]), model,
                   np.array([shape.hold for shape in shapes]))
 
 
@@ -72,24 +67,3 @@ def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions(
     for run in run_slices(samples):
         qdd[run] = differentiate(samples.t[run], samples.qd[run], how)
     return np.nan_to_num(qdd, nan=0.0)
-
-
-def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
-    """
-    Return d gravity_n / d q_j in N·m/rad, shape (M, N, N) with n before j.
-
-    The derivative of a feature is again a feature (Yu 2022, Property 1), so this is exact.
-
-    :param q: poses (M, N) in rad.
-    """
-    n = model.n_joints
-    parts = [torque.gradient(n, j) for torque in model.torques for j in range(n)]
-    features = np.unique(np.concatenate([part.indices for part in parts]))
-    weights = np.zeros((len(features), n * n))
-    for place, part in enumerate(parts):
-        np.add.at(weights[:, place], np.searchsorted(features, part.indices), part.weights)
-    out = np.zeros((len(q), n * n))
-    for start in range(0, len(q) if len(features) else 0, _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        out[rows] = dictionary.columns(q[rows], features) @ weights
-    return out.reshape(len(q), n, n)

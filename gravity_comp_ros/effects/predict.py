@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Motion
-from gravity_comp_ros.effects.motion import accelerations, gravity_gradient
+from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect
@@ -31,20 +31,24 @@ def predict_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
     """
     samples = samples.joints(model.joints)
     gravity = model.predict(samples.q)
-    return gravity + effect_torque(model, samples) if model.applied.effects else gravity
+    if not model.applied.effects:
+        return gravity
+    return gravity + effect_torque(model, samples, gravity)
 
 
-def effect_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
+def effect_torque(model: GravityModel, samples: JointSamples,
+                  gravity: FloatArray | None = None) -> FloatArray:
     """
     Return what the model's effects add to gravity, (M, N) in N·m.
 
+    :param gravity: the model's gravity torque (M, N) in N·m, if it is known already.
     :raises ModelMismatchError: as `predict_torque`.
     """
     samples = samples.joints(model.joints)
     total = np.zeros_like(samples.q)
     if not model.applied.effects or not samples.n_samples:
         return total
-    motion = motion_of(model, samples)
+    motion = motion_of(model, samples, gravity)
     for applied in model.applied.effects:
         effect = installed(applied)
         joint = joint_number(model, applied)
@@ -57,7 +61,8 @@ def effect_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
     return total
 
 
-def motion_of(model: GravityModel, samples: JointSamples) -> Motion:
+def motion_of(model: GravityModel, samples: JointSamples,
+              gravity: FloatArray | None = None) -> Motion:
     """
     Return what the columns of a model's effects are computed from.
 
@@ -65,8 +70,9 @@ def motion_of(model: GravityModel, samples: JointSamples) -> Motion:
     enters a prediction.
     """
     told = model.applied.direction
-    return Motion(samples, accelerations(samples), model.predict(samples.q),
-                  gravity_gradient(model, samples.q), told['width'], model, told.get('hold'))
+    known = model.predict(samples.q) if gravity is None else gravity
+    return Motion(samples, accelerations(samples), known, None, told['width'], model,
+                  told.get('hold'))
 
 
 def direction_of(motion: Motion) -> dict[str, FloatArray]:

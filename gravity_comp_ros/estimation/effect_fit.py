@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.condense import condense
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion import gravity_gradient
 from gravity_comp_ros.effects.predict import direction_of, effect_torque, predict_torque
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
@@ -73,8 +72,7 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
             break
         model = found.model
         gravity = model.predict(motion.samples.q)
-        motion = replace(motion, gravity=gravity, model=model,
-                         gradient=gravity_gradient(model, motion.samples.q))
+        motion = replace(motion, gravity=gravity, model=model, slopes=None)
     assert best is not None
     return best
 

@@ -25,6 +25,7 @@ from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseE
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.nuisance import OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
@@ -151,7 +152,9 @@ def estimate_gravity(regression: Regression, options: FitOptions,
     known = options.known(samples) if known is None else known
     start = usable.chain if usable is not None else None
     if formulation == 'auto':
-        choice = choose(regression, options.sparse, known, start, warm)
+        bare = usable is not None and start is not None and not any(
+            term.kind == OFFSET for term in usable.nuisance.terms)
+        choice = choose(regression, options.sparse, known, start, warm, bare)
     elif formulation == 'chain':
         choice = Choice(estimate_chain(regression, known, start, warm), 'it was asked for', {},
                         known is not None)

@@ -67,19 +67,25 @@ class Choice:
 
 
 def choose(regression: Regression, options: SparseOptions, known: FloatArray | None = None,
-           start: Chain | None = None, warm: bool = False) -> Choice:
+           start: Chain | None = None, warm: bool = False, bare: bool = False) -> Choice:
     """
     Fit the chain, and the potential where the chain leaves something to explain.
 
     :param known: axes (N, 3, 3) of the chain that need no search.
     :param start: a chain to begin with.
     :param warm: whether no other starts than that are tried.
+    :param bare: whether the chain to begin with was found without offsets: then they are taken
+        only if the torque asks for them.
     :raises FitError: if there are no samples.
     """
     chain, warning = _chain(regression, known, start, warm)
     uses_known = known is not None and not warning
     m, n = chain.regression.samples.q.shape
     if not uses_known and n <= _MOST_JOINTS and _offsets(chain).any():
+        without = _bare(chain) if bare else None
+        if without is not None:
+            return Choice(without, 'the chain explains the torque without an offset', {}, False,
+                          warning)
         plain = _without_offset(chain, options)
         if plain is not None:
             return Choice(plain, 'it explains the torque without the offset that the chain needs',
@@ -116,6 +122,17 @@ def choose(regression: Regression, options: SparseOptions, known: FloatArray | N
     full = sparse if few is chain.regression else estimate_sparse(
         chain.regression, 'potential', options, sparse.energy, settled=True)
     return Choice(full, why, held_out, False, warning)
+
+
+def _bare(chain: ChainEstimate) -> ChainEstimate | None:
+    """Return the chain fitted anew without offsets, if it explains as much."""
+    regression = chain.regression
+    kept = [k for k, c in enumerate(regression.nuisance.columns) if c.kind != OFFSET]
+    none = frozenset((OFFSET, n) for n in range(regression.samples.n_joints))
+    found = estimate_chain(replace(regression.with_terms(kept),
+                                   excluded=regression.excluded | none), None, chain.chain, True)
+    limit = (1.0 + _MORE) * _rms(chain.residual()) + floor(regression.samples.tau)
+    return found if (_rms(found.residual()) <= limit).all() else None
 
 
 def _without_offset(chain: ChainEstimate, options: SparseOptions) -> SparseEstimate | None:

@@ -106,7 +106,8 @@ class Comparison(Shown):
 
 
 def compare(model: GravityModel, samples: JointSamples,
-            recorded: JointSamples | None = None) -> Comparison:
+            recorded: JointSamples | None = None,
+            predicted: FloatArray | None = None) -> Comparison:
     """
     Compare `model`, with the effects that it has, with measured torques.
 
@@ -114,6 +115,8 @@ def compare(model: GravityModel, samples: JointSamples,
 
     :param recorded: what `samples` were selected from; the model's effects may need what lies
         between (acceleration, friction that builds up).
+    :param predicted: what a model with effects predicts of `recorded` (M, N) in N·m, if that is
+        known already.
     :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
         effect that is not installed here.
     :raises DataError: if there are no samples.
@@ -122,7 +125,8 @@ def compare(model: GravityModel, samples: JointSamples,
     if recorded is None or not model.applied.effects:
         predicted = predict_torque(model, samples)
     else:
-        predicted = predict_torque(model, recorded)[rows_of(recorded, samples)]
+        whole = predict_torque(model, recorded) if predicted is None else predicted
+        predicted = whole[rows_of(recorded, samples)]
     band = None
     if model.uncertainty is not None:
         band = _BAND * np.hypot(model.predict_std(samples.q), model.noise)

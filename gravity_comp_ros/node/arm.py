@@ -8,22 +8,21 @@ from typing import cast
 
 from gravity_comp_ros.data.gate import Gate
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
+from gravity_comp_ros.node.effects_in_use import EffectsInUse
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
 from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
 from gravity_comp_ros.node.model_watch import ModelWatch
-from gravity_comp_ros.node.options import (
-    compensate_options, epoch_options, feedforward_options, gate_options)
+from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload_watch import CALM, PayloadWatch
-from gravity_comp_ros.node.realtime_effects import compensable, InstantEffects
 from gravity_comp_ros.node.self_confirmation import SentTorque
 from gravity_comp_ros.node.source import Source
 from gravity_comp_ros.node.unsure_change import UnsureChange
@@ -55,7 +54,7 @@ class Arm:
         self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
-        self.payload = PayloadWatch(joints)
+        self.payload = PayloadWatch(joints, settings.suspect_after)
         self._friction: LiveFriction | None = None
         # Squared residuals since the last report: as they are, and beside friction.
         self._squares = np.zeros((2, len(joints)))
@@ -63,14 +62,11 @@ class Arm:
         self.learn_from = 0.0
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
-        self.effects_problem = ''
         self._model: GravityModel | None = None
         self._source: Source | None = None
         self._change: UnsureChange | None = None
         self._share_at = -np.inf
-        # All effects of the model that a moment tells, and those of them that are sent.
-        self._effects: InstantEffects | None = None
-        self._sent: InstantEffects | None = None
+        self._effects = EffectsInUse(None, settings)
         self._reported: Counter[str] = Counter()
         self._reported_received = 0
         self._reported_gate: Counter[str] = Counter()
@@ -118,7 +114,7 @@ class Arm:
         self.gate = Gate(len(self.joints), gate_options(settings))
         self._limit()
         self.epoch.set_options(epoch_options(settings))
-        self._find_effects()
+        self._effects = EffectsInUse(self._model, self._settings)
 
     def use(self, model: GravityModel, before: GravityModel | None, learned: int,
             change: UnsureChange | None = None) -> None:
@@ -133,8 +129,9 @@ class Arm:
         self._watch = ModelWatch(model, before, learned)
         self._friction = LiveFriction(model)
         self.payload.forget()
+        self.health.restart()
         self._source, self._change = source_of(model), change
-        self._find_effects()
+        self._effects = EffectsInUse(self._model, self._settings)
         if change is None or self.pose is None:
             self.feed.use(self._source)
         else:
@@ -143,9 +140,7 @@ class Arm:
 
     def torque(self, now: float, reading: Reading) -> FloatArray | None:
         """Return the feed-forward (N,) in N·m for a reading, None for nothing."""
-        effects = None
-        if self._sent is not None and self._model is not None and reading.qd is not None:
-            effects = self._sent.torque(reading.q, reading.qd, self._model.predict_one(reading.q))
+        effects = self._effects.compensation(self._model, reading)
         return self._published(now, self.feed.update(now, reading.q, effects))
 
     def look_at_change(self, now: float) -> None:
@@ -199,6 +194,15 @@ class Arm:
         named = ', '.join(f'{count} {reason}' for reason, count in faults.items())
         return f'{lack} (left out: {named})'
 
+    def leave_out(self, fault: str) -> None:
+        """Count a sample whose effort is none; samples before a frozen one may be broken too."""
+        self.gate_counts[fault] += 1
+        if fault == FROZEN and self.epoch.n_samples:
+            names = ', '.join(self.joints[k] for k in self.health.frozen)
+            self.epoch.restart()
+            self.epoch.note = ('its samples were dropped: the arm moves and the effort of '
+                               f'{names} repeats itself')
+
     def fresh_faults(self) -> str:
         """Return why samples were left out since the last call, in words; empty if none were."""
         fresh = self.gate_counts - self._reported_gate
@@ -215,10 +219,7 @@ class Arm:
         """Return the torque (N,) in N·m that the model expects, None without a model."""
         if self._model is None:
             return None
-        gravity = self._model.predict_one(reading.q)
-        if self._effects is None or reading.qd is None:
-            return gravity
-        return gravity + self._effects.torque(reading.q, reading.qd, gravity)
+        return self._effects.predicted(reading, self._model.predict_one(reading.q))
 
     def doubt(self) -> tuple[FloatArray, FloatArray] | None:
         """
@@ -234,27 +235,6 @@ class Arm:
         except (DataError, np.linalg.LinAlgError):
             std = np.zeros(0)
         return self.distance(self.pose), std
-
-    def _find_effects(self) -> None:
-        self._effects = self._sent = None
-        self.effects_problem = ''
-        model = self._model
-        if model is None or not model.applied.effects:
-            if self._settings.compensate:
-                self.effects_problem = 'the model has no effect to compensate'
-            return
-        try:
-            wanted = compensable(self._settings.compensate,
-                                 self.joints)
-            every = InstantEffects(model)
-            sent = InstantEffects(model, wanted, compensate_options(self._settings))
-        except GravityCompError as problem:
-            self.effects_problem = str(problem)
-            return
-        self._effects = every if every.targets else None
-        self._sent = sent if sent.targets else None
-        if wanted and not sent.targets:
-            self.effects_problem = 'the model has none of the effects to compensate'
 
     def is_settled(self, now: float) -> bool:
         """Return whether messages of the new payload have come since it changed."""
@@ -297,8 +277,8 @@ class Arm:
             diagnostics.feedforward_status(
                 self.feed.state(now), self.feed.enabled,
                 0.0 if outside is None else float(outside.max()), self._bound(),
-                self.feed.margin, self._sent.targets if self._sent else (),
-                self.effects_problem),
+                self.feed.margin, self._effects.sent,
+                self._effects.problem),
             *diagnostics.joint_statuses(
                 self.joints, self.epoch.coverage().span, residual, self._usual(model), outside,
                 not self.epoch.is_open)]

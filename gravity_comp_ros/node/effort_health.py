@@ -22,16 +22,21 @@ class EffortHealth:
 
     Drives that are off, or a driver that takes gravity off, report next to nothing on all joints
     while the model says that the arm is heavy. A frozen driver repeats itself to the last digit
-    while the arm moves.
+    while the arm moves. So does one joint whose sensor is frozen or at the end of its range, while
+    the model says that its torque changes.
     """
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what came: the clock or the payload is another."""
+        """Forget what came: the clock, the payload or the model is another."""
+        # The joints whose effort is frozen, by number.
+        self.frozen: tuple[int, ...] = ()
         self._pose: FloatArray | None = None
         self._tau: FloatArray | None = None
+        # The pose (N,) and the prediction (N,) when each joint's effort last changed.
+        self._changed: tuple[FloatArray, FloatArray] | None = None
 
     def fault(self, q: FloatArray, tau: FloatArray, predicted: FloatArray | None,
               noise: FloatArray | None) -> str | None:
@@ -40,14 +45,32 @@ class EffortHealth:
 
         :param predicted: torque of the model in use (N,), `noise` (N,) its residual, N·m.
         """
-        if self._pose is None or self._tau is None or not np.array_equal(tau, self._tau):
+        self.frozen = ()
+        repeats = np.zeros(len(tau), dtype=bool) if self._tau is None else tau == self._tau
+        if self._pose is None or not repeats.all():
             self._pose, self._tau = q, tau
         elif float(np.abs(q - self._pose).max()) > _MOVED:
-            return OFF if not tau.any() else FROZEN
+            if not tau.any():
+                return OFF
+            self.frozen = tuple(range(len(tau)))
+            return FROZEN
         if predicted is None or noise is None:
+            self._changed = None
             return None
         size = float(np.linalg.norm(predicted))
         if size > _LOADED * float(np.linalg.norm(noise)) and (
                 float(np.linalg.norm(tau)) < _NO_GRAVITY * size):
             return OFF
-        return None
+        self.frozen = self._stuck(q, repeats, predicted, noise)
+        return FROZEN if self.frozen else None
+
+    def _stuck(self, q: FloatArray, repeats: np.ndarray, predicted: FloatArray,
+               noise: FloatArray) -> tuple[int, ...]:
+        """Return the joints that repeat their effort while their torque and the pose change."""
+        if self._changed is None:
+            self._changed = np.tile(q, (len(q), 1)), predicted.copy()
+            return ()
+        poses, torques = self._changed
+        poses[~repeats], torques[~repeats] = q, predicted[~repeats]
+        moved = np.abs(q - poses).max(axis=1) > _MOVED
+        return tuple(np.flatnonzero(moved & (np.abs(predicted - torques) > _LOADED * noise)))

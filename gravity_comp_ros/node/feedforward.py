@@ -7,6 +7,7 @@ from dataclasses import replace
 import math
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.node.feedforward_options import FeedForwardOptions, per_joint
 from gravity_comp_ros.node.source import Source
 import numpy as np
@@ -130,7 +131,7 @@ class FeedForward:
             self._fresh = now
             return None
         base = self._advanced(self._source, q, dt)
-        if not np.isfinite(base).all():
+        if not all_finite(base):
             return None
         self._fresh, self._base, self._q = now, base, q
         if effects is not None and self._is_near(self._source, q) and np.isfinite(effects).all():
@@ -251,7 +252,11 @@ class FeedForward:
         predict = source.with_share(self._share)
         if self.options.extrapolation == 'trust':
             return predict(q)
-        q = source.nearest(q)
+        near = source.nearest(q)
+        if near is q:
+            # Within the trained range.
+            return predict(q)
+        q = near
         margin = min(self.options.extrapolation_margin, source.reach)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())

@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
@@ -103,6 +104,7 @@ class Reader:
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
         self._farthest = np.array([ABSURD_TURNS if name in continuous else ABSURD_POSITION
                                    for name in joints])
+        self._possible = Bounds(self._farthest)
         self._names: list[str] | None = None
         self._size = 0
         self._order = np.zeros(0, dtype=np.intp)
@@ -117,6 +119,7 @@ class Reader:
         for k, name in enumerate(self.joints):
             if name in continuous:
                 self._farthest[k] = ABSURD_TURNS
+        self._possible = Bounds(self._farthest)
 
     def read(self, message: Any, arrival: float) -> Reading | None:
         """
@@ -132,10 +135,10 @@ class Reader:
         if q is None:
             self._drop(WRONG_SIZE)
             return None
-        if not np.isfinite(q).all():
+        if not all_finite(q):
             self._drop(POSITION_NOT_FINITE)
             return None
-        if (np.abs(q) > self._farthest).any():
+        if not self._possible.hold(q):
             self._drop(POSITION_ABSURD)
             return None
         stamp = message.header.stamp
@@ -210,7 +213,7 @@ class Reader:
         if qd is None:
             self._drop(WRONG_SIZE)
             return None
-        if not np.isfinite(qd).all():
+        if not all_finite(qd):
             self._drop(VELOCITY_NOT_FINITE)
             return None
         slope, qd_then = self._slope(t, q, qd)
@@ -241,7 +244,7 @@ class Reader:
         tau = self._vector(values)
         if tau is None:
             self._drop(WRONG_SIZE)
-        elif not np.isfinite(tau).all():
+        elif not all_finite(tau):
             self._drop(EFFORT_NOT_FINITE)
             return None
         return None if tau is None else tau * self._scale

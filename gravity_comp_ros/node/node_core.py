@@ -159,7 +159,7 @@ class NodeCore:
         fault = arm.health.fault(q, tau, predicted,
                                  None if model is None else usual_residual(model))
         if fault is not None:
-            arm.gate_counts[fault] += 1
+            arm.leave_out(fault)
             return
         arm.epoch.offer(reading.t, q, qd, tau, arm.sent.around(now))
         if predicted is not None:

@@ -22,6 +22,7 @@ class Parameter:
 
     `kind` is bool, int, double, string, double[] or string[]. `low` and `high` bound every
     number, both included; `choices` lists the strings that are allowed, if it is not empty.
+    `may_be_off` says that `off` is one of its values, which YAML reads as false.
     """
 
     name: str
@@ -33,6 +34,7 @@ class Parameter:
     high: float | None = None
     choices: tuple[str, ...] = ()
     read_only: bool = False
+    may_be_off: bool = False
 
     def parse(self, value: object) -> Value:
         """
@@ -72,6 +74,8 @@ class Parameter:
         return value if kind == 'int' else float(value)
 
     def _text(self, value: object) -> str:
+        if value is False and self.may_be_off:
+            return 'off'
         if not isinstance(value, str):
             raise self._wrong(value, 'it must be text')
         if self.choices and value not in self.choices:
@@ -96,11 +100,11 @@ class Parameter:
 
 def parameter(default: Value, description: str, unit: str = '', low: float | None = None,
               high: float | None = None, choices: tuple[str, ...] = (),
-              read_only: bool = False) -> Any:
+              read_only: bool = False, may_be_off: bool = False) -> Any:
     """Return a field of a dataclass that is a parameter; see `Parameter`."""
     return field(default=default, metadata={
         'description': description, 'unit': unit, 'low': low, 'high': high, 'choices': choices,
-        'read_only': read_only})
+        'read_only': read_only, 'may_be_off': may_be_off})
 
 
 # What a field of this Python type is in ROS.

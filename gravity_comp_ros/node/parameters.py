@@ -40,7 +40,7 @@ class Parameters:
     robot_description: str = parameter(
         'auto', 'Where the axes of the arm, its joints without end and its effort limits are '
         'taken from: `auto` listens to the topic `robot_description`, `off` does not, anything '
-        'else is the text of a URDF.', read_only=True)
+        'else is the text of a URDF.', read_only=True, may_be_off=True)
     continuous_joints: tuple[str, ...] = parameter(
         (), 'Joints that may turn without end. Any other joint further than 4π from 0 is refused '
         'as a pose: angles in degrees are such. Torque has a period of one turn for every joint.',
@@ -102,6 +102,10 @@ class Parameters:
         'report', 'What to do where the residual shows a payload that the node was not told of: '
         '`report` publishes an event on `~/payload_suspected`, `learn` does that and then what '
         '`~/payload_changed` does.', choices=('report', 'learn'))
+    suspect_after: float = parameter(
+        16.0, 'How long a change of the torque must last before it is called a payload. A hand '
+        'that presses straight down makes the torque of a weight for as long as it presses.', 's',
+        0.0, 120.0, read_only=True)
     fit_timeout: float = parameter(
         120.0, 'A fit that takes longer is taken for hanging: its process is killed and replaced.',
         's', 0.1, 3600.0)

@@ -10,8 +10,13 @@ last link comes on top. Both are normal distributions of mean 0,
 A and B being columns of torque, each scaled by the standard deviation of its coefficient before
 the samples. The evidence of either is a number, and either predicts a part of the window from the
 rest of it. A contact that lasts a moment does not predict the rest. A push that lasts is told from
-a weight by its direction: a third explanation adds a force along x and y of the base, which turns
-with the arm otherwise than a weight does.
+a weight by two more explanations. One adds a force along x and y of the base, which turns with the
+arm otherwise than a weight does. In the other the torque b of the body varies with time, as no
+hand holds its force,
+
+    S_2 = S_1 + s^2 (b b.T) * K,    K_ij = exp(-|t_i - t_j| / T),
+
+* being the product entry by entry: a weight has the same mass at every moment.
 """
 
 from __future__ import annotations
@@ -40,8 +45,15 @@ LEAST_EVIDENCE = 20.0
 # By so much a body must explain more than a push. Payloads of 0.5 to 5 kg led by 11 to 54 in six
 # seconds of motion; hardly any steady push of 10 N and more does.
 LEAST_LEAD = 10.0
-# The share of the squared residual of each part of the window that the other parts must predict.
-LEAST_EXPLAINED = 0.6
+# A hand's force varies by this part of itself, within this time in s.
+_UNSTEADY, _WITHIN = 0.3, 2.0
+# By so much a steady body must explain more than one that varies. Payloads of 1 to 5 kg led by 10
+# to 200 in sixteen seconds of motion, 0.5 kg by 5 to 50 in nine of ten.
+LEAST_STEADY_LEAD = 3.0
+# The share of the squared residual of each part of the window that the other parts must predict,
+# and of its first and its last second: a body is there all the time.
+LEAST_EXPLAINED, LEAST_AT_ENDS = 0.6, 0.3
+_END = 1.0
 # What is unknown of friction: this part of itself, as an offset that one, and the noise besides.
 _FRICTION_PART, _OFFSET_PART = 0.5, 0.25
 # rad/s; a viscous term makes a torque of the size of the residual at this speed.
@@ -63,26 +75,34 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
     gravity = replace(samples, tau=samples.tau - effect_torque(model, samples)
                       - nuisance_torque(model.nuisance, samples))
     window = _Window(gravity, samples.tau - gravity.tau, model, chain, limits, geometry)
-    evidence, explained = window.evidence(), window.explained()
+    evidence, explained = window.evidence(), window.explained(
+        np.arange(len(samples)) * PARTS // len(samples) == np.arange(PARTS)[:, None])
+    ends = window.explained(np.array([samples.t <= samples.t[0] + _END,
+                                      samples.t >= samples.t[-1] - _END]))
     residual = np.sqrt((window.residual ** 2).mean(axis=0))
     worst = int(np.argmax(residual / window.noise))
     values = {
         'joint': samples.names[worst], 'residual [Nm]': f'{residual[worst]:.3g}',
         'noise of the training [Nm]': f'{window.noise[worst]:.3g}',
         'log evidence': f'{evidence:.1f}', 'least part explained': f'{explained.min():.3f}',
+        'least end explained': f'{ends.min():.3f}',
         'samples': str(len(samples)), 'from [s]': f'{samples.t[0]:.3f}',
         'to [s]': f'{samples.t[-1]:.3f}', **window.mass()}
     figures = (f'residual of {samples.names[worst]} {residual[worst]:.3g} N·m, noise of the '
                f'training {window.noise[worst]:.3g}, {len(samples)} samples in '
                f'{samples.t[-1] - samples.t[0]:.1f} s')
-    push = window.push()
+    push, varying = window.push(), window.varying(samples.t)
     values['log evidence of a push over a body'] = f'{push:.1f}'
+    values['log evidence of a varying force over a body'] = f'{varying:.1f}'
     if evidence < LEAST_EVIDENCE or explained.min() < LEAST_EXPLAINED or (
-            -LEAST_LEAD < push <= 0.0):
+            ends.min() < LEAST_AT_ENDS) or -LEAST_LEAD < push <= 0.0 or (
+            -LEAST_STEADY_LEAD < varying <= 0.0):
         return PayloadFinding(False, False, f'no payload is suspected: {figures}', values)
     why = _objection(gravity, model, chain, limits, geometry)
     if why is None and push > 0.0:
         why = f'something pushes or pulls the last link, and not only downwards; {figures}'
+    elif why is None and varying > 0.0:
+        why = f'something bears on the last link with a force that varies; {figures}'
     if why is not None:
         return PayloadFinding(False, True, f'the effort has changed as no payload changes it: '
                               f'{why}', values)
@@ -128,14 +148,20 @@ class _Window:
         return (_log_evidence(self._s1 + sideways.T @ sideways, self._r)
                 - _log_evidence(self._s1, self._r))
 
-    def explained(self) -> FloatArray:
-        """Return the share of the squared residual of each part that the others predict."""
+    def varying(self, t: FloatArray) -> float:
+        """Return the log evidence of a body whose torque varies with time t (M,) in s, over it."""
+        body = self._columns.T @ (self._columns @ np.linalg.solve(self._s1, self._r))
+        alike = np.exp(-np.abs(t[:, None] - t) / _WITHIN)
+        unsteady = _UNSTEADY ** 2 * np.outer(body, body) * np.tile(alike, 2 * self._shape[1:])
+        return _log_evidence(self._s1 + unsteady, self._r) - _log_evidence(self._s1, self._r)
+
+    def explained(self, parts: np.ndarray) -> FloatArray:
+        """Return the share of the squared residual of each part (P, M) that the rest predicts."""
         m, n = self._shape
-        part = np.tile(np.arange(m) * PARTS // m, n)
         weight = np.repeat(self.noise ** -2, m)
         shares = []
-        for k in range(PARTS):
-            here = part == k
+        for part in parts:
+            here = np.tile(part, n)
             error = float((weight[here] * _left_out(self._s1, self._r, here) ** 2).sum())
             shares.append(1.0 - error / float((weight[here] * self._r[here] ** 2).sum()))
         return np.array(shares)

@@ -19,8 +19,11 @@ from rclpy.executors import (ExternalShutdownException, ShutdownException,
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
-# How often services and timers get their turn, and how long a turn may take.
-TURN_EVERY = 0.005
+# s; how often services and timers get their turn while messages come one after the other: to find
+# out what is ready takes as long as a message. After a pause of the messages they get it at once.
+TURN_EVERY = 0.01
+PAUSE = 0.005
+# s; how long a turn may take.
 TURN_LENGTH = 0.002
 # Messages handled in a row before services get a turn, should there be no pause.
 BURST = 20
@@ -68,15 +71,15 @@ class InputFirstExecutor(SingleThreadedExecutor):
             if subscription is None:
                 self.spin_once(timeout_sec=0.05)
                 continue
-            self._serve(subscription, TURN_EVERY)
+            came = self._serve(subscription, PAUSE)
             now = time.monotonic()
-            if now >= due:
+            if now >= due or not came:
                 self._turn(now + TURN_LENGTH)
                 due = time.monotonic() + TURN_EVERY
         raise ExternalShutdownException()
 
-    def _serve(self, subscription: Subscription, timeout: float) -> None:
-        """Wait for input, and handle what is there, up to a burst."""
+    def _serve(self, subscription: Subscription, timeout: float) -> bool:
+        """Wait for input, and handle what is there, up to a burst; return whether any came."""
         if subscription is not self._served:
             self._served = subscription
             self._wait_set = rclpy_implementation.WaitSet(
@@ -86,12 +89,13 @@ class InputFirstExecutor(SingleThreadedExecutor):
             self._wait_set.clear_entities()
             self._wait_set.add_subscription(handle)
             self._wait_set.wait(int(timeout * 1e9))
-            for _ in range(BURST):
+            for count in range(BURST):
                 taken = handle.take_message(subscription.msg_type, False)
                 if taken is None:
-                    return
+                    return count > 0
                 subscription.callback(taken[0])
         self.full_bursts += 1
+        return True
 
     def _turn(self, until: float) -> None:
         """Run everything else that is ready, as long as the turn lasts."""

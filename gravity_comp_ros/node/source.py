@@ -33,7 +33,8 @@ class Source:
         """
         Return pose q (N,) with whole turns taken off joints that are outside the trained range.
 
-        Gravity has a period of one turn, so that the torque is the same.
+        Gravity has a period of one turn, so that the torque is the same. Within the range `q`
+        itself is returned.
         """
         outside = (q < self.q_min) | (q > self.q_max)
         if not outside.any():

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Motion, Setting
-from gravity_comp_ros.effects.motion import gravity_gradient
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.planning.segments import sampled, Segment

@@ -1,13 +1,26 @@
 """The looks of the page around the plots."""
 
-TOKENS = """
-:root, :host { --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
+_LIGHT = """{ --ground: #ffffff; --text: #1b1f24; --faint: #59636e; --line: #d5dae0;
   --soft: #f3f5f8; --strong: #0b5394; --warn: #8a3800; --bad: #b00020;
-  --ok: #0b6e4f }
+  --ok: #0b6e4f; --paper: none; color-scheme: light }
+"""
+
+# Paper is light. Plots that were drawn dark keep their hues when they are inverted.
+TOKENS = """
+:root, :host """ + _LIGHT + """
 :root.dark, :host(.dark), .dark { --ground: #14181d; --text: #e8eaed; --faint: #a4abb5;
   --line: #333b45; --soft: #1d232a; --strong: #7cc4f5; --warn: #ffb37a; --bad: #ff8a8a;
-  --ok: #6fd3ae }
+  --ok: #6fd3ae; color-scheme: dark }
+@media print {
+:root.dark, :host(.dark), .dark """ + _LIGHT + """
+:root.dark { --paper: invert(1) hue-rotate(180deg) brightness(1.12) }
+.key i { filter: var(--paper) }
+}
 """
+
+# On paper a plot is whole and light; tools and controls are of no use there.
+PLOT = ':host { filter: var(--paper); break-inside: avoid }'
+TOOLS = '@media print { :host { display: none } }'
 
 CONTENT = """
 h1 { font-size: 1.5rem; line-height: 1.25; margin: .2rem 0 .6rem }
@@ -15,6 +28,7 @@ h2 { font-size: 1.15rem; margin: 2rem 0 .4rem; border-bottom: 1px solid var(--li
   padding-bottom: .2rem }
 h3 { font-size: 1rem; margin: 1rem 0 .3rem }
 p { margin: .4rem 0; max-width: 75em }
+h1, h2, h3, p, li, summary { overflow-wrap: anywhere }
 .quiet { color: var(--faint) }
 .wide { overflow-x: auto; margin: .6rem 0 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
@@ -29,7 +43,8 @@ tbody th { font-weight: 500; white-space: nowrap; max-width: 24em; overflow: hid
 tr.strong th, tr.strong td { font-weight: 700 }
 .key { display: flex; flex-wrap: wrap; gap: .3rem 1.1rem }
 .key i { display: inline-block; width: .85em; height: .85em; border-radius: 2px;
-  margin-right: .35em; vertical-align: -.05em; border: 1px solid var(--line) }
+  margin-right: .35em; vertical-align: -.05em; border: 1px solid var(--line);
+  print-color-adjust: exact; -webkit-print-color-adjust: exact }
 .equation { overflow-wrap: break-word; padding-left: 1.5em; text-indent: -1.5em }
 .equation span { white-space: nowrap }
 details { margin: .3rem 0 .6rem }
@@ -51,11 +66,18 @@ ul { margin: .3rem 0; padding-left: 1.3rem }
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 2px }
 """
 
+# The arrow of a list to choose from, seen on light and dark ground; Bokeh's own is black.
+ARROW = """
+select.bk-input:not([multiple]) { background-image: url('data:image/svg+xml;utf8,<svg \
+viewBox="0 0 25 20" xmlns="http://www.w3.org/2000/svg"><path d="M 0,0 25,0 12.5,20 Z" \
+fill="gray"/></svg>') }
+"""
+
 # Of controls within plots.
 CONTROL = """
 :host { color: var(--text) }
 .bk-input { background-color: var(--ground); color: var(--text); border-color: var(--line) }
-"""
+""" + ARROW + TOOLS
 
 PAGE = TOKENS + """
 * { box-sizing: border-box }
@@ -72,9 +94,11 @@ a { color: var(--strong) }
   main { max-width: none; padding: 0 }
   nav, .copy { display: none }
   .wide, pre { overflow: visible }
-  .plots { max-width: 100%; overflow: hidden }
+  .plots { max-width: 100%; overflow: visible }
+  #time .plots, #residuals .plots, #spectrum .plots { margin-bottom: 20em }
   details > *:not(summary) { display: none }
-  h2, h3 { break-after: avoid }
+  h1, h2, h3, .key, thead { break-after: avoid }
+  tr, .command { break-inside: avoid }
   body { font-size: 11px }
 }
 """

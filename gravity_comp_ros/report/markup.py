@@ -78,6 +78,13 @@ def _cell(place: int, value: object, is_text: bool) -> str:
     return f'<td{_class(is_text)}>{text(value)}</td>'
 
 
+# Bokeh asks the page's style for every colour and width of every line that it draws, and the page
+# has none of these: a third of the time that the plots of a report take.
+PLAIN_LINES = """
+const drawing = Bokeh.require('core/visuals/visual').VisualProperties
+if (drawing) drawing.prototype._get_css_value = () => ''
+"""
+
 # Buttons of `command` copy; a click inside a shadow root is seen here by its path.
 COPY = """
 document.addEventListener('click', (event) => {

@@ -83,7 +83,7 @@ def report_html(contents: Contents) -> str:
             f'<h1 class="verdict" id="verdict">'
             f'{markup.text(markup.units(headline(contents)))}</h1>')
     draw = _DRAW.replace('COLOURS', _pairs()).replace('DOCUMENT', _inside(document))
-    scripts = [*_bokeh(), f'{{{draw}}}'] if document.roots else []
+    scripts = [*_bokeh(), f'{{{markup.PLAIN_LINES}}}', f'{{{draw}}}'] if document.roots else []
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
                  [*scripts, markup.COPY])
 

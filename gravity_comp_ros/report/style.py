@@ -9,10 +9,14 @@ from typing import Any
 from bokeh.models import BoxSelectTool, DataRange1d, Range1d, WheelZoomTool
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
+from gravity_comp_ros.report import css
 
 # Okabe and Ito's colours, which people with any common colour blindness tell apart.
 BLUE, SKY, GREEN, ORANGE = '#0072b2', '#56b4e9', '#009e73', '#e69f00'
 VERMILION, PURPLE, YELLOW = '#d55e00', '#cc79a7', '#b8a800'
+
+# A longer title would be wider than a narrow page.
+_LONGEST_TITLE = 38
 
 TOOLS = 'pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,reset,save'
 
@@ -62,10 +66,13 @@ def plot(style: Style, title: str, x: str, y: str, height: int = 180, tools: str
 
     :param x: label of the x axis with its unit, as `y`; empty for none.
     """
+    shown = canvas_text(short(title, _LONGEST_TITLE))
     made = figure(height=height, sizing_mode='stretch_width', tools=tools, min_width=120,
-                  title=canvas_text(title), x_axis_label=canvas_text(x) or None,
+                  title=shown, x_axis_label=canvas_text(x) or None,
                   y_axis_label=canvas_text(y) or None, **more)
     made.toolbar.logo = None
+    made.stylesheets = [css.PLOT]
+    made.toolbar.stylesheets = [css.TOOLS]
     wheel = made.select_one(WheelZoomTool)
     if wheel is not None:
         # Over an axis the wheel zooms that axis alone; without Ctrl it scrolls the page.

@@ -8,12 +8,13 @@ from bokeh.layouts import column, group_tools, row
 from bokeh.models import GridPlot, Toolbar, ToolProxy, UIElement
 from bokeh.models.tools import SaveTool
 from bokeh.plotting import figure
+from gravity_comp_ros.report import css
 
 # The tools stay in sight however far down its plots one scrolls.
 _AT_HAND = {'position': 'sticky', 'top': '0', 'z-index': '5', 'background': 'var(--ground)',
             'border-bottom': '1px solid var(--line)'}
 
-_NARROW = ':host { width: 100%; max-width: 100%; overflow-x: auto }'
+_NARROW = ':host { width: 100%; max-width: 100%; overflow-x: auto }' + css.TOOLS
 
 
 def tiles(rows: Sequence[Sequence[figure]], least: int = 240) -> UIElement:
@@ -29,7 +30,8 @@ def tiles(rows: Sequence[Sequence[figure]], least: int = 240) -> UIElement:
             plot.toolbar_location = None
             plot.min_width = min(least, 240)
             plot.styles = {'flex': f'1 1 {least}px', 'width': 'auto', 'contain': 'layout style'}
-        lines.append(row(*each, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}))
+        lines.append(row(*each, sizing_mode='stretch_width',
+                         styles={'flex-wrap': 'wrap', 'break-inside': 'avoid'}))
     inside = column(*lines, sizing_mode='stretch_width')
     return GridPlot(children=[(inside, 0, 0)], toolbar=_toolbar(plots), toolbar_location='above',
                     sizing_mode='stretch_width')

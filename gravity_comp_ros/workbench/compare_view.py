@@ -1,54 +1,101 @@
-"""Two models side by side, on the same samples."""
+"""Two models side by side, on the same samples: what they hold, their errors, their residuals."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bokeh.layouts import column, gridplot
 from bokeh.models import ColumnDataSource, FactorRange, UIElement
+from bokeh.plotting import figure
 from bokeh.transform import dodge
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.evaluation.compare import Comparison
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, Style
+from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, short, Style
+from gravity_comp_ros.report.views.equations import numbers
 
 
-def section(name: str, here: Comparison, other_name: str, other: Comparison,
-            style: Style) -> Section:
-    """Return a table and bars of both models' errors, joint by joint."""
-    joints = [joint for joint in here.joints if joint in other.joints]
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """
+    A model as the view sees it.
+
+    `facts` are lines of what it was made from, `comparison` its errors on the chosen samples,
+    `residual` (M, N) in N·m what it leaves of all of them.
+    """
+
+    name: str
+    model: GravityModel
+    facts: Mapping[str, str]
+    comparison: Comparison
+    residual: FloatArray
+
+
+def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
+    """Return what differs between two models; `plots` are their residuals."""
+    joints = [joint for joint in b.comparison.joints if joint in a.comparison.joints]
+    lead = markup.paragraph(f'A is {a.name}, B is {b.name}; errors are of the samples that are '
+                            f'chosen now.', 'quiet')
+    lead += _made_of(a, b) + _errors(joints, a.comparison, b.comparison)
+    # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
+    parts: list[UIElement] = [gridplot([[_bars(joints, a, b, style)]],
+                                       sizing_mode='stretch_width', toolbar_location=None)]
+    if plots is not None:
+        parts.append(plots)
+    return Section('compare', f'{b.name} against {a.name}', lead,
+                   column(*parts, sizing_mode='stretch_width'))
+
+
+def _made_of(a: Seen, b: Seen) -> str:
+    """Return a table of what either model is made of; what differs is stressed by words."""
+    rows = [[what, a.facts[what], b.facts[what]] for what in a.facts
+            if a.facts[what] or b.facts[what]]
+    mine, other = ({effect.target: numbers(effect) for effect in seen.model.applied.effects}
+                   for seen in (b, a))
+    rows += [[target, other.get(target, 'not in it'), mine.get(target, 'not in it')]
+             for target in dict.fromkeys([*other, *mine])]
+    return markup.table(['', 'A', 'B'], rows, left=('A', 'B'))
+
+
+def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
     rows = []
     for joint in joints:
-        a, b = here.joints[joint], other.joints[joint]
-        change = f'{100.0 * (a.rmse / b.rmse - 1.0):+.0f} %' if b.rmse > 0.0 else '–'
-        rows.append([joint, f'{b.rmse:.4f}', f'{a.rmse:.4f}', change, percent(b.nrmse),
-                     percent(a.nrmse), f'{b.max_abs:.3f}', f'{a.max_abs:.3f}'])
-    table = markup.table(
+        x, y = a.joints[joint], b.joints[joint]
+        change = f'{100.0 * (y.rmse / x.rmse - 1.0):+.0f} %' if x.rmse > 0.0 else '–'
+        rows.append([joint, f'{x.rmse:.4f}', f'{y.rmse:.4f}', change, percent(x.nrmse),
+                     percent(y.nrmse), f'{x.max_abs:.3f}', f'{y.max_abs:.3f}'])
+    return markup.table(
         ['joint', 'RMSE N·m, A', 'RMSE N·m, B', 'change', 'nRMSE, A', 'nRMSE, B',
          'largest N·m, A', 'largest N·m, B'], rows)
-    lead = markup.paragraph(f'A is {other_name}, B is {name}; on the slow part of the chosen '
-                            f'runs.') + table
-    return Section('compare', f'{name} against {other_name}', lead,
-                   _bars(joints, here, other, name, other_name, style))
 
 
-def _bars(joints: list[str], here: Comparison, other: Comparison, name: str, other_name: str,
-          style: Style) -> UIElement:
-    shown = [canvas_text(printable(joint)) for joint in joints]
+def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> figure:
+    shown = [canvas_text(short(f'{k + 1} {printable(joint)}', 22))
+             for k, joint in enumerate(joints)]
     source = ColumnDataSource({'joint': shown,
-                               'here': [here.joints[j].rmse for j in joints],
-                               'other': [other.joints[j].rmse for j in joints]})
-    made = plot(style, 'RMSE of both models', 'N·m', '', 110 + 34 * len(joints), 'hover,save',
+                               'a': [a.comparison.joints[j].rmse for j in joints],
+                               'b': [b.comparison.joints[j].rmse for j in joints]})
+    made = plot(style, 'RMSE of both models', 'N·m', '', 110 + 34 * len(joints), 'hover',
                 y_range=FactorRange(*shown[::-1]))
-    made.hbar(dodge('joint', 0.17, range=made.y_range), right='other', height=0.3,
-              source=source, color=style.before, legend_label=canvas_text(printable(other_name)))
-    made.hbar(dodge('joint', -0.17, range=made.y_range), right='here', height=0.3,
-              source=source, color=style.after, legend_label=canvas_text(printable(name)))
+    made.hbar(dodge('joint', 0.17, range=made.y_range), right='a', height=0.3,
+              source=source, color=style.before, legend_label=_label('A', a))
+    made.hbar(dodge('joint', -0.17, range=made.y_range), right='b', height=0.3,
+              source=source, color=style.after, legend_label=_label('B', b))
     made.x_range.start = 0.0
     made.ygrid.visible = False
     made.yaxis.major_tick_line_color = made.yaxis.separator_line_color = None
-    made.hover.tooltips = [('first', '@other{0.0000} N·m'), ('second', '@here{0.0000} N·m')]
+    made.hover.tooltips = [('A', '@a{0.0000} N·m'), ('B', '@b{0.0000} N·m')]
     made.add_layout(made.legend[0], 'above')
-    made.legend.orientation = 'horizontal'
+    made.legend.orientation = 'vertical'
     dress_legend(made, style)
     made.toolbar_location = None
     return made
+
+
+def _label(letter: str, seen: Seen) -> str:
+    return canvas_text(f'{letter}: {short(printable(seen.name), 44)}')

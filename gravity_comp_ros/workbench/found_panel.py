@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bokeh.layouts import row
+from bokeh.layouts import column, row
 from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
@@ -13,10 +13,13 @@ from gravity_comp_ros.report.views.effects import coefficients, label, structure
 from gravity_comp_ros.workbench import widgets
 from gravity_comp_ros.workbench.open_session import OpenSession
 
-_MOST_ROWS = 8
+# What is shown at first leaves room for the answer below on the same screen.
+_AT_FIRST, _MOST_COEFFICIENTS = 3, 1
+
+Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(one: OpenSession, add: Callable[[str], None]) -> list[UIElement]:
+def parts(one: OpenSession, add: Add) -> list[UIElement]:
     """Return the panel of a session."""
     session = one.session
     stage = session.stage
@@ -35,36 +38,50 @@ def parts(one: OpenSession, add: Callable[[str], None]) -> list[UIElement]:
     return shown
 
 
-def _findings(one: OpenSession, add: Callable[[str], None]) -> list[UIElement]:
+def _findings(one: OpenSession, add: Add) -> list[UIElement]:
     found = one.session.findings()
     if not found and one.session.diagnosis is not None:
         return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
-    shown: list[UIElement] = []
     adding = one.worker.busy and hasattr(one.worker.running, 'effects')
-    for number, (finding, target) in enumerate(found[:_MOST_ROWS]):
-        entry: list[UIElement] = [widgets.html(_told(number, finding))]
-        if target:
-            entry.append(widgets.button(f'Add {target}', _adder(add, target), 'primary',
-                                        width=190, disabled=adding, name=f'add-{number}'))
-        shown.append(row(*entry, sizing_mode='stretch_width'))
-    more = len(found) - _MOST_ROWS
-    if more > 0:
-        shown.append(widgets.html(markup.paragraph(f'{more} more in the view Effects.')))
-    return shown
+    rows = [_row(number, finding, target, add, adding)
+            for number, (finding, target) in enumerate(found)]
+    shown = [widgets.html('<p class="finding quiet">Errors are held-out, of the range of the '
+                          'torque.</p>'), *rows[:_AT_FIRST]]
+    below: list[UIElement] = []
+    sure = tuple(target for one, target in found if target and one.verdict in wording.FOUND)
+    if len(sure) > 1:
+        below.append(widgets.button(f'Add all {len(sure)} that are sure', lambda: add(sure),
+                                    'primary', disabled=adding, name='add-all'))
+    rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
+    if len(rows) > _AT_FIRST:
+        below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …', lambda: _turn(rest),
+                                    name='more'))
+    return [*shown, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else shown
+
+
+def _row(number: int, finding: Finding, target: str, add: Add, adding: bool) -> UIElement:
+    told = widgets.html(_told(number, finding), styles={'flex': '1 1 220px'}, margin=(1, 5, 1, 5))
+    entry: list[UIElement] = [told]
+    if target:
+        entry.append(widgets.button(f'Add {target}', lambda: add((target,)),
+                                    disabled=adding, name=f'add-{number}', margin=(2, 5, 2, 5),
+                                    styles={'flex': '0 1 auto', 'max-width': '210px'}))
+    return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
 
 
 def _told(number: int, finding: Finding) -> str:
     change = (f'{wording.percent(finding.nrmse_before)} → '
-              f'{wording.percent(finding.nrmse_after)} of the range')
+              f'{wording.percent(finding.nrmse_after)}')
     rivals = f'; or rather {", ".join(finding.rivals)}' if finding.rivals else ''
-    return (f'<p><b>{number + 1}. {markup.text(label(finding))}</b> on '
+    values = coefficients(finding, _MOST_COEFFICIENTS)
+    return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
-            f'<span class="quiet">{markup.text(coefficients(finding))}; held-out error '
+            f'<span class="quiet">{markup.text(values)}; error '
             f'{markup.text(change + rivals)}</span></p>')
 
 
-def _adder(add: Callable[[str], None], target: str) -> Callable[[], None]:
-    return lambda: add(target)
+def _turn(element: UIElement) -> None:
+    element.visible = not element.visible
 
 
 def _quiet(words: str) -> UIElement:

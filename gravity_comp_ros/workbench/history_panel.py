@@ -23,12 +23,12 @@ def parts(one: OpenSession, style: Style) -> list[UIElement]:
     stage = session.stage
     if stage is None or at is None:
         return shown
-    if stage.effects or any(step.previous for step in stage.model.history):
-        shown.append(widgets.button('Undo the last addition', one.undo, name='undo'))
     options = [(str(k), f'{"· " * depth(stages, k)}{k + 1}. {s.name}'
                 + (f' – {s.note}' if s.note else '')) for k, s in enumerate(stages)]
     shown.append(widgets.select('Stage (another one is a way back, and a branch)',
                                 options, str(at), lambda value: one.go_to(int(value)), 'stage'))
+    if stage.effects or any(step.previous for step in stage.model.history):
+        shown.append(widgets.button('Undo the last addition', one.undo, name='undo'))
     name = widgets.field('Name of this stage', stage.name, 'stage-name')
     note = widgets.field('Note', stage.note, 'stage-note')
     for entry in (name, note):

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bokeh.models import ColumnDataSource, FixedTicker, Legend, UIElement
+from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import (
-    BLUE, canvas_text, dress_legend, GREEN, ORANGE, plot, PURPLE, SKY, Style, VERMILION, YELLOW)
+    BLUE, canvas_text, dress_legend, GREEN, ORANGE, plot, PURPLE, short, SKY, Style, VERMILION,
+    YELLOW)
 from gravity_comp_ros.workbench.session import Stage
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
@@ -15,15 +17,17 @@ _DASHES = ('solid', 'dashed')
 _MARKERS = ('circle', 'square', 'triangle', 'diamond', 'inverted_triangle', 'hex',
             'star')
 _LONGEST = 16
+_HEIGHT, _LEGEND_ROW = 180, 19
 
 
 def chart(stages: Sequence[Stage], style: Style) -> UIElement | None:
-    """Return held-out RMSE by joint over the stages; None where there is none yet."""
+    """Return held-out RMSE by joint over the stages; None where there are no two to compare."""
     known = [(k, stage) for k, stage in enumerate(stages) if stage.held_out]
-    if not known:
+    if len(known) < 2:
         return None
     joints = stages[-1].model.joints
-    made = plot(style, 'held-out error at every stage', '', 'RMSE, N·m', 260, 'hover,save',
+    made = plot(style, 'held-out error at every stage', '', 'RMSE, N·m',
+                max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
                 x_range=(-0.3, max(len(stages) - 0.7, 0.7)))
     entries = []
     for n, joint in enumerate(joints):
@@ -32,11 +36,11 @@ def chart(stages: Sequence[Stage], style: Style) -> UIElement | None:
         source = ColumnDataSource({
             'x': [k for k, _ in known], 'y': [s.held_out.get(joint, float('nan'))
                                               for _, s in known],
-            'joint': [canvas_text(joint)] * len(known)})
+            'joint': [canvas_text(printable(joint))] * len(known)})
         line = made.line('x', 'y', source=source, color=colour, line_width=2, line_dash=dash)
         dot = made.scatter('x', 'y', source=source, color=colour, size=8,
                            marker=_MARKERS[n % len(_MARKERS)])
-        entries.append((canvas_text(joint), [line, dot]))
+        entries.append((canvas_text(short(printable(joint), 15)), [line, dot]))
     made.y_range.start = 0.0
     made.xaxis.ticker = FixedTicker(ticks=list(range(len(stages))))
     made.xaxis.major_label_overrides = {k: canvas_text(_short(s.name))

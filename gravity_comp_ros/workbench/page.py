@@ -161,10 +161,10 @@ class Page:
             self.one.warning = reason
             self._say(self.one)
 
-    def _add(self, target: str) -> None:
+    def _add(self, targets: tuple[str, ...]) -> None:
         if self.one is not None:
             self._focus = 'head'
-            self.one.add((target,))
+            self.one.add(targets)
 
     def _look(self, number: int) -> None:
         self.view = self.names[number]

@@ -14,8 +14,9 @@ INSIDE = """
   white-space: normal; overflow-wrap: anywhere }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);
   border-color: var(--line) }
+""" + css.ARROW + """
 .bk-btn { background: var(--soft); color: var(--text); border: 1px solid var(--line);
-  white-space: normal; text-align: left }
+  white-space: normal; overflow-wrap: anywhere; text-align: left; max-width: 100% }
 .bk-btn:hover, .bk-btn:focus { background: var(--soft); color: var(--text);
   border-color: var(--strong) }
 .bk-btn.bk-active { background: var(--strong); color: var(--ground) }
@@ -27,7 +28,8 @@ INSIDE = """
 :focus-visible { outline: 2px solid var(--strong); outline-offset: 1px }
 """ + css.CONTENT + """
 h1, h2, h3 { margin-top: .5rem }
-h1 { font-size: 1.3rem; margin-bottom: 0 }
+.finding { margin: .1rem 0 }
+h1 { font-size: 1.2rem; margin: .2rem 0 0 }
 """
 
 # Every plot of Bokeh listens to the viewport for ever, and keeps itself and its data alive by that
@@ -68,7 +70,9 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 .above { display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 1.4rem }
 .skip { position: absolute; left: -999px }
 .skip:focus { left: 1rem; top: .5rem; background: var(--ground); padding: .4rem; z-index: 9 }
-@media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) } }
+/* On a narrow page the answer comes first, the choices last. */
+@media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) }
+  aside { order: 1 } }
 </style>
 </head>
 <body>
@@ -92,6 +96,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 <script nonce="NONCE">COPY</script>
 <script nonce="NONCE">{BRING}</script>
 <script nonce="NONCE">FORGET</script>
+<script nonce="NONCE">{PLAIN}</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>
@@ -102,6 +107,6 @@ def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
-    text = text.replace('FORGET', _FORGET)
+    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.PLAIN_LINES)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bokeh.layouts import column, row
 from bokeh.models import UIElement
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import Style
-from gravity_comp_ros.workbench import compare_view, widgets
+from gravity_comp_ros.workbench import compare_view, pair_plots, widgets
+from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.compare_view import Seen
 from gravity_comp_ros.workbench.open_session import OpenSession
+from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.views import element
 
-_Named = tuple[str, GravityModel]
+# Residuals of all samples that are kept.
+_MOST_KEPT = 4
 
 
 class PairView:
@@ -20,24 +25,25 @@ class PairView:
 
     def __init__(self) -> None:
         self._chosen: tuple[str, str] | None = None
+        self._known: dict[str, tuple[Choice, Seen]] = {}
 
     def show(self, one: OpenSession, style: Style) -> UIElement:
         """Return the view of a session's models."""
-        models = {key: (name, model) for key, name, model in one.session.models()}
+        models = {key: name for key, name, _ in one.session.models()}
         if len(models) < 2:
             return widgets.html(markup.paragraph(
                 'There is no other model yet: add an effect, or name models with --model.'))
         first, second = self._pair(one, list(models))
-        options = [(key, name) for key, (name, _) in models.items()]
+        options = list(models.items())
         place = column(sizing_mode='stretch_width')
 
         def chosen(value: str) -> None:
             self._chosen = (a.value, b.value)
-            place.children = [self._compared(one, models[a.value], models[b.value], style)]
+            place.children = [self._compared(one, a.value, b.value, style)]
 
         a = widgets.select('A', options, first, chosen, 'model-a')
         b = widgets.select('B', options, second, chosen, 'model-b')
-        place.children = [self._compared(one, models[first], models[second], style)]
+        place.children = [self._compared(one, first, second, style)]
         return column(row(a, b, sizing_mode='stretch_width'), place, sizing_mode='stretch_width')
 
     def _pair(self, one: OpenSession, keys: list[str]) -> tuple[str, str]:
@@ -49,9 +55,24 @@ class PairView:
         before = others[-1] if stage.parent is None else f'stage {stage.parent}'
         return before, f'stage {at}'
 
-    def _compared(self, one: OpenSession, a: _Named, b: _Named, style: Style) -> UIElement:
+    def _compared(self, one: OpenSession, a: str, b: str, style: Style) -> UIElement:
         try:
-            found = [one.session.compared(model) for _, model in (a, b)]
+            first, second = (self._seen(one.session, key) for key in (a, b))
+            shared = [name for name in first.model.joints if name in second.model.joints]
+            plots = pair_plots.residuals(first, second, one.session.recording.samples.joints(
+                shared), style)
         except GravityCompError as problem:
             return widgets.html(markup.paragraph(str(problem)))
-        return element(compare_view.section(b[0], found[1], a[0], found[0], style))
+        return element(compare_view.section(first, second, plots, style))
+
+    def _seen(self, session: Session, key: str) -> Seen:
+        name, model = next((name, model) for k, name, model in session.models() if k == key)
+        known = self._known.get(key)
+        # What was computed for the same model and choice is shown again as it is.
+        if known is not None and known[0] is session.choice and known[1].model is model:
+            return replace(known[1], name=name, facts=session.facts(key))
+        seen = Seen(name, model, session.facts(key), session.compared(model),
+                    session.residual(model))
+        self._known = {**self._known, key: (session.choice, seen)} if len(
+            self._known) < _MOST_KEPT else {key: (session.choice, seen)}
+        return seen

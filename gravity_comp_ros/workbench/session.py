@@ -12,6 +12,7 @@ from pathlib import Path
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, with_enough_motion
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
@@ -33,6 +34,10 @@ import numpy as np
 ADDABLE = (*FOUND, 'ambiguous', 'weak')
 # Fewer slow samples than this say little.
 FEW = 50
+# Of more effects that were added at once the name of a stage has the first.
+_MOST_NAMED = 2
+# Comparisons that are kept; each has a residual of all samples.
+_MOST_ERRORS = 4
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,8 @@ class Session:
         self._contents: tuple[_Key, Contents] | None = None
         self._preview: tuple[_Key, Contents] | None = None
         self._few: tuple[_Key, str] | None = None
+        self._recording: tuple[_Key, Recording] | None = None
+        self._errors: list[tuple[_Key, Comparison]] = []
 
     @property
     def stage(self) -> Stage | None:
@@ -100,7 +107,10 @@ class Session:
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        return self.choice.recording(self.read.samples, self.read.reports)
+        key = _Key(self.choice, self.read)
+        if self._recording is None or self._recording[0] != key:
+            self._recording = (key, self.choice.recording(self.read.samples, self.read.reports))
+        return self._recording[1]
 
     # What is to be done.
 
@@ -223,7 +233,7 @@ class Session:
         if parent is not None:
             # Of the same samples as the error after it.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
-        self._go_on(Stage('+ ' + ', '.join(answer.result.added), answer.model, job.choice, parent,
+        self._go_on(Stage(_added_name(answer.result.added), answer.model, job.choice, parent,
                           tuple(answer.result.added), held_out=after))
 
     def undo(self) -> str:
@@ -266,8 +276,7 @@ class Session:
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        choice = replace(self.choice, joints=model.joints)
-        return compare_model(model, choice.recording(self.read.samples, self.read.reports))
+        return self._compared(model)
 
     def contents(self) -> Contents:
         """
@@ -286,14 +295,28 @@ class Session:
     def _make(self, stage: Stage) -> Contents:
         recording = self.recording.select_joints(stage.model.joints)
         previous = None if stage.parent is None else self.stages[stage.parent]
-        other = compare_model(previous.model, recording) if previous else None
+        other = self._compared(previous.model) if previous else None
+        predicted = predict_torque(stage.model, recording.samples)
         return Contents(
-            recording.samples, predict_torque(stage.model, recording.samples), stage.model,
-            compare_model(stage.model, recording), recording.gated.sentence(), recording.reports,
+            recording.samples, predicted, stage.model, self._compared(stage.model, predicted),
+            recording.gated.sentence(), recording.reports,
             Origin('\n'.join(self.commands()), now()), self.diagnosis,
             {name: x.rmse for name, x in other.joints.items()} if other else {},
             previous.name if previous else '', next_command=self._next_command(),
             arm=self.arm(stage.model.joints))
+
+    def _compared(self, model: GravityModel, predicted: FloatArray | None = None) -> Comparison:
+        """Return the errors of a model on what is chosen; those of the latest models are kept."""
+        choice = replace(self.choice, joints=model.joints)
+        key = _Key(choice, self.read, model)
+        found = next((errors for known, errors in self._errors if known == key), None)
+        if found is None:
+            same = choice == self.choice
+            recording = self.recording if same or self.read is None else choice.recording(
+                self.read.samples, self.read.reports)
+            found = compare_model(model, recording, predicted)
+            self._errors = [(key, found), *self._errors][:_MOST_ERRORS]
+        return found
 
     def arm(self, joints: tuple[str, ...]) -> Arm | None:
         """Return the arm of these joints, if a description says what it looks like."""
@@ -373,10 +396,42 @@ class Session:
             return ''
         return tree.add_command(tuple(targets), self.choice, self.paths, self.topic)
 
+    def residual(self, model: GravityModel) -> FloatArray:
+        """
+        Return what a model leaves of all chosen samples, (M, N) in N·m of its own joints.
+
+        :raises ModelMismatchError: if they lack a joint of the model.
+        """
+        samples = self.recording.samples.joints(model.joints)
+        return np.asarray(samples.tau - predict_torque(model, samples))
+
+    def facts(self, key: str) -> dict[str, str]:
+        """Return what a model of `models` was made from and what was noted of it."""
+        model = next(model for name, _, model in self.models() if name == key)
+        terms = sum(len(torque.weights) for torque in model.torques)
+        told = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
+                'learned from': ''}
+        if key.startswith('stage '):
+            stage = self.stages[int(key.split()[1])]
+            told['note'] = stage.note
+            told['learned from'] = str(stage.given) if stage.given else self._learned_from(stage)
+        return told
+
+    def _learned_from(self, stage: Stage) -> str:
+        runs = ', '.join(self.paths[run].name for run in stage.choice.runs)
+        gate = ' '.join(stage.choice.gate_words()).replace('--', '') or 'slow samples'
+        return f'{runs}; {gate}'
+
     def models(self) -> list[tuple[str, str, GravityModel]]:
         """Return key, name and model of all that can be compared."""
         own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
         return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
+
+
+def _added_name(effects: tuple[str, ...]) -> str:
+    if len(effects) <= _MOST_NAMED:
+        return '+ ' + ', '.join(effects)
+    return f'+ {effects[0]} and {len(effects) - 1} more'
 
 
 def target_of(finding: Finding) -> str:

@@ -10,10 +10,10 @@ from gravity_comp_ros.printable import printable
 from gravity_comp_ros.workbench.page_style import INSIDE
 
 
-def html(text: str, name: str | None = None) -> Div:
+def html(text: str, name: str | None = None, **more: Any) -> Div:
     """Return safe HTML as an element."""
     return Div(text=text, name=name, stylesheets=[INSIDE], sizing_mode='stretch_width',
-               disable_math=True)
+               disable_math=True, **more)
 
 
 def button(label: str, action: Callable[[], None], kind: str = 'default',

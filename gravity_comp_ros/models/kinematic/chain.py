@@ -27,6 +27,9 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
+# Poses whose frames are held at once: they fit into the cache of a processor.
+_AT_ONCE = 8192
+
 
 @dataclass(frozen=True, eq=False)
 class Chain:
@@ -59,8 +62,10 @@ class Chain:
 
     def torque(self, q: FloatArray) -> FloatArray:
         """Return what holds the arm up, tau (M, N) in N·m, in poses q (M, N) in rad."""
-        columns = ForwardKinematics(self.axes, np.asarray(q, dtype=np.float64)).moment_columns()
-        return np.tensordot(self.moments.ravel(), columns, axes=(0, 0)).T
+        q = np.asarray(q, dtype=np.float64)
+        parts = [ForwardKinematics(self.axes, q[start:start + _AT_ONCE]).torque(self.moments)
+                 for start in range(0, max(len(q), 1), _AT_ONCE)]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def moved(self, step: FloatArray) -> Chain:
         """Return the chain after a step (4N,): axes d (N, 2) in rad, then moments (N, 2)."""
@@ -97,6 +102,11 @@ class ForwardKinematics:
             turned[2] = z
             self.turned_x[i], self.turned_y[i] = turned[0], turned[1]
             frame = turned.reshape(3, 3 * m)
+
+    def torque(self, moments: FloatArray) -> FloatArray:
+        """Return the torque (M, N) of moments (N, 2) on these axes."""
+        hanging, z = self._hanging(moments), self.z
+        return np.asarray((z[:, 0] * hanging[:, 1] - z[:, 1] * hanging[:, 0]).T)
 
     def moment_columns(self, along: int = 2) -> FloatArray:
         """

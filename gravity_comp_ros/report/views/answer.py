@@ -72,7 +72,7 @@ def _drawn(contents: Contents, bars: list[Bars], style: Style) -> figure:
     joints = contents.joints
     count = len(joints)
     # Names may be alike once they are printable, so joints stand at numbers.
-    made = plot(style, '', 'RMSE, N·m', '', 70 + 46 * count, 'hover',
+    made = plot(style, '', 'RMSE, N·m', '', _height(count), 'hover',
                 y_range=(count - 0.45, -0.55))
     for place, (name, values, colour) in enumerate(bars):
         shift = (place - 0.5 * (len(bars) - 1)) * _BAR
@@ -92,12 +92,16 @@ def _drawn(contents: Contents, bars: list[Bars], style: Style) -> figure:
     return made
 
 
+def _height(joints: int) -> int:
+    return 62 + 36 * joints
+
+
 def _proof(contents: Contents, table: Table, style: Style,
            finding: Finding | None) -> UIElement | None:
     """Return the plot in which the finding, or else the largest error, is plain."""
     joint = named_joint(contents)
     letter = 'q' if finding is None else _OVER.get(finding.effect or '', '')
-    height = max(300, min(70 + 46 * len(contents.joints), 420))
+    height = max(280, min(_height(len(contents.joints)), 420))
     if finding is not None and not letter:
         made = effects.added(contents, table, style, finding)
         if made is None:

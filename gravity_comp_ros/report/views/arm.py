@@ -64,7 +64,8 @@ def _view(contents: Contents, arm: Arm, table: Table, style: Style) -> UIElement
                              title_text_color=style.text, major_label_text_color=style.text,
                              background_fill_color=style.background), 'right')
     told = Div(disable_math=True, sizing_mode='stretch_width',
-               stylesheets=[css.CONTENT + css.CONTROL])
+               stylesheets=[css.CONTENT],
+               styles={'color': 'var(--text)'})
     slider = _slider('time, s', 0.0, float(table.time.max()), 0.0, 0.01)
     azimuth = _slider('view around, rad', -3.14, 3.14, 0.6, 0.02)
     elevation = _slider('view from above, rad', -0.5, 1.57, 0.35, 0.02)

@@ -36,8 +36,9 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
                        + structure(diagnosis) + summaries(diagnosis))
     findings = diagnosis.findings
     lead = markup.paragraph(
-        'Ranked by how sure they are. Errors are of data that was not fitted, as a share of the '
-        'range of the measured torque.', 'quiet') + findings_table(findings)
+        'Ranked by how sure they are. Errors are of data that was not fitted, each with the '
+        'effects above it, as a share of the range of the measured torque.', 'quiet')
+    lead += findings_table(findings)
     # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
     parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
@@ -66,12 +67,12 @@ def label(finding: Finding) -> str:
     return finding.effect or 'unexplained'
 
 
-def coefficients(finding: Finding) -> str:
-    """Return the coefficients with units and 95 % intervals in one line."""
+def coefficients(finding: Finding, most: int = _MOST_COEFFICIENTS) -> str:
+    """Return at most so many coefficients with units and 95 % intervals in one line."""
     items = list(finding.coefficients.items())
     shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
-                      for symbol, x in items[:_MOST_COEFFICIENTS])
-    more = len(items) - _MOST_COEFFICIENTS
+                      for symbol, x in items[:most])
+    more = len(items) - most
     return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
 
 
@@ -83,7 +84,7 @@ def bars(findings: tuple[Finding, ...], style: Style) -> figure:
     source = ColumnDataSource({
         'name': shown, 'before': [100.0 * f.nrmse_before for f in findings],
         'after': [100.0 * f.nrmse_after for f in findings]})
-    made = plot(style, 'Held-out error without and with each effect, added in this order',
+    made = plot(style, 'Held-out error without and with each',
                 '% of the range of the torque', '', 92 + 38 * len(names), 'hover',
                 y_range=FactorRange(*shown[::-1]))
     made.hbar(dodge('name', 0.17, range=made.y_range), right='before', height=0.3, source=source,

@@ -9,7 +9,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, plot, Style
+from gravity_comp_ros.report.style import canvas_text, plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
 _HEIGHT, _AXIS = 165, 22
@@ -41,7 +41,7 @@ def one(contents: Contents, table: Table, style: Style, joint: str, letter: str,
     made = _scatter(contents, table, style, contents.model.joints.index(joint), place,
                     directions(style), own_range())
     made.height = height
-    made.title.text = canvas_text(printable(f'residual of {joint}'))
+    made.title.text = canvas_text(f'residual of {short(printable(joint), 24)}')
     made.yaxis.axis_label = 'residual, N·m'
     return made
 
