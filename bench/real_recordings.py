@@ -1,48 +1,77 @@
 """
 The loop on recordings of real arms: fit, diagnose, add, each judged on motion that came later.
 
-Run from the root of the repository:
+Run from the root of the repository, with the arm before the recording where its axes are known
+(`bench/real_arms.py`):
 
-    python3 bench/real_recordings.py ur10.db3 panda.db3
+    python3 bench/real_recordings.py ur10=ur10.db3 panda=panda.db3 med7=med7.mcap
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
 RMSE over the standard deviation of the torque, in percent, joint by joint: of the default fit, of
-that with what the diagnosis found, and with the best of each tie as well.
+that with what the diagnosis found, and with the best of each tie as well. With the axes the loop
+is run once more with the arm's description, and beside it stands a reference that is not of this
+package: Pinocchio's regressor, Coulomb and viscous friction and offset of every joint, by least
+squares.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
+import tempfile
 
 import gravity_comp_ros as gc
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.models.applied_effects import target
 import numpy as np
+import pinocchio as pin
+from real_arms import ARMS, description
 
 _FITTED = 0.7
+# rad/s: over this speed the friction of the reference turns its sign.
+_WIDTH = 0.01
 
 
 def main() -> int:
     """Run the loop on each recording and print the errors."""
     parser = argparse.ArgumentParser(description='The loop on recordings of real arms.')
-    parser.add_argument('bags', nargs='+', metavar='BAG')
-    for bag in parser.parse_args().bags:
+    parser.add_argument('bags', nargs='+', metavar='[ARM=]BAG')
+    for text in parser.parse_args().bags:
+        arm, _, bag = text.rpartition('=')
+        if arm and arm not in ARMS:
+            parser.error(f'no arm {arm}; known are {", ".join(ARMS)}')
         data = gc.read(bag)
         t = data.samples.t
         split = t[0] + _FITTED * (t[-1] - t[0])
         early = gc.Recording(data.samples.select(t < split))
         later = gc.Recording(data.samples.select(t >= split), gate=None)
-        model = gc.fit(early)
-        show(f'{bag}: fit', model, later)
-        found = gc.diagnose(gc.Recording(early.samples, gate=None), model).findings
-        for finding in found:
-            print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
-                  f'{finding.verdict}')
-        sure = [f for f in found if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-        ties = [f for f in found if f.verdict == gc.Verdict.AMBIGUOUS]
-        for words, chosen in (('found', sure), ('and ties', [*sure, *ties])):
-            show(words, added(model, early, chosen), later)
+        print(bag)
+        loop(early, later, None)
+        if arm:
+            with tempfile.TemporaryDirectory() as folder:
+                urdf = Path(folder) / f'{arm}.urdf'
+                urdf.write_text(description(arm, data.joints))
+                print('with the description of the arm')
+                loop(early, later, urdf)
+                shares = reference(urdf, early.samples, later.samples)
+                print('reference:', ' '.join(f'{share:.0f}' for share in shares), '%')
     return 0
+
+
+def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
+    """Fit, diagnose, add, and print the errors after each."""
+    model = gc.fit(early, urdf=urdf)
+    show('fit', model, later)
+    found = gc.diagnose(gc.Recording(early.samples, gate=None), model).findings
+    for finding in found:
+        print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
+              f'{finding.verdict}')
+    sure = [f for f in found if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    ties = [f for f in found if f.verdict == gc.Verdict.AMBIGUOUS]
+    for words, chosen in (('found', sure), ('and ties', [*sure, *ties])):
+        show(words, added(model, early, chosen), later)
 
 
 def added(model: gc.Model, recording: gc.Recording, findings: Sequence[gc.Finding]) -> gc.Model:
@@ -56,6 +85,31 @@ def show(words: str, model: gc.Model, recording: gc.Recording) -> None:
     joints = gc.compare(model, recording).joints.values()
     shares = [100.0 * joint.rmse / max(joint.torque_std, 1e-12) for joint in joints]
     print(f'{words}:', ' '.join(f'{share:.0f}' for share in np.array(shares)), '%', flush=True)
+
+
+def reference(urdf: Path, early: JointSamples, later: JointSamples) -> FloatArray:
+    """Return the errors (N,) of rigid-body identification with Pinocchio, in percent."""
+    model = pin.buildModelFromUrdf(str(urdf))
+    columns, judged = (reference_columns(model, part) for part in (early, later))
+    size = np.maximum(early.tau.std(axis=0), 0.1)
+    flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
+    x = np.linalg.lstsq(flat, (early.tau / size).ravel(), rcond=1e-8)[0]
+    error = np.sqrt(((later.tau - judged @ x) ** 2).mean(axis=0))
+    return np.asarray(100.0 * error / later.tau.std(axis=0))
+
+
+def reference_columns(model: pin.Model, samples: JointSamples) -> FloatArray:
+    """Return the columns (M, N, K) of the reference."""
+    data, qdd = model.createData(), accelerations(samples)
+    m, n = samples.q.shape
+    arm = np.array([pin.computeJointTorqueRegressor(model, data, *row)
+                    for row in zip(samples.q, samples.qd, qdd)])
+    friction = np.zeros((m, n, 3 * n))
+    for joint in range(n):
+        qd = samples.qd[:, joint]
+        friction[:, joint, 3 * joint:3 * joint + 3] = np.column_stack(
+            [np.tanh(qd / _WIDTH), qd, np.ones(m)])
+    return np.concatenate([arm, friction], axis=2)
 
 
 if __name__ == '__main__':
