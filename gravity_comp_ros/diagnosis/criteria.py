@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, COMMON, MOTION, RARE, USUAL
+from gravity_comp_ros.diagnosis.candidates import Candidate, MOTION, RARE, USUAL
 from gravity_comp_ros.diagnosis.estimates import p_of_size
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
@@ -62,13 +62,13 @@ class Criteria:
         """
         Return the gain beside others; what fast motion needs shows in the few blocks that have it.
 
-        Where an effect that is expected in every joint takes much off the held-out error, its
+        Where friction or an offset takes much off the held-out error, its
         size is evidence as well: blocks gain as much as each of them moves, and a short
         recording has few, so that their gains differ widely while the coefficient is certain.
         """
         how = gain_of_motion if candidate.expectation == MOTION else gain
         found = how(before, after, self.tests(candidate))
-        if candidate.expectation == COMMON and found.share >= self.options.evident_share:
+        if candidate.effect.name in USUAL and found.share >= self.options.evident_share:
             tests = float(len(self._tried))
             found = how(before, after, tests)
             if found.p >= self.options.alpha and len(candidate.columns) == 1:

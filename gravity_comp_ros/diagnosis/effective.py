@@ -31,7 +31,14 @@ def effective(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candidate
 
 def effective_of(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candidate],
                  candidate: Candidate) -> float:
-    """Return how many independent samples of a joint the size of a chosen effect comes from."""
+    """
+    Return how many independent samples of a joint the size of a chosen effect comes from.
+
+    Of an effect with several free coefficients the samples of the residual count: a product of
+    their sum with it says nothing of the one that is known worst.
+    """
+    if len(candidate.columns) > 1 and candidate.effect.spread is None:
+        return effective(fits, motion, joint, chosen)
     rows, fit = fits.rows[joint], fits.fit(joint, chosen)
     here = np.isin(fit.columns, candidate.columns)
     mine, others = fit.columns[here], fit.columns[~here]

@@ -14,10 +14,9 @@ class SelectionOptions:
 
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
-    expected in every joint; `most` effects are looked for in all. An effect that is expected in
-    every joint and takes `evident_share` off its error is not corrected for the other joints and
-    effects that were tried: chance takes a few hundredths off, and a short recording has few
-    blocks.
+    expected in every joint; `most` effects are looked for in all. Friction or an offset that takes
+    `evident_share` off a joint's error is not corrected for the other joints and effects that
+    were tried: chance takes a few hundredths off, and a short recording has few blocks.
 
     :raises OptionError: if a value is out of range.
     """
