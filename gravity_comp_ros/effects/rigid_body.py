@@ -61,6 +61,7 @@ def _identifiable(rotations: bytes, origins: bytes, n: int) -> tuple[IntArray, I
     return identifiable(Geometry(tuple(map(str, range(n))), *shape, 'tool', np.eye(3)))
 
 
+@lru_cache(maxsize=4)
 def dynamics_of(model: GravityModel, geometry: Geometry) -> Dynamics:
     """Return what the columns of a gravity model on known axes are made of."""
     inertias, rotors = _identifiable(geometry.rotations.tobytes(), geometry.origins.tobytes(),

@@ -12,7 +12,6 @@ from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
 import numpy as np
-from scipy import optimize
 
 # Masses lie about the middle line of a link, at this share of the mean length of it and of the one
 # before.
@@ -39,7 +38,9 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     size = max(float(np.abs(moments).max()), 1e-9)
     a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
     b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
-    masses = optimize.nnls(a, b)[0]
+    # Programs that only load effects start without this half of SciPy.
+    from scipy.optimize import nnls
+    masses = nnls(a, b)[0]
     found = np.asarray(masses @ parameters)
     # Masses that are not negative need not reach every moment: the rest is put where it is.
     missing = moments - (weighed @ masses).reshape(-1, 2)
