@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import product
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.chain import aligned
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, iiwa7
@@ -42,6 +45,18 @@ def potential_energy(arm, q):
     return np.array([pin.computePotentialEnergy(arm.model, data, pose) for pose in q])
 
 
+def geometry_of(arm):
+    """Return where the axes of an arm are, z along each of them."""
+    rotations, origins, back = [], [], np.eye(3)
+    for joint, place in list(zip(arm.model.joints, arm.model.jointPlacements))[1:]:
+        turn = aligned({'RX': np.eye(3)[0], 'RY': np.eye(3)[1],
+                        'RZ': np.eye(3)[2]}[joint.shortname()[-2:]])
+        rotations.append(back @ place.rotation @ turn)
+        origins.append(back @ place.translation)
+        back = turn.T
+    return Geometry(arm.joints, np.array(rotations), np.array(origins), 'hand', back)
+
+
 @cache
 def exact_model(name):
     """
@@ -60,8 +75,9 @@ def exact_model(name):
     flat[0] = 0.0
     kept = np.flatnonzero(np.abs(flat) > 1e-9)
     energy = Expansion(kept, flat[kept])
-    return GravityModel.from_energy(arm.joints, 'potential', energy, np.full(n, NOISE),
-                                    Coverage(arm.lower, arm.upper, 1000), {})
+    model = GravityModel.from_energy(arm.joints, 'potential', energy, np.full(n, NOISE),
+                                     Coverage(arm.lower, arm.upper, 1000), {})
+    return replace(model, geometry=geometry_of(arm))
 
 
 def samples_of(arm, motions, tau):

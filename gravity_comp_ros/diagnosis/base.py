@@ -11,6 +11,7 @@ joint's angle does to the torque (a tilted base) is then left for an effect to e
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -26,6 +27,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
@@ -34,6 +36,9 @@ import numpy as np
 _ROUGH_SAMPLES = 500
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
+# A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept. With
+# that many a model predicts as the chain that it is, so that its torque is exact.
+_MOST_JOINTS, _MOST_TERMS = 9, 1500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
 _CAUTIOUS = SparseOptions(inflation=4.0)
 # Directions of the base that this motion excites less, next to the most excited, are left out.
@@ -75,7 +80,11 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     part = samples.select(rows)
     few = evenly_picked(samples.n_samples, _ROUGH_SAMPLES)
     described = model if model is not None and model.geometry and model.chain else None
-    choose = _potential if described is None else partial(_on_axes, described)
+    choose: Callable[[JointSamples], GravityModel]
+    if described is not None:
+        choose = partial(_on_axes, described)
+    else:
+        choose = _potential if samples.n_joints <= _MOST_JOINTS else _serial
     motion = build_motion(part, choose(samples.select(few)))
     cleaned = replace(part, tau=part.tau - _nuisance(motion))
     few = evenly_picked(part.n_samples, _SAMPLES)
@@ -112,13 +121,29 @@ def _on_axes(model: GravityModel, samples: JointSamples) -> GravityModel:
     size = np.maximum(samples.tau.std(axis=0), 1e-6 * max(float(samples.tau.std()), 1e-9))
     flat = (columns / size[None, :, None]).reshape(len(columns), -1).T
     moments = np.linalg.lstsq(flat, (samples.tau / size).T.ravel(), rcond=_EXCITED)[0]
-    chain = Chain(model.chain.axes, moments.reshape(-1, 2))
+    found = _of_chain(Chain(model.chain.axes, moments.reshape(-1, 2)), samples)
+    return replace(found, geometry=model.geometry)
+
+
+def _serial(samples: JointSamples) -> GravityModel:
+    """Return the serial arm that fits, of more joints than a sparse energy is sought for."""
+    return _of_chain(rough_fit(samples, SearchOptions()).chain, samples)
+
+
+def _of_chain(chain: Chain, samples: JointSamples) -> GravityModel:
     coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
                         samples.n_runs)
-    found = GravityModel.from_energy(samples.names, 'chain', expand(chain),
-                                     np.zeros(samples.n_joints), coverage, {}, chain)
-    left = samples.tau - found.predict(samples.q)
-    return replace(found, geometry=model.geometry, noise=np.sqrt((left ** 2).mean(axis=0)))
+    energy = _largest(expand(chain))
+    found = GravityModel.from_energy(samples.names, 'chain', energy, np.zeros(samples.n_joints),
+                                     coverage, {}, chain)
+    left = samples.tau - chain.torque(samples.q)
+    return replace(found, noise=np.sqrt((left ** 2).mean(axis=0)))
+
+
+def _largest(energy: Expansion) -> Expansion:
+    """Return the largest terms of an energy: effects that are made of its terms take no more."""
+    kept = np.sort(np.argsort(-np.abs(energy.weights), kind='stable')[:_MOST_TERMS])
+    return Expansion(energy.indices[kept], energy.weights[kept])
 
 
 def refined(base: Base, effects: FloatArray) -> Base | None:
@@ -128,7 +153,7 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     :param effects: (M, N) N·m, what was found beside gravity.
     """
     samples = base.motion.samples
-    if base.model.chain is not None:
+    if base.model.geometry is not None:
         return None
     cleaned = replace(samples, tau=samples.tau - effects)
     chain = _chain(cleaned, base.chain)
@@ -159,11 +184,10 @@ def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
 
 def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples,
              chain: Chain | None) -> FloatArray:
-    if model.chain is None:
-        gravity = np.concatenate([_model_columns(model, cleaned.q), _tangent(cleaned.q, chain)],
-                                 axis=2)
-    else:
-        gravity = _model_columns(model, cleaned.q)
+    parts = [_tangent(cleaned.q, chain)]
+    if model.chain is None or model.geometry is not None:
+        parts.insert(0, _model_columns(model, cleaned.q))
+    gravity = np.concatenate(parts, axis=2)
     return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
 
 

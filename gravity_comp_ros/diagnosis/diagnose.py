@@ -32,6 +32,8 @@ Progress = Callable[[str, float], None]
 # of them cost memory and say little.
 _MOST_SAMPLES = 40000
 _MOST_ROWS = 9000
+# With more joints than this there are fewer rows, so that memory does not grow with their square.
+_FULL_ROWS = 8
 
 
 def diagnose(samples: JointSamples, model: GravityModel | None = None,
@@ -56,7 +58,8 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     noise = white_noise(samples)
     samples = samples.select(evenly_picked(samples.n_samples, _MOST_SAMPLES))
     tell('gravity model', 0.0)
-    base = choose_base(samples, model, _MOST_ROWS)
+    rows = round(_MOST_ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2)
+    base = choose_base(samples, model, rows)
     motion = base.motion
     tell('columns', 0.2)
     known, tests = _effects(options)

@@ -166,7 +166,7 @@ EFFECTS = (
                                                              'j, and per factor of angles')),
         columns=_inertia,
         pointwise=True,
-        confounders=('joint_spring', 'coriolis'),
+        confounders=('joint_spring', 'coriolis', 'rigid_body_dynamics'),
         experiment='move joint {joint} to and fro over the same short way at two speeds; '
                    'inertia grows with the square of the speed',
         signature='acceleration',
@@ -188,7 +188,7 @@ EFFECTS = (
         coefficients=(Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),),
         columns=_coriolis,
         pointwise=True,
-        confounders=('inertia',),
+        confounders=('inertia', 'rigid_body_dynamics'),
         experiment='move joint {joint} and its neighbours together at two speeds; this torque '
                    'grows with the square of the speed and does not turn with direction',
         signature='speed',

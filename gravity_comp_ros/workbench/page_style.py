@@ -10,6 +10,8 @@ from jinja2 import Template
 # In every widget and text: custom properties of the page reach into them.
 INSIDE = """
 :host { color: var(--text); font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif }
+/* Wide tables scroll within their text, which is no wider than the page. */
+.bk-clearfix { min-width: 0; max-width: 100% }
 .bk-input-group > label, .bk-btn-group ~ label, label { color: var(--text);
   white-space: normal; overflow-wrap: anywhere }
 .bk-input, select, input[type=text] { background-color: var(--ground); color: var(--text);

@@ -1,0 +1,71 @@
+"""Arms of more joints than a sparse energy is sought for: gravity is then a serial arm's."""
+
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.diagnosis.base import choose_base
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.wording import FOUND
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain
+from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.generated import generated_arm
+from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+import pytest
+
+N = 10
+
+
+def recorded(runs, duration, rate):
+    """Return slow motion of ten joints, with 2 N·m of friction on the fourth."""
+    arm = generated_arm(4, N, right_angles=True)
+    friction = (Friction(3, LuGre(2.0)),)
+    how = MultisineOptions(max_speed=0.2)
+    return concatenate([
+        synthesise(arm, multisine(arm.lower, arm.upper, np.full(N, 1.5), seed, how, duration,
+                                  rate),
+                   SynthesisOptions(NoiseOptions(absolute=0.05), seed, disturbances=friction))
+        for seed in range(runs)])
+
+
+def test_the_base_of_a_large_arm_is_a_serial_arm():
+    samples = recorded(2, 60.0, 10.0)
+    base = choose_base(samples, None, 600)
+    assert base.model.chain is not None and base.chain is not None
+    # 4N numbers less the two of the first axis, and what this motion does not excite.
+    assert base.columns.shape[2] <= 4 * N
+    tau = base.motion.samples.tau - 2.0 * (
+        np.sign(base.motion.samples.qd) * (np.arange(N) == 3))
+    flat = base.columns.reshape(tau.size, -1)
+    left = tau.ravel() - flat @ np.linalg.lstsq(flat, tau.ravel(), rcond=1e-10)[0]
+    assert np.sqrt((left ** 2).mean()) < 0.05 * tau.std()
+
+
+@pytest.mark.slow
+def test_friction_on_one_of_ten_joints_is_named():
+    found = diagnose(recorded(3, 60.0, 15.0)).findings
+    named = [(f.effect, f.joint) for f in found if f.verdict in FOUND]
+    assert ('coulomb_friction', 'joint_4') in named, [f.to_json() for f in found]
+    level = next(f for f in found if f.effect == 'coulomb_friction').coefficients['F_c']
+    assert level.value == pytest.approx(2.0, rel=0.1)
+
+
+def test_the_slope_of_a_chain_with_many_terms_is_that_of_its_terms():
+    rng = np.random.default_rng(0)
+    axes = np.stack([np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(7)])
+    axes[np.linalg.det(axes) < 0.0, :, 0] *= -1.0
+    chain = Chain(axes, rng.normal(size=(7, 2)))
+    names = tuple('abcdefg')
+    coverage = Coverage(np.full(7, -3.0), np.full(7, 3.0), 10)
+    model = GravityModel.from_energy(names, 'chain', expand(chain), np.ones(7), coverage, {},
+                                     chain)
+    assert len(model.energy.indices) > 1000
+    q = rng.uniform(-3.0, 3.0, (20, 7))
+    by_terms = gravity_gradient(replace(model, chain=None), q)
+    assert gravity_gradient(model, q) == pytest.approx(by_terms, abs=1e-7)
