@@ -36,8 +36,8 @@ import numpy as np
 _ROUGH_SAMPLES = 500
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
-# A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept. With
-# that many a model predicts as the chain that it is, so that its torque is exact.
+# A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept.
+# With that many a model predicts as the chain that it is, so that its torque is exact.
 _MOST_JOINTS, _MOST_TERMS = 9, 1500
 # What is missing is still in the torque and correlated over seconds: a few samples count as one.
 _CAUTIOUS = SparseOptions(inflation=4.0)
