@@ -9,8 +9,6 @@ from itertools import product
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-from gravity_comp_ros.models.kinematic.chain import aligned
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, iiwa7
@@ -19,6 +17,7 @@ from gravity_comp_ros.simulation.pauses import Pause, with_pauses
 from gravity_comp_ros.simulation.six_axis import six_axis
 import numpy as np
 import pinocchio as pin
+from serial_arms import geometry_of
 
 ARMS = ('pendulum', 'six_axis', 'iiwa7')
 RATE, DURATION, NOISE = 20.0, 100.0, 0.05
@@ -43,18 +42,6 @@ def potential_energy(arm, q):
     """Return U (M,) in J, by Pinocchio."""
     data = arm.model.createData()
     return np.array([pin.computePotentialEnergy(arm.model, data, pose) for pose in q])
-
-
-def geometry_of(arm):
-    """Return where the axes of an arm are, z along each of them."""
-    rotations, origins, back = [], [], np.eye(3)
-    for joint, place in list(zip(arm.model.joints, arm.model.jointPlacements))[1:]:
-        turn = aligned({'RX': np.eye(3)[0], 'RY': np.eye(3)[1],
-                        'RZ': np.eye(3)[2]}[joint.shortname()[-2:]])
-        rotations.append(back @ place.rotation @ turn)
-        origins.append(back @ place.translation)
-        back = turn.T
-    return Geometry(arm.joints, np.array(rotations), np.array(origins), 'hand', back)
 
 
 @cache

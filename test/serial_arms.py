@@ -1,6 +1,8 @@
 """Arms for tests: a planar one by hand, and serial ones of any length from Pinocchio."""
 
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.models.kinematic.chain import aligned
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation.arms import Arm
 import numpy as np
 import pinocchio as pin
@@ -70,3 +72,15 @@ def six_axes_with_parallel_ones() -> Arm:
                                                     0.01 * np.eye(3)), pin.SE3.Identity())
     limit = np.full(6, 2.6)
     return Arm('six', names, model, -limit, limit, limit)
+
+
+def geometry_of(arm: Arm) -> Geometry:
+    """Return where the axes of an arm are, z along each of them."""
+    rotations, origins, back = [], [], np.eye(3)
+    for joint, place in list(zip(arm.model.joints, arm.model.jointPlacements))[1:]:
+        turn = aligned({'RX': np.eye(3)[0], 'RY': np.eye(3)[1],
+                        'RZ': np.eye(3)[2]}[joint.shortname()[-2:]])
+        rotations.append(back @ place.rotation @ turn)
+        origins.append(back @ place.translation)
+        back = turn.T
+    return Geometry(arm.joints, np.array(rotations), np.array(origins), 'hand', back)

@@ -11,20 +11,13 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.simulation import arms, generated, motions
 import numpy as np
 import pytest
-from serial_arms import poses, samples_of
+from serial_arms import geometry_of, poses, samples_of
 
 NOISE = 0.1
 LATER = motions.eq17(start=100.0).q
 IIWA = read_urdf(Path(__file__).resolve().parent.parent / 'bags' / 'iiwa7.urdf',
                  arms.iiwa7().joints)
 COM = (0.02, 0.03, 0.1)
-
-
-def geometry_of(arm: arms.Arm) -> Geometry:
-    """Return an arm's axes as its maker would tell them: the base level."""
-    placements = list(arm.model.jointPlacements)[1:]
-    return Geometry(arm.joints, np.array([p.rotation for p in placements]),
-                    np.array([p.translation for p in placements]), 'hand', np.eye(3))
 
 
 def worst(model, arm, q) -> float:

@@ -8,7 +8,6 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_parameters
 from gravity_comp_ros.models.kinematic.rigid_body import identifiable, regressor
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -23,15 +22,10 @@ from hypothesis import given, settings, strategies as st
 import numpy as np
 import pinocchio as pin
 import pytest
+from serial_arms import geometry_of
 
 G = STANDARD_GRAVITY
 FAST = MultisineOptions(band=0.8, max_speed=1.5)
-
-
-def geometry_of(arm):
-    placements = list(arm.model.jointPlacements)[1:]
-    return Geometry(arm.joints, np.array([p.rotation for p in placements]),
-                    np.array([p.translation for p in placements]), 'hand', np.eye(3))
 
 
 def parameters_of(arm):
@@ -100,9 +94,9 @@ def gravity_of(arm, seed=0):
                          ids=lambda arm: arm.name)
 def test_the_dynamics_of_an_arm_are_those_of_gravity_and_inertias(arm):
     model = gravity_of(arm)
-    dynamics = dynamics_of(model, model.geometry)
+    dynamics = dynamics_of(model)
     motion = drawn(arm.n_joints, 300, 1)
-    columns = columns_of(dynamics, model.geometry, *motion)
+    columns = columns_of(dynamics, *motion)
     truth = of_motion(arm, *motion)
     flat = columns[:, :, 1:].reshape(truth.size, -1)
     left = (truth - columns[:, :, 0]).ravel()
@@ -211,11 +205,11 @@ def test_a_model_keeps_its_geometry(tmp_path):
 def test_columns_are_those_of_each_sample_alone():
     arm = generated_arm(0)
     model = gravity_of(arm)
-    dynamics = dynamics_of(model, model.geometry)
+    dynamics = dynamics_of(model)
     one, two = (drawn(arm.n_joints, 30, seed) for seed in (0, 1))
     both = [np.concatenate(pair) for pair in zip(one, two)]
-    parts = [columns_of(dynamics, model.geometry, *motion) for motion in (one, two)]
-    assert (columns_of(dynamics, model.geometry, *both) == np.concatenate(parts)).all()
+    parts = [columns_of(dynamics, *motion) for motion in (one, two)]
+    assert (columns_of(dynamics, *both) == np.concatenate(parts)).all()
 
 
 def test_pinocchio_is_the_reference_here():

@@ -106,12 +106,7 @@ def _potential(samples: JointSamples) -> GravityModel:
     Nuisance terms were taken off before (`_nuisance`), or are what the first fit is to show.
     """
     energy, _ = fit_potential(samples, _CAUTIOUS)
-    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
-                        samples.n_runs)
-    model = GravityModel.from_energy(samples.names, 'potential', energy,
-                                     np.zeros(samples.n_joints), coverage, {})
-    left = samples.tau - model.predict(samples.q)
-    return replace(model, noise=np.sqrt((left ** 2).mean(axis=0)))
+    return _model(samples, 'potential', energy)
 
 
 def _on_axes(model: GravityModel, samples: JointSamples) -> GravityModel:
@@ -131,12 +126,15 @@ def _serial(samples: JointSamples) -> GravityModel:
 
 
 def _of_chain(chain: Chain, samples: JointSamples) -> GravityModel:
-    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
-                        samples.n_runs)
-    energy = _largest(expand(chain))
-    found = GravityModel.from_energy(samples.names, 'chain', energy, np.zeros(samples.n_joints),
-                                     coverage, {}, chain)
-    left = samples.tau - chain.torque(samples.q)
+    return _model(samples, 'chain', _largest(expand(chain)), chain)
+
+
+def _model(samples: JointSamples, formulation: str, energy: Expansion,
+           chain: Chain | None = None) -> GravityModel:
+    """Return the model of an energy, with the noise that it leaves of the samples."""
+    found = GravityModel.from_energy(samples.names, formulation, energy,
+                                     np.zeros(samples.n_joints), Coverage.of(samples), {}, chain)
+    left = samples.tau - found.predict(samples.q)
     return replace(found, noise=np.sqrt((left ** 2).mean(axis=0)))
 
 

@@ -62,9 +62,9 @@ class Criteria:
         """
         Return the gain beside others; what fast motion needs shows in the few blocks that have it.
 
-        Where friction or an offset takes much off the held-out error, its
-        size is evidence as well: blocks gain as much as each of them moves, and a short
-        recording has few, so that their gains differ widely while the coefficient is certain.
+        Where friction or an offset takes much off the held-out error, its size is evidence as
+        well: blocks gain as much as each of them moves, and a short recording has few, so that
+        their gains differ widely while the coefficient is certain.
         """
         how = gain_of_motion if candidate.expectation == MOTION else gain
         found = how(before, after, self.tests(candidate))

@@ -19,6 +19,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausibility import all_of, within_torque
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -43,35 +44,36 @@ _NOMINAL = Coefficient('s', '', 'share of the torque of motion of the nominal ar
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """
-    What the columns are made of: `nominal` (10 N,), inertias and rotors by number, and their size.
+    What the columns are made of: axes, nominal parameters (10 N,), inertias and rotors.
 
     `inertias` (K,) are parameter numbers, `rotors` (R,) joint numbers; `usual` (1 + K + R,) is how
     large the coefficients are before any data.
     """
 
+    geometry: Geometry
     nominal: FloatArray
     inertias: IntArray
     rotors: IntArray
     usual: FloatArray
 
 
-@lru_cache(maxsize=8)
-def _identifiable(rotations: bytes, origins: bytes, n: int) -> tuple[IntArray, IntArray]:
-    shape = np.frombuffer(rotations).reshape(n, 3, 3), np.frombuffer(origins).reshape(n, 3)
-    return identifiable(Geometry(tuple(map(str, range(n))), *shape, 'tool', np.eye(3)))
-
-
 @lru_cache(maxsize=4)
-def dynamics_of(model: GravityModel, geometry: Geometry) -> Dynamics:
-    """Return what the columns of a gravity model on known axes are made of."""
-    inertias, rotors = _identifiable(geometry.rotations.tobytes(), geometry.origins.tobytes(),
-                                     geometry.n_joints)
+def dynamics_of(model: GravityModel) -> Dynamics:
+    """
+    Return what the columns of a gravity model on known axes are made of.
+
+    :raises DataError: if the model has no geometry.
+    """
+    geometry = model.geometry
+    if geometry is None:
+        raise DataError('the axes of the arm are unknown')
+    inertias, rotors = identifiable(geometry)
     nominal = nominal_parameters(geometry, first_moments(model, geometry))
     carried = mean_inertia(geometry, nominal)
     carried = np.maximum(carried, max(_LEAST * float(carried.max()), 1e-6))
     usual = np.concatenate([[3.0], _DIFFERS * carried[inertias // 10],
                             np.full(len(rotors), _ROTOR * carried.max())])
-    return Dynamics(nominal, inertias, rotors, usual)
+    return Dynamics(geometry, nominal, inertias, rotors, usual)
 
 
 def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
@@ -92,28 +94,27 @@ def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
 
 
 def _dynamics(motion: Motion) -> Dynamics:
-    assert motion.model is not None and motion.model.geometry is not None
-    return dynamics_of(motion.model, motion.model.geometry)
+    assert motion.model is not None
+    return dynamics_of(motion.model)
 
 
 def _columns(motion: Motion, joint: int, setting: Setting) -> FloatArray:
     """Return the torque of the nominal arm, of inertias and of rotors: (M, N, 1 + K + R)."""
     if 'rigid_body' not in motion.memo:
-        samples, model = motion.samples, motion.model
-        assert model is not None and model.geometry is not None
-        motion.memo['rigid_body'] = columns_of(_dynamics(motion), model.geometry, samples.q,
-                                               samples.qd, motion.qdd)
+        samples = motion.samples
+        motion.memo['rigid_body'] = columns_of(_dynamics(motion), samples.q, samples.qd,
+                                               motion.qdd)
     return motion.memo['rigid_body']
 
 
-def columns_of(dynamics: Dynamics, geometry: Geometry, q: FloatArray, qd: FloatArray,
+def columns_of(dynamics: Dynamics, q: FloatArray, qd: FloatArray,
                qdd: FloatArray) -> FloatArray:
     """Return the columns (M, N, 1 + K + R) for angles, speeds and accelerations (M, N)."""
     k = 1 + len(dynamics.inertias)
     found = np.zeros((*q.shape, k + len(dynamics.rotors)))
     for start in range(0, len(q), _AT_ONCE):
         rows = slice(start, start + _AT_ONCE)
-        every = regressor(geometry, q[rows], qd[rows], qdd[rows])
+        every = regressor(dynamics.geometry, q[rows], qd[rows], qdd[rows])
         found[rows, :, 0] = every @ dynamics.nominal
         found[rows, :, 1:k] = every[:, :, dynamics.inertias]
     for place, joint in enumerate(dynamics.rotors):
@@ -154,13 +155,11 @@ def _untestable(motion: Motion, joint: int) -> str | None:
 def _not_positive(values: FloatArray, setting: Setting, motion: Motion,
                   joint: int) -> str | None:
     """Check that kinetic energy is positive, at poses of the motion."""
-    model, q = motion.model, motion.samples.q
-    assert model is not None and model.geometry is not None
-    n = model.n_joints
+    q, n = motion.samples.q, motion.samples.n_joints
     few = q[np.linspace(0, len(q) - 1, _CHECKED).astype(int)] if len(q) else q
     rows = np.repeat(few, n, axis=0)
     unit = np.tile(np.eye(n), (len(few), 1))
-    columns = columns_of(_dynamics(motion), model.geometry, rows, 0.0 * rows, unit)
+    columns = columns_of(_dynamics(motion), rows, 0.0 * rows, unit)
     masses = np.linalg.eigvalsh((columns @ np.asarray(values)).reshape(-1, n, n))
     if len(few) and masses.min() < -_NEGATIVE * masses.max():
         return (f'the mass matrix has an eigenvalue of {masses.min():.2g} kg·m^2: kinetic energy '

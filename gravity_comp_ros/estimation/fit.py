@@ -178,8 +178,7 @@ def gravity_model(estimate: Estimate, samples: JointSamples) -> GravityModel:
     :param samples: all that were fitted, before condensing.
     """
     found, names = estimate.choice.estimate, samples.names
-    coverage = Coverage(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
-                        len(np.unique(samples.runs)))
+    coverage = Coverage.of(samples)
     noise = np.zeros(samples.n_joints)
     if isinstance(found, ChainEstimate):
         chain = found.chain

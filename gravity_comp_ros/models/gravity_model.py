@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -42,6 +42,12 @@ class Coverage:
     def __post_init__(self) -> None:
         object.__setattr__(self, 'q_min', np.asarray(self.q_min, dtype=np.float64))
         object.__setattr__(self, 'q_max', np.asarray(self.q_max, dtype=np.float64))
+
+    @classmethod
+    def of(cls, samples: JointSamples) -> Coverage:
+        """Return where samples are."""
+        return cls(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
+                   len(np.unique(samples.runs)))
 
     def distance(self, q: FloatArray) -> FloatArray:
         """Return how far each joint of q (..., N) is outside the trained range, rad."""

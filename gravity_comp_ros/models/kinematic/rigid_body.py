@@ -21,6 +21,7 @@ can, with the others grouped into them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -129,6 +130,7 @@ def _times(v: FloatArray) -> FloatArray:
     return found
 
 
+@lru_cache(maxsize=8)
 def identifiable(geometry: Geometry) -> tuple[IntArray, IntArray]:
     """
     Return what motion shows beside first moments and masses: inertias, and rotors of joints.
