@@ -352,12 +352,18 @@ def test_a_narrow_dark_page_with_long_names_has_everything_within_it(folder, wat
 
 
 def test_two_stages_side_by_side_tell_what_differs(server, watched):
+    from playwright.sync_api import expect
     with watched(server[0]) as tab:
         page = tab.page
         tab.open(server[0])
         page.get_by_role('button', name='Add coulomb_friction:shoulder').click()
         page.locator('.fall').wait_for()
+        # The fields are those of the new stage by now; a word lasts until the job has ended.
+        expect(page.get_by_label('Name of this stage')).to_have_value(
+            '+ coulomb_friction:shoulder')
         page.get_by_label('Note').fill('with friction')
+        page.locator('#idle').wait_for()
+        assert page.get_by_label('Note').input_value() == 'with friction'
         page.get_by_label('Note').press('Enter')
         stages = page.get_by_label('Stage (')
         stages.locator('option', has_text='with friction').wait_for(state='attached')

@@ -13,9 +13,9 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline, largest
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
-from gravity_comp_ros.workbench import (
-    found_panel, history_panel, page_parts, page_style, store, widgets)
+from gravity_comp_ros.workbench import found_panel, page_parts, page_style, store, widgets
 from gravity_comp_ros.workbench.exports import Downloads
+from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import Follower, LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.pair_view import PairView
@@ -69,6 +69,7 @@ class Page:
         self.missing, self.history, self.shown = (
             column(widgets.html(''), sizing_mode='stretch_width', name=name)
             for name in ('missing', 'history', 'shown'))
+        self._history = HistoryPanel()
         self.earlier = widgets.html('', 'earlier')
         self.tabs = widgets.tabs(self.names, self._look)
         self.dark = widgets.button('Dark', self._turn_style, name='style')
@@ -189,7 +190,7 @@ class Page:
         self._say(one)
         self._fill_side(one)
         self.missing.children = found_panel.parts(one, self._add)
-        self.history.children = history_panel.parts(one, self.style)
+        self.history.children = self._history.parts(one, self.style)
         self._show_verdict(one)
         self._show_view()
         if self._focus and not one.worker.busy:

@@ -9,7 +9,6 @@ import secrets
 import signal
 import socket
 import sys
-from types import FrameType
 
 from bokeh.application import Application
 from bokeh.application.application import SessionContext
@@ -81,6 +80,9 @@ def serve(options: ServeOptions) -> None:
     server = _server(options, Application(FunctionHandler(start)), sessions)
     polling = PeriodicCallback(sessions.poll, _POLL_MS)
     polling.start()
+    # The loop takes the signal between two callbacks: no exception in the midst of one.
+    server.io_loop.asyncio_loop.add_signal_handler(  # type: ignore[attr-defined]
+        signal.SIGINT, server.io_loop.stop)
     address = f'http://{options.host if options.host in _LOCAL else "127.0.0.1"}:{server.port}/'
     print(f'workbench at {address} (Ctrl-C ends it)', flush=True)
     if options.host not in _LOCAL:
@@ -88,12 +90,8 @@ def serve(options: ServeOptions) -> None:
               file=sys.stderr, flush=True)
     if options.browser:
         server.io_loop.add_callback(server.show, '/')
-    for stop in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(stop, _interrupt)
     try:
         server.run_until_shutdown()
-    except KeyboardInterrupt:
-        pass
     finally:
         polling.stop()
         sessions.close()
@@ -151,7 +149,3 @@ def _follower(node: str | None) -> Follower | None:
     # The only way from here to ROS; whoever has no --live needs none.
     from gravity_comp_ros.node.node_client import follow
     return follow(node)
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
