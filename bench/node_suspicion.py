@@ -157,8 +157,7 @@ class Core:
         self.live = NodeCore(
             Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False,
                        stale_action='hold'), '/joint_states', 0.0)
-        self.live.message(self._message(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)),
-                                        np.zeros(7)), 0.5, 0.5)
+        self.hear(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)), np.zeros(7))
         if axes:
             self.live.describe((ROOT / 'bags' / 'iiwa7.urdf').read_text())
         self.live.models.use(model, 'bench', 0.0)
@@ -175,6 +174,12 @@ class Core:
         message.header.stamp.nanosec = min(int(round((s.t % 1.0) * 1e9)), 999_999_999)
         return message
 
+    def hear(self, s: Sample, tau: FloatArray) -> None:
+        """Give the node a sample with the measured torque (N,)."""
+        reading, _ = self.live.message(self._message(s, tau), s.t, s.t)
+        if reading is not None:
+            self.live.learn(reading, s.t)
+
     def run(self, source: Iterator[Sample], arm: Arm, rng: np.random.Generator,
             touch: Touch | None, until_event: bool) -> list[tuple[float, str]]:
         """Play motion; return each event and when it came."""
@@ -183,7 +188,7 @@ class Core:
             tau = pin.rnea(arm.model, data, s.q, s.qd, s.qdd) + friction(s.t, s.qd)
             if touch is not None:
                 tau = tau + touch.torque(arm, data, s)
-            self.live.message(self._message(s, tau + NOISE * rng.standard_normal(7)), s.t, s.t)
+            self.hear(s, tau + NOISE * rng.standard_normal(7))
             self._finish_looks(s.t)
             while self.live.learner.events:
                 events.append((s.t, self.live.learner.events.popleft().text))

@@ -208,8 +208,7 @@ def play(core, samples, until):
         for j in range(2):
             t = samples.t[k] + 0.1 * j
             q = samples.q[k] + 0.1 * j * samples.qd[k]
-            core.live.message(core._message(bench.Sample(t, q, samples.qd[k], 0.0 * q),
-                                            samples.tau[k]), t, t)
+            core.hear(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
         core.live.tick(t, time.monotonic())
         while core.live.learner.fits.state != 'ready':
             time.sleep(0.002)

@@ -14,6 +14,9 @@ _NO_GRAVITY = 0.1
 _LOADED = 10.0
 # While a joint moves over this, rad, some effort of the arm changes.
 _MOVED = 0.05
+# The torque of some joint must then change by so many times the noise of the model, where there is
+# one: the steps of a coarse sensor are 3.5 times the noise that they make.
+_STEPPED = 5.0
 
 
 class EffortHealth:
@@ -33,8 +36,10 @@ class EffortHealth:
         """Forget what came: the clock, the payload or the model is another."""
         # The joints whose effort is frozen, by number.
         self.frozen: tuple[int, ...] = ()
+        # Pose, effort and prediction (N,) when any effort last changed.
         self._pose: FloatArray | None = None
         self._tau: FloatArray | None = None
+        self._expected: FloatArray | None = None
         # The pose (N,) and the prediction (N,) when each joint's effort last changed.
         self._changed: tuple[FloatArray, FloatArray] | None = None
 
@@ -48,8 +53,10 @@ class EffortHealth:
         self.frozen = ()
         repeats = np.zeros(len(tau), dtype=bool) if self._tau is None else tau == self._tau
         if self._pose is None or not repeats.all():
-            self._pose, self._tau = q, tau
-        elif float(np.abs(q - self._pose).max()) > _MOVED:
+            self._pose, self._tau, self._expected = q, tau, predicted
+        elif float(np.abs(q - self._pose).max()) > _MOVED and (
+                predicted is None or noise is None or self._expected is None
+                or bool((np.abs(predicted - self._expected) > _STEPPED * noise).any())):
             if not tau.any():
                 return OFF
             self.frozen = tuple(range(len(tau)))

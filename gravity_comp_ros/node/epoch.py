@@ -94,7 +94,7 @@ class Epoch:
         """
         Take in a sample that passed the gate; the arguments are those of `SampleRing`.
 
-        :param sent: torque that was published around it, `SentTorque.around`.
+        :param sent: torque that was published around it, `SentTorque.before`.
         """
         if sent is not None:
             self._sent[t] = sent

@@ -8,6 +8,8 @@ noise of the training. Inertia is left out: the samples are slow.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -24,12 +26,14 @@ _LEAST_WIDTH = 1e-6
 STANDSTILL = 0.01
 
 
+@lru_cache(maxsize=8)
 def residual_noise(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,) in N·m of the residual beside friction and offset."""
     noise = model.noise_beside
     return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
 
 
+@lru_cache(maxsize=8)
 def usual_residual(model: GravityModel) -> FloatArray:
     """Return what a model leaves beside friction where friction drifts as it may (N,), N·m."""
     coulomb = model.nuisance.of(COULOMB)

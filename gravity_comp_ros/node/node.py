@@ -5,9 +5,11 @@ from __future__ import annotations
 from threading import Thread
 import time
 
+from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.node.declare import Settings, strange_parameters
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
+from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
@@ -162,7 +164,8 @@ class GravityCompNode(LifecycleNode):
         core, outputs = self._core, self._outputs
         if not self._active or core is None or outputs is None or not self._has_time():
             return
-        reading, tau = core.message(message, self.now(), time.time())
+        now = self.now()
+        reading, tau = core.message(message, now, time.time())
         if reading is None:
             return
         if not self._named and core.arm is not None:
@@ -171,9 +174,13 @@ class GravityCompNode(LifecycleNode):
         stamp = message.header.stamp
         if tau is not None:
             outputs.torque(stamp, tau)
-        if not (outputs.prediction_wanted or outputs.residual_wanted) or core.arm is None:
-            return
-        predicted = core.arm.predicted(reading)
+        if outputs.prediction_wanted or outputs.residual_wanted:
+            self._publish_prediction(core, outputs, reading, stamp)
+        core.learn(reading, now)
+
+    def _publish_prediction(self, core: NodeCore, outputs: Outputs, reading: Reading,
+                            stamp: Time) -> None:
+        predicted = None if core.arm is None else core.arm.predicted(reading)
         if predicted is None:
             return
         if outputs.prediction_wanted:

@@ -98,7 +98,9 @@ class NodeCore:
     def message(self, message: Any, now: float, arrival: float
                 ) -> tuple[Reading | None, FloatArray | None]:
         """
-        Take in a `sensor_msgs/JointState`; return what it says and the torque to publish.
+        Read a `sensor_msgs/JointState`; return what it says and the torque to publish.
+
+        `learn` is for afterwards: an answer does not wait for it.
 
         :param now: monotonic time in s, for ramps and the watchdog.
         :param arrival: time in s for a message without a stamp.
@@ -111,17 +113,25 @@ class NodeCore:
         reading = arm.reader.read(message, arrival)
         if reading is None:
             return None, None
-        # What the arm measures now, it measures of what was published before.
-        learns = (reading.qd is not None and reading.tau is not None and arm.is_settled(now))
+        tau = arm.torque(now, reading)
+        arm.last_seen, arm.pose = now, reading.q
+        return reading, tau
+
+    def learn(self, reading: Reading, now: float) -> None:
+        """
+        Learn from what `message` has read, and compare the model in use with it.
+
+        :param now: as for `message`; what was published before is what the arm has measured.
+        """
+        arm = self.arm
+        if arm is None:
+            return
         if reading.new_run:
             arm.gate.reset()
             arm.health.restart()
             arm.payload.restart()
-        if learns:
-            self._learn(arm, reading, now)
-        tau = arm.torque(now, reading)
-        arm.last_seen, arm.pose = now, reading.q
-        return reading, tau
+        if reading.qd is not None and reading.tau is not None and arm.is_settled(now):
+            self._offer(arm, reading, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
         """Return whether another device with more joints speaks before there is a model."""
@@ -147,7 +157,7 @@ class NodeCore:
         self.models.problem = ''
         return self.arm
 
-    def _learn(self, arm: Arm, reading: Reading, now: float) -> None:
+    def _offer(self, arm: Arm, reading: Reading, now: float) -> None:
         q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
         reason = arm.gate.offer(reading.t, q, qd)
         if reason is not None:
@@ -161,7 +171,7 @@ class NodeCore:
         if fault is not None:
             arm.leave_out(fault)
             return
-        arm.epoch.offer(reading.t, q, qd, tau, arm.sent.around(now))
+        arm.epoch.offer(reading.t, q, qd, tau, arm.sent.before(now))
         if predicted is not None:
             arm.compared(reading, predicted)
             if (objection := arm.objection()) is not None:

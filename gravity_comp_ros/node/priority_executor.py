@@ -3,8 +3,9 @@ An executor that serves joint states first.
 
 rclpy's executors collect every service, timer and guard of a node anew for each message, which
 takes longer than everything that this node does with one. Here the input has a wait set of its
-own, made once; all else runs in the pauses between messages, in the same thread, so nothing needs
-a lock.
+own, made once, and so has the question whether anything else is ready; timers are called without
+a task each. All else runs in the pauses between messages, in the same thread, so nothing needs a
+lock.
 """
 
 from __future__ import annotations
@@ -14,14 +15,19 @@ import time
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
+from rclpy.context import Context
 from rclpy.executors import (ExternalShutdownException, ShutdownException,
                              SingleThreadedExecutor, TimeoutException)
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-# s; how often services and timers get their turn while messages come one after the other: to find
-# out what is ready takes as long as a message. After a pause of the messages they get it at once.
+# s; how often timers and services get their turn while messages come one after the other. After a
+# pause of the messages they get it at once.
 TURN_EVERY = 0.01
+# s; how often rclpy looks through everything, which takes as long as a message. The short look
+# leaves out events of publishers, guard conditions and coroutines.
+LOOK_THROUGH_EVERY = 0.2
 PAUSE = 0.005
 # s; how long a turn may take.
 TURN_LENGTH = 0.002
@@ -44,6 +50,43 @@ class InputGroup(CallbackGroup):
         """Do nothing: nobody else began."""
 
 
+class Lookout:
+    """
+    Asks whether services and messages are ready besides joint states, with a wait set kept.
+
+    :param node: whose subscriptions, clients and services are watched.
+    :param context: of the node.
+    """
+
+    def __init__(self, node: Node, context: Context) -> None:
+        self._node, self._context = node, context
+        self._watched: list[Any] = []
+        self._wait_set: Any = None
+
+    def is_ready(self) -> bool:
+        """Return whether anything has to be done."""
+        node = self._node
+        subscriptions = [s for s in node.subscriptions
+                         if not isinstance(s.callback_group, InputGroup)]
+        clients, services = list(node.clients), list(node.services)
+        watched = [*subscriptions, *clients, *services]
+        if watched != self._watched:
+            self._watched = watched
+            self._wait_set = rclpy_implementation.WaitSet(
+                len(subscriptions), 0, 0, len(clients), len(services), 0, self._context.handle)
+        wait_set = self._wait_set
+        wait_set.clear_entities()
+        for subscription in subscriptions:
+            wait_set.add_subscription(subscription.handle)
+        for client in clients:
+            wait_set.add_client(client.handle)
+        for service in services:
+            wait_set.add_service(service.handle)
+        wait_set.wait(0)
+        return any(wait_set.get_ready_entities(kind)
+                   for kind in ('subscription', 'client', 'service'))
+
+
 class InputFirstExecutor(SingleThreadedExecutor):
     """
     Spins one node.
@@ -56,6 +99,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
         # How often a burst ended with messages still waiting, since the start.
         self.full_bursts = 0
         self._find = subscription
+        self._lookouts: dict[int, Lookout] = {}
         self._served: Subscription | None = None
         self._wait_set: Any = None
 
@@ -65,7 +109,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
 
         :raises ExternalShutdownException: when it does.
         """
-        due = 0.0
+        due = thorough = 0.0
         while self._context.ok() and not self._is_shutdown:
             subscription = self._find()
             if subscription is None:
@@ -73,9 +117,14 @@ class InputFirstExecutor(SingleThreadedExecutor):
                 continue
             came = self._serve(subscription, PAUSE)
             now = time.monotonic()
-            if now >= due or not came:
+            if now >= thorough or not came:
                 self._turn(now + TURN_LENGTH)
-                due = time.monotonic() + TURN_EVERY
+                thorough = time.monotonic() + LOOK_THROUGH_EVERY
+            elif now >= due:
+                self._short_turn(now + TURN_LENGTH)
+            else:
+                continue
+            due = time.monotonic() + TURN_EVERY
         raise ExternalShutdownException()
 
     def _serve(self, subscription: Subscription, timeout: float) -> bool:
@@ -107,3 +156,15 @@ class InputFirstExecutor(SingleThreadedExecutor):
             handler()
             if handler.exception() is not None:
                 raise handler.exception()
+
+    def _short_turn(self, until: float) -> None:
+        """Call the timers that are due, and run the rest where something of it is ready."""
+        for node in self.get_nodes():
+            for timer in node.timers:
+                if timer.handle.is_timer_ready():
+                    timer.handle.call_timer()
+                    timer.callback()
+            if id(node) not in self._lookouts:
+                self._lookouts[id(node)] = Lookout(node, self._context)
+            if self._lookouts[id(node)].is_ready():
+                self._turn(until)

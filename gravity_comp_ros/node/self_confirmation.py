@@ -10,7 +10,7 @@ published torque, may hide a light payload in it.
 
 from __future__ import annotations
 
-from collections import deque
+from bisect import bisect_left
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -18,7 +18,7 @@ import numpy as np
 
 # How long a driver may take from a command to the effort that it reports, s.
 DELAYS = (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
-_KEPT = 0.3
+# At least half as many torques are kept: enough for the longest delay at 2 kHz.
 _MOST = 2000
 # This part of the samples must have been taken while torque was published.
 _MOSTLY = 0.5
@@ -36,27 +36,29 @@ class SentTorque:
     """What was published in the last moments."""
 
     def __init__(self, n_joints: int) -> None:
-        self._past: deque[tuple[float, FloatArray]] = deque(maxlen=_MOST)
+        self._times: list[float] = []
+        self._torques: list[FloatArray] = []
         self._none = np.full(n_joints, np.nan)
 
     def published(self, now: float, tau: FloatArray) -> None:
         """Note a torque (N,) that leaves the node."""
-        past = self._past
-        if past and now < past[-1][0]:
-            past.clear()
-        past.append((now, tau))
-        while past[0][0] < now - _KEPT:
-            past.popleft()
+        times, torques = self._times, self._torques
+        if times and now < times[-1]:
+            times.clear()
+            torques.clear()
+        elif len(times) >= _MOST:
+            del times[:_MOST // 2], torques[:_MOST // 2]
+        times.append(now)
+        torques.append(tau)
 
-    def around(self, now: float) -> FloatArray:
-        """Return the torque that held at each of `DELAYS` before now (D, N); NaN for none."""
-        found = [self._none] * len(DELAYS)
-        due = 0
-        for t, tau in reversed(self._past):
-            while due < len(DELAYS) and t <= now - DELAYS[due]:
-                found[due] = tau
-                due += 1
-        return np.array(found)
+    def before(self, now: float) -> FloatArray:
+        """
+        Return the torque that held at each of `DELAYS` before now (D, N); NaN for none.
+
+        What is published at `now` itself answers the sample and is none of them.
+        """
+        places = [bisect_left(self._times, now - delay) - 1 for delay in DELAYS]
+        return np.array([self._torques[k] if k >= 0 else self._none for k in places])
 
 
 @dataclass(frozen=True, eq=False)
