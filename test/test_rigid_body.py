@@ -5,6 +5,7 @@ from dataclasses import replace
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
@@ -163,6 +164,25 @@ def test_the_loop_finds_it_and_the_error_falls_on_another_path(arm, seed):
     worst = [max(j.rmse / j.torque_std for j in gc.compare(m, later).joints.values())
              for m in (model, without, added)]
     assert worst[2] < 0.5 * worst[1] and worst[2] < 0.3 * worst[0], worst
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [3, 5])
+def test_in_half_a_minute_of_motion_it_is_found_beside_little_friction(seed):
+    """A fit of gravity alone takes such motion for a tilted base; friction is on one joint."""
+    arm = arms.iiwa7()
+    motion = multisine(arm.lower, arm.upper, np.full(7, 2.0), seed,
+                       MultisineOptions(max_speed=1.2), 30.0, 100.0)
+    samples = synthesise(arm, motion, SynthesisOptions(
+        NoiseOptions(absolute=0.1), seed, disturbances=[Friction(3, LuGre(1.0))]))
+    model = fit(samples, FitOptions('chain', geometry=geometry_of(arm))).model
+    found = diagnose(samples, model).findings
+    named = {(f.effect, f.joint): f.coefficients for f in found
+             if f.verdict in ('established', 'likely')}
+    assert set(named) == {('rigid_body_dynamics', None), ('coulomb_friction', 'iiwa_joint_4')}
+    for coefficients, truth in zip((named['rigid_body_dynamics', None]['s'],
+                                    named['coulomb_friction', 'iiwa_joint_4']['F_c']), (1.0, 1.0)):
+        assert abs(coefficients.value - truth) < 0.02
 
 
 def test_without_a_description_it_says_what_it_needs():

@@ -60,7 +60,7 @@ class Diagnosis(Shown):
         yield TextTable(
             ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error', 'with it'),
             tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
-                   _coefficients(f), percent(f.nrmse_before), percent(f.nrmse_after))
+                   _coefficients(f), *wording.before_and_after(f))
                   for f in self.findings), left=4)
         yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
                     for f in self.findings[:1] if f.why)

@@ -141,7 +141,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 def _table(diagnosis: Diagnosis) -> ScreenTable:
     rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
-             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}']
+             wording.change(f)]
             for f in diagnosis.findings]
     # Names are copied from here, so they stay whole; coefficients may be folded.
     return terminal.table('what is missing', _FINDINGS, rows, keys=2,

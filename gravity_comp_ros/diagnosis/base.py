@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.diagnosis.nuisance import nuisance
+from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
+from gravity_comp_ros.diagnosis.torque_of_motion import beside, beside_on_axes, left_beside
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
@@ -36,6 +37,8 @@ import numpy as np
 _ROUGH_SAMPLES = 500
 _SAMPLES = 1500
 _CHAIN_SAMPLES = 500
+# First moments of a described arm settle in a few turns.
+_TURNS = 3
 # A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept.
 # With that many a model predicts as the chain that it is, so that its torque is exact.
 _MOST_JOINTS, _MOST_TERMS = 9, 1500
@@ -54,12 +57,13 @@ class Base:
 
     The columns are combinations of gravity's terms, of about the same size and not alike, and
     after them those of the effects that the model has, `given`, whose sizes may change beside
-    others.
+    others. `left` (M, N) in N·m is what gravity, friction, offset and motion leave.
     """
 
     model: GravityModel
     motion: Motion
     columns: FloatArray
+    left: FloatArray
     chain: Chain | None = None
     given: frozenset[tuple[str, int | None]] = frozenset()
 
@@ -85,10 +89,13 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
         choose = partial(_on_axes, described)
     else:
         choose = _potential if samples.n_joints <= _MOST_JOINTS else _serial
-    motion = build_motion(part, choose(samples.select(few)))
-    cleaned = replace(part, tau=part.tau - _nuisance(motion))
+    chosen = choose(samples.select(few))
+    motion = build_motion(part, chosen)
     few = evenly_picked(part.n_samples, _SAMPLES)
-    chosen = levelled(choose(cleaned.select(few)), part.q)
+    # The nominal arm of rigid-body dynamics has the first moments of gravity, which then change.
+    for _ in range(1 if described is None else _TURNS):
+        cleaned = replace(part, tau=part.tau - _beside_gravity(chosen, motion))
+        chosen = levelled(choose(cleaned.select(few)), part.q)
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
     # Directions and accelerations are those of all samples.
@@ -96,28 +103,35 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
     chain = _chain(cleaned, None) if described is None else None
-    return Base(chosen, motion, _columns(chosen, motion, cleaned, chain), chain, given)
+    columns = _columns(chosen, motion, cleaned, chain)
+    left = cleaned.tau - chosen.predict(cleaned.q) if described is not None else \
+        left_beside(columns, motion)
+    return Base(chosen, motion, columns, left, chain, given)
+
+
+def _beside_gravity(model: GravityModel, motion: Motion) -> FloatArray:
+    """Return the torque (M, N) of friction, offset and motion beside gravity like a model's."""
+    q = motion.samples.q
+    if model.geometry is not None and model.chain is not None:
+        return beside_on_axes(columns_on_axes(model.chain, q), motion, model)
+    return beside(_model_columns(model, q), motion)
 
 
 def _potential(samples: JointSamples) -> GravityModel:
     """
     Return the sparse energy that explains the torques.
 
-    Nuisance terms were taken off before (`_nuisance`), or are what the first fit is to show.
+    Nuisance terms were taken off before (`_beside_gravity`), or are what the first fit is to show.
     """
     energy, _ = fit_potential(samples, _CAUTIOUS)
     return _model(samples, 'potential', energy)
 
 
 def _on_axes(model: GravityModel, samples: JointSamples) -> GravityModel:
-    """Return the gravity of an arm whose axes are known: the moments that fit best."""
-    assert model.chain is not None
-    columns = ForwardKinematics(model.chain.axes, samples.q).moment_columns()
-    size = np.maximum(samples.tau.std(axis=0), 1e-6 * max(float(samples.tau.std()), 1e-9))
-    flat = (columns / size[None, :, None]).reshape(len(columns), -1).T
-    moments = np.linalg.lstsq(flat, (samples.tau / size).T.ravel(), rcond=_EXCITED)[0]
-    found = _of_chain(Chain(model.chain.axes, moments.reshape(-1, 2)), samples)
-    return replace(found, geometry=model.geometry)
+    """Return the gravity of an arm whose axes a description gives."""
+    assert model.geometry is not None
+    chain = chain_on_axes(model.geometry.rotations, samples)
+    return replace(_of_chain(chain, samples), geometry=model.geometry)
 
 
 def _serial(samples: JointSamples) -> GravityModel:
@@ -237,18 +251,3 @@ def _reduced(columns: FloatArray) -> FloatArray:
     excited = values > _EXCITED ** 2 * values.max(initial=0.0)
     mixed = flat @ (vectors[:, excited] / np.sqrt(values[excited]))
     return np.asarray(mixed.reshape(m, n, -1))
-
-
-def _nuisance(motion: Motion) -> FloatArray:
-    """Return the torque (M, N) of friction, offset and inertia beside gravity."""
-    samples = motion.samples
-    m, n = samples.q.shape
-    assert motion.model is not None
-    base = _model_columns(motion.model, samples.q)
-    taken = np.zeros((m, n))
-    for joint in range(n):
-        extra = nuisance(motion, joint)
-        x = np.linalg.lstsq(np.column_stack([base[:, joint], extra]), samples.tau[:, joint],
-                            rcond=1e-10)[0]
-        taken[:, joint] = extra @ x[-extra.shape[1]:]
-    return taken

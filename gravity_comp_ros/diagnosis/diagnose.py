@@ -15,7 +15,6 @@ from gravity_comp_ros.diagnosis.evidence import joint_rows
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.judge import judge
-from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.selection import select
 from gravity_comp_ros.effects.effect import Effect, Motion
@@ -63,7 +62,7 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     motion = base.motion
     tell('columns', 0.2)
     known, tests = _effects(options)
-    fits = _fits(motion, build(motion, base.columns, known, tests))
+    fits = _fits(base, build(motion, base.columns, known, tests))
     tell('selection', 0.5)
     selection = select(_criteria(base, fits, options))
     better = refined(base, selection.effect_torque()) if selection.chosen else None
@@ -102,13 +101,12 @@ def _criteria(base: Base, fits: Fits, options: DiagnosisOptions) -> Criteria:
     return Criteria(fits, effects, implausible, options.selection, base.given)
 
 
-def _fits(motion: Motion, columns: Columns) -> Fits:
+def _fits(base: Base, columns: Columns) -> Fits:
     """Cut the blocks and sum the products of columns; `columns` are used up."""
-    tau, layout = motion.samples.tau, columns.layout
-    residual = np.column_stack([_residual(columns, motion, joint)
-                                for joint in range(motion.samples.n_joints)])
-    blocks = cut(motion.samples, residual)
-    sigma = np.maximum(residual.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
+    motion, layout = base.motion, columns.layout
+    tau = motion.samples.tau
+    blocks = cut(motion.samples, base.left)
+    sigma = np.maximum(base.left.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
     common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
     known, rows, usual = all_effects(), [], _information(columns, motion)
     for joint, own in enumerate(columns.own):
@@ -134,11 +132,3 @@ def _information(columns: Columns, motion: Motion) -> FloatArray:
             usual = c.effect.spread(motion, c.joint or 0, c.setting)
             known[c.columns] = usual ** -2 / motion.samples.n_joints
     return known
-
-
-def _residual(columns: Columns, motion: Motion, joint: int) -> FloatArray:
-    """Return the residual of a joint beside gravity, friction, offset and inertia."""
-    known = np.column_stack([columns.shared[:, joint, :columns.layout.n_base],
-                             nuisance(motion, joint)])
-    tau = motion.samples.tau[:, joint]
-    return np.asarray(tau - known @ np.linalg.lstsq(known, tau, rcond=1e-10)[0])

@@ -101,7 +101,8 @@ class _Findings:
             for c in alternatives(self.selection, candidate, self.chosen))
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
         sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
-        proof = Proof(kept, scale.runs_better(kept), before, after,
+        proof = Proof(kept, kept.p < self.selection.criteria.options.alpha,
+                      scale.runs_better(kept), before, after,
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
                       found, twins,
                       sizes, 1 if candidate.effect.spread else len(sizes),

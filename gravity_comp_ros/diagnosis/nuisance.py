@@ -7,7 +7,12 @@ from gravity_comp_ros.effects.effect import Motion
 import numpy as np
 
 
+def friction(motion: Motion, joint: int) -> FloatArray:
+    """Return the columns (M, 3) of dry and viscous friction and an offset."""
+    qd = motion.samples.qd[:, joint]
+    return np.column_stack([motion.direction(joint), qd, np.ones(len(qd))])
+
+
 def nuisance(motion: Motion, joint: int) -> FloatArray:
     """Return the columns (M, 3 + N) of dry and viscous friction, an offset and inertia."""
-    qd = motion.samples.qd[:, joint]
-    return np.column_stack([motion.direction(joint), qd, np.ones(len(qd)), motion.qdd])
+    return np.column_stack([friction(motion, joint), motion.qdd])

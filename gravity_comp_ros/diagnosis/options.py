@@ -45,7 +45,8 @@ class VerdictOptions:
     with fewer than `least_effective` nothing is *established*: the jackknife of an interval needs
     about 20 groups. `effective_each`: *established* asks for this many more a coefficient, as a
     rule of thumb of regression has it (Harrell, Regression Modeling Strategies, 2015, 4.4); of an
-    effect with more than `many` coefficients any finding does.
+    effect with more than `many` coefficients any finding does, of a rare one, which could stand
+    for something common, with more than `many_rare`.
     `least_reduction`: an effect that takes a smaller share off the RMSE of the joint where it
     helps most is not worth a name. `most_runs`: *established* asks for a gain in this share of
     the runs. `alike`: two effects whose columns agree to this share of their squares cannot be
@@ -58,7 +59,8 @@ class VerdictOptions:
     least_effective: float = 20.0
     effective_each: float = 10.0
     many: int = 8
-    least_reduction: float = 0.002
+    many_rare: int = 2
+    least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
 

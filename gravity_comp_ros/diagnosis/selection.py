@@ -8,7 +8,7 @@ explain as much within one standard error, the simplest is taken.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -62,11 +62,12 @@ def select(criteria: Criteria) -> Selection:
 def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:
     """Return what is chosen where some effects are refused from the start."""
     search = _Search(criteria, refused)
-    search.remove_all_idle()
+    if search.chosen:
+        search.remove_useless()
+        search.add_all()
+        search.remove_unproven()
     for _ in range(_ROUNDS):
-        while len(search.chosen) < criteria.options.most and (
-                search.add_best() or search.add_best_afresh()):
-            pass
+        search.add_all()
         if not (search.remove_idle() or search.swap_better()):
             break
     return Selection(tuple(search.chosen), search.refused, criteria)
@@ -86,17 +87,35 @@ class _Search:
         self._old: set[int] = set()
         self._stale = False
 
-    def remove_all_idle(self) -> None:
-        """Drop what does not pay or is not physical, the least needed first."""
+    def remove_useless(self) -> None:
+        """
+        Drop what takes nothing off the held-out error.
+
+        Proof is asked for later: a small friction that is no finding of its own is a nuisance
+        term until then, and keeps the others from bending towards it.
+        """
+        self._remove_all(lambda c: -self.criteria.gain_beside(c, self._without(c)).mean, 0.0)
+
+    def remove_unproven(self) -> None:
+        """Drop what chance may explain."""
+        self._remove_all(lambda c: self.criteria.need(c, self._without(c)),
+                         self.criteria.options.alpha)
+
+    def _remove_all(self, fault: Callable[[Candidate], float], limit: float) -> None:
+        """Drop what has a fault of a limit or more, or is not physical, the worst first."""
         while self.chosen:
-            needs = {id(c): self.criteria.need(c, [o for o in self.chosen if o is not c])
-                     for c in self.chosen}
-            idle = [c for c in self.chosen if needs[id(c)] >= self.criteria.options.alpha
+            faults = {id(c): fault(c) for c in self.chosen}
+            idle = [c for c in self.chosen if faults[id(c)] >= limit
                     or not self.criteria.is_physical(c, self.chosen)]
             if not idle:
                 break
-            worst = max(idle, key=lambda c: needs[id(c)])
-            self._change([c for c in self.chosen if c is not worst])
+            self._change(self._without(max(idle, key=lambda c: faults[id(c)])))
+
+    def add_all(self) -> None:
+        """Add effects as long as one pays."""
+        while len(self.chosen) < self.criteria.options.most and (
+                self.add_best() or self.add_best_afresh()):
+            pass
 
     def add_best(self) -> bool:
         """Add the simplest of the best effects; return False if none pays."""
@@ -136,7 +155,7 @@ class _Search:
         """Drop a chosen effect that the others have made needless, or that is not physical."""
         # What corrects another effect goes before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.corrects):
-            rest = [c for c in self.chosen if c is not candidate]
+            rest = self._without(candidate)
             if not self.criteria.is_needed(candidate, rest):
                 self._change(rest)
                 return True
@@ -145,6 +164,9 @@ class _Search:
                 self._change(rest)
                 return True
         return False
+
+    def _without(self, candidate: Candidate) -> list[Candidate]:
+        return [c for c in self.chosen if c is not candidate]
 
     def swap_better(self) -> bool:
         """Replace a chosen effect by one that explains more, or as much more simply."""

@@ -23,7 +23,8 @@ class Proof:
     """
     The evidence for one chosen effect beside the others.
 
-    `kept` is its gain beside the rest and `runs_better` the share of runs in which it helps;
+    `kept` is its gain beside the rest, `proven` says that chance does not explain that, and
+    `runs_better` is the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
     count as independent; `free` coefficients are kept near no value by a prior; `alternatives`
     explain as much; `twins` look the same in this motion; `elsewhere` are the errors (B, J)
@@ -32,6 +33,7 @@ class Proof:
     """
 
     kept: Gain
+    proven: bool
     runs_better: float
     before: float
     after: float
@@ -55,6 +57,8 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
         return Verdict.WEAK, (
             f'the effective sample size is {proof.n_effective:.0f} here, and at least '
             f'{options.fewest_effective:.0f} is needed')
+    if not proof.proven:
+        return Verdict.WEAK, 'chance may explain what it takes off the error'
     if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
@@ -63,7 +67,8 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
                               else 'the interval of every coefficient covers 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
-    if proof.free > options.many and proof.n_effective < _asked(proof, options):
+    many = options.many_rare if candidate.expectation == RARE else options.many
+    if proof.free > many and proof.n_effective < _asked(proof, options):
         return Verdict.WEAK, _too_few(proof, options)
     doubt = _doubt(fits, chosen, candidate, proof, options)
     return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')

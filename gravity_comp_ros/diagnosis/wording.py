@@ -41,8 +41,8 @@ def sentence(finding: Finding) -> str:
     what = f'{title(finding.effect)} on {place}'
     size = sizes(finding.coefficients)
     what += f' ({size})' if size else ''
-    change = (f'the held-out error goes from {percent(finding.nrmse_before)} to '
-              f'{percent(finding.nrmse_after)} of the range of the torque with it')
+    before, after = before_and_after(finding)
+    change = f'the held-out error goes from {before} to {after} of the range of the torque with it'
     rivals = ', '.join(finding.rivals)
     if finding.verdict == 'untestable':
         return f'{what}, or {rivals}: this motion cannot tell' if rivals else \
@@ -106,6 +106,20 @@ def percent(share: float | None) -> str:
         return '–'
     value = 100.0 * share
     return f'{value:.{0 if value >= 99.5 else 1 if value >= 9.95 else 2}f} %'
+
+
+def before_and_after(finding: Finding) -> tuple[str, str]:
+    """Return the held-out error without and with an effect, in digits that differ."""
+    errors = finding.nrmse_before, finding.nrmse_after
+    shown = percent(errors[0]), percent(errors[1])
+    if shown[0] == shown[1] and errors[0] != errors[1]:
+        shown = f'{100.0 * errors[0]:.4f} %', f'{100.0 * errors[1]:.4f} %'
+    return shown
+
+
+def change(finding: Finding) -> str:
+    """Return the held-out error without and with an effect, with an arrow between."""
+    return ' → '.join(before_and_after(finding))
 
 
 def targets(findings: Sequence[Finding]) -> list[str]:

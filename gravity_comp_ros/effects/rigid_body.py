@@ -71,7 +71,7 @@ def dynamics_of(model: GravityModel) -> Dynamics:
     nominal = nominal_parameters(geometry, first_moments(model, geometry))
     carried = mean_inertia(geometry, nominal)
     carried = np.maximum(carried, max(_LEAST * float(carried.max()), 1e-6))
-    usual = np.concatenate([[3.0], _DIFFERS * carried[inertias // 10],
+    usual = np.concatenate([[np.inf], _DIFFERS * carried[inertias // 10],
                             np.full(len(rotors), _ROTOR * carried.max())])
     return Dynamics(geometry, nominal, inertias, rotors, usual)
 

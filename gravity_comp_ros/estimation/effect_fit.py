@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.condense import condense
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.predict import direction_of, effect_torque, predict_torque
+from gravity_comp_ros.effects.predict import (
+    direction_of, effect_torque, installed, predict_torque)
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, fast_accelerations, FitOptions, gravity_model)
@@ -92,10 +93,10 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
                                   means=means, excluded=_excluded(motion, terms),
                                   usual=_usual(motion, terms, columns, model.noise_beside))
     estimate = estimate_gravity(regression, options, model, known, warm)
-    effects = (*kept, *_applied(motion, terms, estimate))
-    made = replace(_having(gravity_model(estimate, part), effects, motion),
-                   history=model.history, provenance=model.provenance,
-                   geometry=model.geometry)
+    gravity = replace(gravity_model(estimate, part), history=model.history,
+                      provenance=model.provenance, geometry=model.geometry)
+    effects = of_gravity(gravity, motion, (*kept, *_applied(motion, terms, estimate)))
+    made = _having(gravity, effects, motion)
     rmse = _rmse(made, motion.samples, rows)
     return EffectFit(replace(made, noise=rmse), estimate, rmse)
 
@@ -165,6 +166,29 @@ def _applied(motion: Motion, terms: Sequence[Term], estimate: Estimate) -> list[
         found.append(AppliedEffect(term.effect.name, term.joint, dict(term.setting), values))
         first += len(symbols)
     return found
+
+
+def of_gravity(gravity: GravityModel, motion: Motion,
+               effects: tuple[AppliedEffect, ...]) -> tuple[AppliedEffect, ...]:
+    """
+    Return effects with the coefficients that they have beside another gravity.
+
+    Some are shares of parts of gravity. What a model lacks has none, and a new part has share 0.
+    """
+    beside = replace(motion, model=gravity, gravity=gravity.predict(motion.samples.q),
+                     slopes=None)
+    found = []
+    for applied in effects:
+        effect = installed(applied)
+        if effect.symbols is None:
+            found.append(applied)
+            continue
+        joint = 0 if applied.joint is None else motion.samples.names.index(applied.joint)
+        symbols = effect.coefficients_of(beside, joint, applied.setting)
+        found.append(replace(applied, coefficients={
+            c.symbol: applied.coefficients.get(c.symbol, Value(0.0, c.unit, (0.0, 0.0)))
+            for c in symbols}))
+    return tuple(found)
 
 
 def _having(model: GravityModel, effects: tuple[AppliedEffect, ...],

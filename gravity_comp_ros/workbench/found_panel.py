@@ -70,14 +70,12 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool) -> 
 
 
 def _told(number: int, finding: Finding) -> str:
-    change = (f'{wording.percent(finding.nrmse_before)} → '
-              f'{wording.percent(finding.nrmse_after)}')
     rivals = f'; or rather {", ".join(finding.rivals)}' if finding.rivals else ''
     values = coefficients(finding, _MOST_COEFFICIENTS)
     return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; error '
-            f'{markup.text(change + rivals)}</span></p>')
+            f'{markup.text(wording.change(finding) + rivals)}</span></p>')
 
 
 def _turn(element: UIElement) -> None:

@@ -21,6 +21,11 @@ _SHORT = 0.05
 # Weight of a mass of 1 kg against a moment that differs by the largest of all: masses that the
 # moments leave open are spread evenly.
 _EVEN = 0.03
+# Share of the mass of the arm that a link has at least where its first moment needs a mass.
+_LEAST_MASS = 0.1
+# m: a moment that 1 kg anywhere changes by less than this is none of gravity's.
+_UNSEEN = 1e-6
+_DIAGONAL = [PARAMETERS.index(name) for name in ('Ixx', 'Iyy', 'Izz')]
 # Poses at which moments of masses, and inertias, are computed.
 _POSES = 40
 
@@ -42,11 +47,15 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     from scipy.optimize import nnls
     masses = nnls(a, b)[0]
     found = np.asarray(masses @ parameters)
-    # Masses that are not negative need not reach every moment: the rest is put where it is.
+    # Masses that are not negative need not reach every moment: the rest is put where it is, with
+    # the inertia that keeps kinetic energy positive, h^2 / m.
     missing = moments - (weighed @ masses).reshape(-1, 2)
-    for link, (x, y) in enumerate(missing):
-        found[len(PARAMETERS) * link + 1] += x
-        found[len(PARAMETERS) * link + 2] += y
+    # A vertical axis leaves the first moment of its link without gravity, and without a say here.
+    missing[np.abs(weighed).max(axis=1).reshape(-1, 2) < _UNSEEN] = 0.0
+    each = found.reshape(-1, len(PARAMETERS))
+    mass = np.maximum(each[:, 0], _LEAST_MASS * max(float(each[:, 0].sum()), 1e-9))
+    each[:, 1:3] += missing
+    each[:, _DIAGONAL] += ((missing ** 2).sum(axis=1) / mass)[:, None]
     return found
 
 

@@ -53,7 +53,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
 def findings_table(findings: tuple[Finding, ...]) -> str:
     """Return the ranked findings as a table."""
     rows = [[f'{k + 1}  {label(f)}', wording.where(f), f.verdict, coefficients(f),
-             f'{wording.percent(f.nrmse_before)} → {wording.percent(f.nrmse_after)}',
+             wording.change(f),
              wording.percent(f.base_absorbed), f'{100 * f.runs_better:.0f} %',
              ', '.join(f.rivals) or '–'] for k, f in enumerate(findings)]
     return markup.table(
