@@ -151,6 +151,11 @@ def test_payload_is_that_of_a_mass_at_the_last_link(name, com):
     left = change - (flat @ found).reshape(change.shape)
     assert np.linalg.norm(left) < 0.03 * np.linalg.norm(change)
     assert not columns[motion.samples.runs == 0].any()
+    # It reaches the links further out; what changes one link of the shoulder alone is no tool.
+    assert effect.implausible(found, setting, motion, 0) is None
+    symbols = [c.symbol for c in effect.coefficients_of(motion, 0, setting)]
+    alone = np.where(np.array(symbols) == 'm_2', -0.1, 0.0)
+    assert 'none beyond it' in effect.implausible(alone, setting, motion, 0)
 
 
 def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():

@@ -18,7 +18,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
 from gravity_comp_ros.effects.change_points import after, change_points, finer_points
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import within_torque
+from gravity_comp_ros.effects.plausibility import all_of, within_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -28,6 +28,9 @@ import numpy as np
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
 _LEAST_TRAVEL = 0.1
+# The largest share of a payload is reached at least to this part further out, but for the links of
+# a wrist, which may have no length: so many joints are not asked.
+_REACHES, _WRIST = 0.5, 2
 
 
 def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
@@ -80,6 +83,26 @@ def _share(name: str) -> Coefficient:
                                      f'{place} turns')
     return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
                                  'joint before it')
+
+
+def _stays_within(values: FloatArray, setting: Setting, motion: Motion,
+                  joint: int) -> str | None:
+    """
+    Check that a change reaches the links further out.
+
+    A mass m at the tool adds m a_i to the first moment of a link of length a_i, which is at most
+    a_i times the mass that the link carries, and that is less the further out the link is. So
+    the share grows outwards, where links have a length at all.
+    """
+    shares = {c.symbol: abs(float(value)) for c, value in zip(
+        _change_symbols(motion, joint, setting), values) if c.symbol.startswith('m_')}
+    largest = max(shares, key=lambda name: shares[name], default='')
+    places = list(shares)
+    beyond = places[places.index(largest) + 1:] if largest else []
+    if len(beyond) > _WRIST and max(shares[name] for name in beyond) < _REACHES * shares[largest]:
+        return (f'the first moment that joint number {largest[2:]} turns changes and none beyond '
+                f'it: a payload changes those by a larger share')
+    return None
 
 
 def _change_untestable(motion: Motion, joint: int) -> str | None:
@@ -160,7 +183,7 @@ EFFECTS = (
         settings=_change_points,
         refine=finer_points,
         untestable=_change_untestable,
-        implausible=within_torque(_change),
+        implausible=all_of(within_torque(_change), _stays_within),
         symbols=_change_symbols,
         setting_units={'run': 'run number', 'time': 's'}),
     Effect(
