@@ -17,7 +17,7 @@ from gravity_comp_ros.diagnosis.pose_folds import pose_folds
 from gravity_comp_ros.diagnosis.scale import Scale
 from gravity_comp_ros.diagnosis.selection import alternatives, Selection
 from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_shape
-from gravity_comp_ros.diagnosis.verdict import Proof, untestable_twins, verdict
+from gravity_comp_ros.diagnosis.verdict import Proof, rest_angles, untestable_twins, verdict
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
 from gravity_comp_ros.effects.effect import Motion
 import numpy as np
@@ -98,7 +98,8 @@ class _Findings:
         found = tuple(
             c.effect.name if c.joint == candidate.joint or c.joint is None
             else f'{c.effect.name}:{scale.names[c.joint]}'
-            for c in alternatives(self.selection, candidate, self.chosen))
+            for c in alternatives(self.selection, candidate, self.chosen)
+        ) + rest_angles(candidate, self.chosen)
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
         sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
         proof = Proof(kept, kept.p < self.selection.criteria.options.alpha,

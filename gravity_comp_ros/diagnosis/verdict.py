@@ -105,6 +105,19 @@ def _too_few(proof: Proof, options: VerdictOptions) -> str:
             f'{_asked(proof, options):.0f} is needed for {coefficients}')
 
 
+def rest_angles(candidate: Candidate, chosen: Sequence[Candidate]) -> tuple[str, ...]:
+    """
+    Return the springs that an offset on their joint may be a part of.
+
+    A spring is described about the mean angle of the motion. Where it rests is an offset beside
+    it.
+    """
+    if candidate.effect.name != 'torque_offset':
+        return ()
+    return tuple(c.effect.name for c in chosen
+                 if c.joint == candidate.joint and c.effect.name == 'joint_spring')
+
+
 def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
                      options: VerdictOptions) -> tuple[str, ...]:
     """Return confounders that this motion cannot tell from the effect."""
