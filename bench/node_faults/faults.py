@@ -149,8 +149,12 @@ def lost_stamps() -> Fault:
         text = player.probe.report('input').message
         if (error := player.error()) > 1.0:
             return f'{error:.1f} N·m off'
-        values = str(player.probe.values('input'))
-        return '' if 'stamp_lost' in values else f'input: {text} {values}'
+        # A report may have been made before the messages were read.
+        while 'stamp_lost' not in str(player.probe.values('input')):
+            if time.monotonic() > end:
+                return f"input: {text} {player.probe.values('input')}"
+            text = player.probe.report('input').message
+        return ''
     return Fault('stamps become 0', play, {})
 
 

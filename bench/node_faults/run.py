@@ -62,6 +62,8 @@ def back_to_start(probe, player) -> None:
         pass
     player.carry(None)
     player.move(30)
+    # What is learned of the bare arm is learned before the next fault begins.
+    player.settle()
     probe.torques.clear()
 
 
