@@ -62,6 +62,20 @@ def worst(model) -> float:
     return float(np.sqrt((error ** 2).mean(axis=0)).max())
 
 
+def test_a_model_with_axes_weighs_the_tool_without_being_told_of_them_again(folder, tmp_path,
+                                                                            capsys):
+    path, new, few = tmp_path / 'axes.json', tmp_path / 'new.json', tmp_path / 'few.mcap'
+    assert main(['fit', str(folder / 'bare.mcap'), '--urdf', URDF, '-o', str(path)]) == 0
+    update = ('update', folder / 'tool.mcap', '--model', path, '-o', new)
+    found = run_json(capsys, *update)
+    assert found['payload']['mass']['value'] == pytest.approx(2.0, abs=0.05)
+    assert found['description']['source'] and not any('few' in w for w in found['warnings'])
+    assert run_json(capsys, *update, '--urdf', 'none')['payload'] is None
+    assert main(['cut', str(folder / 'tool.mcap'), '-o', str(few), '--to', '3']) == 0
+    found = run_json(capsys, 'update', few, '--model', path, '-o', new)
+    assert any(w.startswith('16 slow samples are few') for w in found['warnings'])
+
+
 def test_a_tool_is_learned_and_its_effect_told(folder, model, tmp_path, capsys):
     new = tmp_path / 'new.json'
     before = model.read_bytes()

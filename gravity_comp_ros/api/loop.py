@@ -119,11 +119,12 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
 
     :param recording: the arm with its new payload and nothing else.
     :param urdf: a robot description; with it mass and centre of mass are in `report.payload`.
+        Without one, the axes that the model was fitted with serve.
     :raises FitError: if there are too few slow samples.
     :raises DataError: if no sample is slow.
     :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
     """
-    geometry = None if urdf is None else _geometry(urdf, model.joints)
+    geometry = model.gravity.geometry if urdf is None else _geometry(urdf, model.joints)
     return Model(update_model(model.gravity, recording, geometry).model)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.errors import DataError, GravityCompError, OptionError
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 
 if TYPE_CHECKING:
@@ -51,8 +52,8 @@ def urdf_file(args: argparse.Namespace) -> Path | None:
     return None if args.urdf in (None, 'none') else Path(args.urdf)
 
 
-def known_axes(args: argparse.Namespace, joints: Sequence[str],
-               choose: bool = False) -> KnownAxes:
+def known_axes(args: argparse.Namespace, joints: Sequence[str], choose: bool = False,
+               model: GravityModel | None = None) -> KnownAxes:
     """
     Return the axes of these joints from the description that the arguments ask for.
 
@@ -60,6 +61,7 @@ def known_axes(args: argparse.Namespace, joints: Sequence[str],
     note, if it does not.
 
     :param choose: leave out recorded joints that are no part of an arm, such as a gripper's.
+    :param model: whose axes serve where no description is named and no recording holds one.
     :raises DataError: if the file is no URDF.
     :raises ModelMismatchError: if it is of another arm.
     :raises OptionError: if --fixed has no use.
@@ -81,6 +83,8 @@ def known_axes(args: argparse.Namespace, joints: Sequence[str],
         if args.fixed:
             raise OptionError('--fixed needs a robot description: no recording holds one, so '
                               'name a file with --urdf')
+        if model is not None and model.geometry is not None:
+            return KnownAxes(model.geometry, notes=('axes of the model',))
         return KnownAxes()
     try:
         return _axes(args, joints, choose, found.text, found.source, False)

@@ -54,7 +54,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        done, axes = _updated(model, loaded, known_axes(args, model.joints))
+        done, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
         report('update', 1.0)
     changed, result = done.model, done.result
     if not args.dry_run:

@@ -37,6 +37,8 @@ import numpy as np
 _WHITE = 2.0
 # Noise that the new samples show to differ by no more changes no weights that matter.
 _SAME_NOISE = 0.15
+# With fewer samples than this the interval of an update is that of a guess of the noise.
+_FEW = 30
 # By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
 _NO_TOOL = 40.0
 
@@ -285,6 +287,9 @@ def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatA
                    ('iterations', 'primal_residual', 'dual_residual', 'converged')},
         'warnings': [],
     }
+    if len(samples) < _FEW:
+        report['warnings'] += [f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at '
+                               f'5 Hz, an update is as sure as it says']
     report['warnings'] += _unsure(found.model, sigma)
     if found.tool is not None:
         report['payload'] = _payload_json(found.tool)
