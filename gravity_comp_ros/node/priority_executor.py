@@ -52,7 +52,7 @@ class InputGroup(CallbackGroup):
 
 class Lookout:
     """
-    Asks whether services and messages are ready besides joint states, with a wait set kept.
+    Calls timers, and asks whether anything but joint states waits, with a wait set that is kept.
 
     :param node: whose subscriptions, clients and services are watched.
     :param context: of the node.
@@ -63,8 +63,15 @@ class Lookout:
         self._watched: list[Any] = []
         self._wait_set: Any = None
 
+    def call_timers(self) -> None:
+        """Call the timers that are due; their callbacks are plain functions."""
+        for timer in self._node.timers:
+            if timer.handle.is_timer_ready():
+                timer.handle.call_timer()
+                timer.callback()
+
     def is_ready(self) -> bool:
-        """Return whether anything has to be done."""
+        """Return whether a message or a request waits."""
         node = self._node
         subscriptions = [s for s in node.subscriptions
                          if not isinstance(s.callback_group, InputGroup)]
@@ -99,9 +106,20 @@ class InputFirstExecutor(SingleThreadedExecutor):
         # How often a burst ended with messages still waiting, since the start.
         self.full_bursts = 0
         self._find = subscription
-        self._lookouts: dict[int, Lookout] = {}
+        self._lookouts: list[Lookout] = []
         self._served: Subscription | None = None
         self._wait_set: Any = None
+
+    def add_node(self, node: Node) -> bool:
+        """Spin a node as well; return False if it is there already."""
+        added = bool(super().add_node(node))
+        self._lookouts = [Lookout(each, self._context) for each in self.get_nodes()]
+        return added
+
+    def shutdown(self, timeout_sec: float | None = None) -> bool:
+        """End all work; what is kept here is of the node, and goes before it."""
+        self._lookouts, self._served, self._wait_set = [], None, None
+        return bool(super().shutdown(timeout_sec))
 
     def spin(self) -> None:
         """
@@ -159,12 +177,7 @@ class InputFirstExecutor(SingleThreadedExecutor):
 
     def _short_turn(self, until: float) -> None:
         """Call the timers that are due, and run the rest where something of it is ready."""
-        for node in self.get_nodes():
-            for timer in node.timers:
-                if timer.handle.is_timer_ready():
-                    timer.handle.call_timer()
-                    timer.callback()
-            if id(node) not in self._lookouts:
-                self._lookouts[id(node)] = Lookout(node, self._context)
-            if self._lookouts[id(node)].is_ready():
+        for lookout in self._lookouts:
+            lookout.call_timers()
+            if lookout.is_ready():
                 self._turn(until)
