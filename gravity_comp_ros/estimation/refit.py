@@ -33,9 +33,9 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Of longer recordings evenly picked samples serve: an hour at 100 Hz becomes one at 17 Hz.
-_MOST_SAMPLES = 60000
-_MOST_ROWS = 20000
+# Of longer recordings evenly picked samples serve: an hour at 100 Hz becomes one at 11 Hz.
+_MOST_SAMPLES = 40000
+_MOST_ROWS = 10000
 _MOST_FOLDS = 4
 # A refit may raise a joint's RMSE by this factor, and by this share of the arm's largest torque:
 # an offset that gravity had imitated is no longer predicted.
