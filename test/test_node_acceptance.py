@@ -11,7 +11,7 @@ from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.absolute_tests import (
-    first_model_objection, lost_gravity, reference_noise)
+    dead_joint, first_model_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import as_chain
 from gravity_comp_ros.node.fit_job import work
 from gravity_comp_ros.node.outliers import outliers_of_change
@@ -164,6 +164,22 @@ def test_a_first_model_must_explain_every_joint():
     assert 'effort of b contradicts' in first_model_objection(samples, np.array([0.5, 4.0]))
     assert lost_gravity(samples, 5.0 * samples.tau, np.full(2, 0.1)) is not None
     assert lost_gravity(samples, 2.0 * samples.tau, np.full(2, 0.1)) is None
+
+
+def test_one_joint_alone_does_not_lose_its_gravity_to_a_payload():
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 3))
+    noise, before = np.full(3, 0.1), q * [20.0, 8.0, 3.0]
+
+    def judged(tau):
+        tau = tau + noise * np.random.default_rng(1).standard_normal(tau.shape)
+        samples = JointSamples.single_run(['a', 'b', 'c'], np.arange(60.0), q, 0 * q, tau)
+        return dead_joint(samples, before, noise)
+
+    assert judged(before) is None
+    assert 'effort of b is' in judged(before * [1.0, 0.0, 1.0])
+    # A payload that is taken off the last link takes torque off all.
+    assert judged(before * [0.8, 0.6, 0.0]) is None
+    assert judged(before * [0.5, 0.5, 0.5]) is None
 
 
 @pytest.mark.parametrize('bad', [{'mass': 0.0}, {'reach': -1.0}, {'mass': float('inf')}])

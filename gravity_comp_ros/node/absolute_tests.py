@@ -21,6 +21,12 @@ OWN_PART, LARGEST_PART = 0.35, 0.1
 # The least part of the arm's own gravity that a new payload leaves in the effort. Taking 5 kg off
 # an iiwa leaves 0.58 of it.
 OWN_GRAVITY = 0.25
+# A joint carried gravity if that was so many times the noise. It carries none if this part of it is
+# left, or so many times the noise: the friction of the model before is taken off an effort that has
+# none. What a payload takes off a joint, it takes off some joint nearer the base as well, at least to
+# this part. Where those joints carry nothing in these poses, the joint must have carried more: the
+# links themselves are left when a payload goes.
+_LOADED, _LEFT, _NOTHING, _NEARER, _FIRST_LOADED = 10.0, 0.2, 4.0, 1.0 / 3.0, 25.0
 # Neighbours in time of which differences are noise, s.
 _NEIGHBOURS = 0.6
 
@@ -94,3 +100,23 @@ def lost_gravity(samples: JointSamples, before: FloatArray, noise: FloatArray) -
         return None
     return (f'the effort holds {factor:.0%} of the gravity of the arm itself: drives off, gravity '
             'taken off by the driver, or another unit or sign')
+
+
+def dead_joint(samples: JointSamples, before: FloatArray, noise: FloatArray) -> str | None:
+    """
+    Return a sentence where one joint has lost all its gravity, and nothing else has changed.
+
+    :param samples: without friction and offset.
+    :param before: torque of the model before the change (M, N), N·m.
+    """
+    was, now, change = (np.sqrt((torque ** 2).mean(axis=0))
+                        for torque in (before, samples.tau, samples.tau - before))
+    loaded = was > _LOADED * noise
+    for joint in np.flatnonzero(loaded & (now < np.maximum(_NOTHING * noise, _LEFT * was))):
+        if was[joint] < _FIRST_LOADED * noise[joint] and not loaded[:joint].any():
+            continue
+        if joint and change[:joint].max() < _NEARER * was[joint]:
+            return (f'the effort of {samples.names[joint]} is {now[joint]:.2g} N·m where gravity '
+                    f'was {was[joint]:.2g} N·m, and no joint before it has changed: its sensor or '
+                    'its drive is dead')
+    return None

@@ -18,7 +18,7 @@ from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
-    first_model_objection, loose_objection, lost_gravity, reference_noise)
+    dead_joint, first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains, without_friction
 from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
@@ -200,8 +200,9 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     train, held = _beside_friction(source, job)
     gravity = concatenate((train, held))
     noise = allowance * reference_noise(usual_residual(base), gravity, base.predict(gravity.q))
-    if (lost := lost_gravity(gravity, base.predict(gravity.q), noise)) is not None:
-        return lost
+    for test in (lost_gravity, dead_joint):
+        if (lost := test(gravity, base.predict(gravity.q), noise)) is not None:
+            return lost
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                _rms(here.train - predict_torque(base, job.train)))
