@@ -21,11 +21,11 @@ OWN_PART, LARGEST_PART = 0.35, 0.1
 # The least part of the arm's own gravity that a new payload leaves in the effort. Taking 5 kg off
 # an iiwa leaves 0.58 of it.
 OWN_GRAVITY = 0.25
-# A joint carried gravity if that was so many times the noise. It carries none if this part of it is
-# left, or so many times the noise: the friction of the model before is taken off an effort that has
-# none. What a payload takes off a joint, it takes off some joint nearer the base as well, at least to
-# this part. Where those joints carry nothing in these poses, the joint must have carried more: the
-# links themselves are left when a payload goes.
+# A joint carried gravity if that was so many times the noise. It carries none if this part of it
+# is left, or so many times the noise: the friction of the model before is taken off an effort that
+# has none. What a payload takes off a joint, it takes off some joint nearer the base as well, at
+# least to this part. Where those carry nothing in these poses, the joint must have carried more:
+# the links themselves are left when a payload goes.
 _LOADED, _LEFT, _NOTHING, _NEARER, _FIRST_LOADED = 10.0, 0.2, 4.0, 1.0 / 3.0, 25.0
 # Neighbours in time of which differences are noise, s.
 _NEIGHBOURS = 0.6
