@@ -512,7 +512,8 @@ def test_asking_for_the_page_starts_no_process(server):
     before = _workers(process.pid)
     for _ in range(20):
         assert _asked(address, '/', host)[0] == 200
-    assert _workers(process.pid) == before
+    # One that nobody has used for a minute may have ended meanwhile.
+    assert set(_workers(process.pid)) <= set(before)
 
 
 @pytest.mark.parametrize('argv, words', [

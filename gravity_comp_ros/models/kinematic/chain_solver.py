@@ -35,7 +35,7 @@ class SolveOptions:
     """When to stop: after `max_steps`, or when a step gains less than this share of the cost."""
 
     max_steps: int = 100
-    tolerance: float = 1e-5
+    tolerance: float = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
