@@ -17,7 +17,8 @@ from functools import partial
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
-from gravity_comp_ros.diagnosis.torque_of_motion import beside, beside_on_axes, left_beside
+from gravity_comp_ros.diagnosis.torque_of_motion import (
+    beside, beside_on_axes, left_beside, on_joint)
 from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
@@ -210,9 +211,7 @@ def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
         effect, joint = installed(applied), joint_number(model, applied)
         columns = effect.columns(motion, joint, applied.setting)
         if effect.scope != 'arm':
-            whole = np.zeros((*motion.samples.q.shape, columns.shape[1]))
-            whole[:, joint] = columns
-            columns = whole
+            columns = on_joint(joint, motion.samples.n_joints, columns)
         parts.append(columns)
     return parts
 

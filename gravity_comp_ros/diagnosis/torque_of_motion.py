@@ -9,6 +9,8 @@ joints, and the moments of fast motion are told from those of gravity.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.gravity_on_axes import independent
 from gravity_comp_ros.diagnosis.nuisance import friction, nuisance
@@ -29,25 +31,21 @@ def beside(gravity: FloatArray, motion: Motion) -> FloatArray:
 
     :param gravity: (M, N, K) columns of gravity to fit them beside.
     """
-    samples = motion.samples
-    taken = np.zeros(samples.q.shape)
-    for joint in range(samples.n_joints):
-        extra = nuisance(motion, joint)
-        x = np.linalg.lstsq(np.column_stack([gravity[:, joint], extra]), samples.tau[:, joint],
-                            rcond=1e-10)[0]
-        taken[:, joint] = extra @ x[-extra.shape[1]:]
-    return taken
+    k = gravity.shape[2]
+    return np.column_stack([columns[:, k:] @ x[k:] for columns, x in _each(gravity, motion)])
 
 
 def left_beside(gravity: FloatArray, motion: Motion) -> FloatArray:
     """Return what gravity (M, N, K), friction, offset and inertia leave of each joint, (M, N)."""
-    tau = motion.samples.tau
-    left = np.empty_like(tau)
-    for joint in range(tau.shape[1]):
-        known = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
-        left[:, joint] = tau[:, joint] - known @ np.linalg.lstsq(
-            known, tau[:, joint], rcond=1e-10)[0]
-    return left
+    explained = np.column_stack([columns @ x for columns, x in _each(gravity, motion)])
+    return np.asarray(motion.samples.tau - explained)
+
+
+def _each(gravity: FloatArray, motion: Motion) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Return the columns of each joint, those of gravity first, and their coefficients."""
+    for joint, tau in enumerate(motion.samples.tau.T):
+        columns = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
+        yield columns, np.linalg.lstsq(columns, tau, rcond=1e-10)[0]
 
 
 def beside_on_axes(gravity: FloatArray, motion: Motion, model: GravityModel) -> FloatArray:
@@ -60,9 +58,8 @@ def beside_on_axes(gravity: FloatArray, motion: Motion, model: GravityModel) -> 
     samples, dynamics = motion.samples, dynamics_of(model)
     m, n = samples.q.shape
     k = gravity.shape[2]
-    own = [friction(motion, joint) for joint in range(n)]
     x = np.concatenate([gravity, columns_of(dynamics, samples.q, samples.qd, motion.qdd),
-                        *(_on(joint, n, columns) for joint, columns in enumerate(own))], axis=2)
+                        *(on_joint(j, n, friction(motion, j)) for j in range(n))], axis=2)
     usual = np.full(x.shape[2], np.inf)
     usual[:2], usual[2:k] = _TILT, float(np.abs(samples.tau).max())
     usual[k:k + len(dynamics.usual)] = dynamics.usual
@@ -79,7 +76,7 @@ def beside_on_axes(gravity: FloatArray, motion: Motion, model: GravityModel) -> 
     return np.asarray(x[:, :, k:] @ found[k:])
 
 
-def _on(joint: int, n: int, columns: FloatArray) -> FloatArray:
+def on_joint(joint: int, n: int, columns: FloatArray) -> FloatArray:
     """Return columns (M, K) of one joint among those of all, (M, N, K)."""
     whole = np.zeros((len(columns), n, columns.shape[1]))
     whole[:, joint] = columns

@@ -85,8 +85,8 @@ def _share(name: str) -> Coefficient:
                                  'joint before it')
 
 
-def _stays_within(values: FloatArray, setting: Setting, motion: Motion,
-                  joint: int) -> str | None:
+def _not_further_out(values: FloatArray, setting: Setting, motion: Motion,
+                     joint: int) -> str | None:
     """
     Check that a change reaches the links further out.
 
@@ -183,7 +183,7 @@ EFFECTS = (
         settings=_change_points,
         refine=finer_points,
         untestable=_change_untestable,
-        implausible=all_of(within_torque(_change), _stays_within),
+        implausible=all_of(within_torque(_change), _not_further_out),
         symbols=_change_symbols,
         setting_units={'run': 'run number', 'time': 's'}),
     Effect(

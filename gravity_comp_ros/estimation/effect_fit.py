@@ -175,16 +175,14 @@ def of_gravity(gravity: GravityModel, motion: Motion,
 
     Some are shares of parts of gravity. What a model lacks has none, and a new part has share 0.
     """
+    if all(installed(applied).symbols is None for applied in effects):
+        return effects
     beside = replace(motion, model=gravity, gravity=gravity.predict(motion.samples.q),
                      slopes=None)
     found = []
     for applied in effects:
-        effect = installed(applied)
-        if effect.symbols is None:
-            found.append(applied)
-            continue
         joint = 0 if applied.joint is None else motion.samples.names.index(applied.joint)
-        symbols = effect.coefficients_of(beside, joint, applied.setting)
+        symbols = installed(applied).coefficients_of(beside, joint, applied.setting)
         found.append(replace(applied, coefficients={
             c.symbol: applied.coefficients.get(c.symbol, Value(0.0, c.unit, (0.0, 0.0)))
             for c in symbols}))

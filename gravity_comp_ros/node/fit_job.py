@@ -199,9 +199,10 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
         change, source, allowance = None, model, WITH_EFFECTS
     train, held = _beside_friction(source, job)
     gravity = concatenate((train, held))
-    noise = allowance * reference_noise(usual_residual(base), gravity, base.predict(gravity.q))
+    before = base.predict(gravity.q)
+    noise = allowance * reference_noise(usual_residual(base), gravity, before)
     for test in (lost_gravity, dead_joint):
-        if (lost := test(gravity, base.predict(gravity.q), noise)) is not None:
+        if (lost := test(gravity, before, noise)) is not None:
             return lost
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
