@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_bags, now
+from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
@@ -79,22 +79,22 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
-    recording, note = with_enough_motion(recording)
+    recording = with_enough_motion(recording)
     if effects:
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
         result, joint = fit(recording.slow, options, progress), None
-    if note:
-        result.report['warnings'].insert(0, note)
+    if recording.ungated:
+        result = result.warned(recording.ungated)
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
     return Fitted(replace(result, model=replace(result.model, provenance=provenance)), joint)
 
 
-def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
+def with_enough_motion(recording: Recording) -> Recording:
     """
-    Return the recording, ungated if too little of it is slow, and a note that says so.
+    Return the recording, ungated if too little of it is slow.
 
     Few slow samples of a fast recording lie in few poses, and a model of them is wrong in all
     others. Friction and inertia are fitted beside gravity, so that fast samples serve as well. A
@@ -103,17 +103,17 @@ def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
     :raises DataError: if there are no samples at all.
     """
     if recording.gate != GateOptions() or recording.gated_before is not None:
-        return recording, ''
+        return recording
     try:
         n_slow = recording.slow.n_samples
     except DataError:
         n_slow = 0
     n = recording.samples.n_samples
     if n_slow >= FEW_SLOW or n < 2 * FEW_SLOW:
-        return recording, ''
-    return replace(recording, gate=None), (
+        return recording
+    return replace(recording, gate=None, ungated=(
         f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction beside '
-        f'gravity')
+        f'gravity'))
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
@@ -123,7 +123,7 @@ def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[s
                             recording.use, progress)
     model = with_step(both.joint.model, both.gravity, both.joint.added, now(),
                       *both.joint.by_joint())
-    report = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
+    report = replace(both.fit.report, rmse=dict(zip(model.joints, model.noise.tolist())))
     return FitResult(model, report, both.fit.converged), both.joint
 
 
@@ -169,12 +169,12 @@ def update_model(model: GravityModel, recording: Recording,
     recording = recording.select_joints(model.joints)
     result = update(model, _gravity_alone(model, recording), geometry=geometry)
     *before, last = result.model.provenance['updates']
-    bags = [bag_json(report) for report in recording.reports]
+    bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {
         **result.model.provenance, 'bags': merged_bags(model, recording.reports),
         'updates': [*before, {'when': now(), 'bags': bags, **last}]}
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
-                        result.report['rmse_before'], result.report['rmse'], UPDATED)
+                        result.report.rmse_before, result.report.rmse, UPDATED)
     return Updated(changed, result)
 
 

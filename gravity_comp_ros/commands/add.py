@@ -8,7 +8,7 @@ from dataclasses import replace
 import shlex
 from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json, now
+from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.api.ties import ties_of
 from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
@@ -49,8 +49,8 @@ def _undo(args: argparse.Namespace, model: GravityModel) -> int:
     left = [effect.target for effect in back.applied.effects]
     if args.json != '-':
         done = 'would be taken back from' if args.dry_run else 'taken back from'
-        terminal.show(terminal.safe(f'{", ".join(step.effects)} {done} {args.model}; the model '
-                                    f'is as it was before, with {", ".join(left) or "no effect"}'))
+        terminal.say(f'{", ".join(step.effects)} {done} {args.model}; the model '
+                     f'is as it was before, with {", ".join(left) or "no effect"}')
     if args.json:
         terminal.emit_json({'model': str(args.model), 'removed': list(step.effects),
                             'effects': left, 'written': not args.dry_run}, args.json)
@@ -73,14 +73,14 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
         save_model(args.model, done.model)
     if args.json != '-':
         _show(args, result, reports, ties, aside)
-    for line in [*reading.scale_warnings(model, reports), *refitting.warnings(result)]:
-        terminal.warn(line)
+    terminal.warn(*reading.scale_warnings(model, reports), *refitting.warnings(result))
     if args.json:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
-             **refitting.to_json(result), 'ties': [_tie_json(tie) for tie in ties],
+             **result.to_json(), 'warnings': refitting.warnings(result),
+             'ties': [_tie_json(tie) for tie in ties],
              'on_holdout': held_out.to_json(aside) if args.holdout else None,
-             'bags': [bag_json(r) for r in reports]}, args.json)
+             'bags': [r.to_json() for r in reports]}, args.json)
     return 0
 
 
@@ -91,17 +91,16 @@ def _tie_json(tie: Finding) -> dict[str, Any]:
 
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
           ties: Sequence[Finding], aside: dict[str, tuple[float, float, float]]) -> None:
-    for line in reading.bag_lines(reports):
-        terminal.show(terminal.safe(line))
+    terminal.say(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
     if aside:
         terminal.show('', held_out.table(aside))
     for tie in ties:
-        terminal.show(terminal.safe(
+        terminal.say(
             f'{target(tie.effect or "", tie.joint)} is one of a tie: {", ".join(tie.rivals)} '
             f'would explain these recordings as well. The error falls with any of them; keep '
-            f'one. What settles it: {tie.next_step}'))
+            f'one. What settles it: {tie.next_step}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return

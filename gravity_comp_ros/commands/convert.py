@@ -28,8 +28,7 @@ def run(args: argparse.Namespace) -> int:
          f'{topic.t[-1]:.4g} s, joints {safe(names_shown(topic.joints))}')
     if converted.dropped:
         warn(f'{counted(converted.dropped, "bad row")} left out')
-    for note in converted.notes:
-        warn(note)
+    warn(*converted.notes)
     next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 

@@ -37,8 +37,7 @@ def run(args: argparse.Namespace) -> int:
     start = recording.report.start_ns
     count = write_bag(args.output, topics, WriteOptions(start_ns=start))
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
-    for line in scale_warnings(model, [recording.report]):
-        warn(line)
+    warn(*scale_warnings(model, [recording.report]))
     if args.json:
         emit_json(_facts(args, recording, model, residual, outside), args.json)
         return 0

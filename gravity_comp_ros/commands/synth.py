@@ -47,8 +47,7 @@ def run(args: argparse.Namespace) -> int:
          f'{samples.t[-1] - samples.t[0]:.4g} s')
     for effect in found:
         show(f'hidden: {safe(effect)}')
-    for note in notes:
-        warn(note)
+    warn(*notes)
     next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass, replace
 import hashlib
 import json
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
+from gravity_comp_ros.fleet.outcome import DiagnosedRobot, FittedRobot, Outcome
 from gravity_comp_ros.fleet.store import Store
 from gravity_comp_ros.fleet.tasks import (
     diagnose_robot, DiagnoseTask, fit_robot, FitTask, read, ReadTask)
@@ -26,21 +26,6 @@ from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
 Progress = Callable[[str, float], None]
 KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use
-
-
-@dataclass
-class Outcome:
-    """
-    What became of a fleet: per robot what it has now, and what failed.
-
-    `robots` maps names to a few figures; `failed_bags` and `failed_robots` say why. `resumed`
-    counts the bags and robots that an earlier run had done.
-    """
-
-    robots: dict[str, dict[str, Any]] = field(default_factory=dict)
-    failed_bags: dict[str, str] = field(default_factory=dict)
-    failed_robots: dict[str, str] = field(default_factory=dict)
-    resumed: int = 0
 
 
 @dataclass(frozen=True)
@@ -69,7 +54,7 @@ class FleetRun:
                        self.reading, self.gate)
             done = store.note(key)
             if done is not None and _holds_model(self._model_file(robot)):
-                outcome.robots[robot.name] = done
+                outcome.robots[robot.name] = FittedRobot.from_json(done)
                 outcome.resumed += 1
             else:
                 waiting[robot.name] = (robot, key, found)
@@ -81,8 +66,8 @@ class FleetRun:
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
-            outcome.robots[robot.name] = self._save(robot, found, result)
-            store.keep_note(key, outcome.robots[robot.name])
+            fitted = outcome.robots[robot.name] = self._save(robot, found, result)
+            store.keep_note(key, fitted.to_json())
         return outcome
 
     def diagnose(self, models: Path | None = None,
@@ -118,7 +103,7 @@ class FleetRun:
                 outcome.failed_robots[robot.name] = result.reason
                 continue
             found, failed = result
-            done = {'diagnosis': found, 'failed': {b: f.reason for b, f in failed.items()}}
+            done = {'diagnosis': found.to_json(), 'failed': failed}
             store.keep_note(key, done)
             self._tell(outcome, robot, done)
         return outcome
@@ -149,21 +134,19 @@ class FleetRun:
         return self.output / f'{robot.name}.json'
 
     def _save(self, robot: Robot, found: list[GatedRecording],
-              result: FitResult) -> dict[str, Any]:
-        bags = [bag_json(r.report) for r in found]
+              result: FitResult) -> FittedRobot:
+        bags = [r.report.to_json() for r in found]
         model = replace(result.model, provenance={**result.model.provenance, 'bags': bags})
         save_model(self._model_file(robot), model)
-        return {'model': self._model_file(robot).name, 'bags': len(found),
-                'samples': model.coverage.n_samples, 'converged': result.converged,
-                'rmse': dict(result.report['rmse']), 'warnings': result.report['warnings']}
+        return FittedRobot(self._model_file(robot).name, len(found), model.coverage.n_samples,
+                           result.converged, result.report.rmse, result.report.warnings)
 
     def _tell(self, outcome: Outcome, robot: Robot, done: dict[str, Any]) -> None:
         outcome.failed_bags.update(done['failed'])
         file = self.output / f'{robot.name}.diagnosis.json'
         write_atomically(file, (json.dumps(done['diagnosis'], indent=2) + '\n').encode(),
                          BagError)
-        outcome.robots[robot.name] = {'diagnosis': file.name,
-                                      'findings': done['diagnosis']['findings']}
+        outcome.robots[robot.name] = DiagnosedRobot.from_json(file.name, done['diagnosis'])
 
 
 def _holds_model(path: Path) -> bool:

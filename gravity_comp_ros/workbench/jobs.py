@@ -133,7 +133,7 @@ def learn(recording: Recording, choice: Choice, progress: Progress) -> Learned:
     # As `fit --joints --urdf none` has it.
     provenance = {**result.model.provenance, 'description': None, 'joint_order': '--joints'}
     return Learned(replace(result.model, provenance=provenance),
-                   tuple(result.report['warnings']))
+                   result.report.warnings)
 
 
 def add(recording: Recording, job: Add, progress: Progress) -> Added:

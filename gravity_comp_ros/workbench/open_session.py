@@ -39,6 +39,11 @@ class OpenSession:
         self.hashes: dict[str, str] = {}
         self._may_start = may_start
 
+    @property
+    def is_adding(self) -> bool:
+        """Return whether effects are being added."""
+        return isinstance(self.worker.running, Add)
+
     # What a page asks for.
 
     def start(self) -> None:

@@ -208,7 +208,7 @@ class Session:
 
     def _use_fast_samples_where_few_are_slow(self) -> None:
         """Judge a model on the samples that `fit` takes of a fast recording: all."""
-        self.ungated = with_enough_motion(self.recording)[1] if self.choice.runs else ''
+        self.ungated = with_enough_motion(self.recording).ungated if self.choice.runs else ''
         if self.ungated:
             self.choice = replace(self.choice, all_samples=True)
 

@@ -6,6 +6,7 @@ from bokeh.layouts import column, gridplot
 from bokeh.models import ColumnDataSource, FactorRange, Label, Slope, UIElement
 from bokeh.plotting import figure
 from bokeh.transform import dodge
+from gravity_comp_ros.api import results
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.motion import build_motion
@@ -69,11 +70,7 @@ def label(finding: Finding) -> str:
 
 def coefficients(finding: Finding, most: int = _MOST_COEFFICIENTS) -> str:
     """Return at most so many coefficients with units and 95 % intervals in one line."""
-    items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
-                      for symbol, x in items[:most])
-    more = len(items) - most
-    return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
+    return markup.units(results.coefficients(finding, most))
 
 
 def bars(findings: tuple[Finding, ...], style: Style) -> figure:
