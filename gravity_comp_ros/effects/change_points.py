@@ -31,13 +31,17 @@ def change(motion: Motion, setting: Setting) -> FloatArray:
     before, 1 from it on.
     """
     if 'clock' not in setting:
-        return 1.0 - _before(motion.samples, setting)
+        return 1.0 + _lacks(_before(motion.samples, setting))
     samples, clock = motion.samples, setting['clock']
     if clock == 0.0:
-        return -1.0 * _before(samples, setting)
+        return _lacks(_before(samples, setting))
     if not samples.starts:
         return np.zeros(samples.n_samples)
-    return -1.0 * (np.array(samples.starts)[samples.runs] + samples.t < clock)
+    return _lacks(np.array(samples.starts)[samples.runs] + samples.t < clock)
+
+
+def _lacks(before: BoolArray) -> FloatArray:
+    return np.where(before, -1.0, 0.0)
 
 
 def _before(samples: JointSamples, setting: Setting) -> BoolArray:
