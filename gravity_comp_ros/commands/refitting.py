@@ -59,8 +59,8 @@ def effect_lines(result: Refit) -> list[str]:
 
 def numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and setting in one line."""
-    return ', '.join([*effect_numbers(effect),
-                      *(f'{name} {x:.3g}' for name, x in effect.setting.items())])
+    return ', '.join([*effect_numbers(effect), *(
+        f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
 
 
 def warnings(result: Refit) -> list[str]:

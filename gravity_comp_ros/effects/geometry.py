@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms
-from gravity_comp_ros.effects.change_points import after, change_points, finer_points
+from gravity_comp_ros.effects.change_points import change, change_points, finer_points, UNITS
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausibility import smaller_than
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -19,7 +19,7 @@ _STEEPEST = 0.35
 
 
 def _encoder(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return (motion.gradient[:, :, joint] * after(motion, setting)[:, None])[:, :, None]
+    return (motion.gradient[:, :, joint] * change(motion, setting)[:, None])[:, :, None]
 
 
 def slips(motion: Motion, joint: int) -> list[dict[str, float]]:
@@ -127,7 +127,7 @@ EFFECTS = (
         name='encoder_offset',
         title='Encoder offset',
         family='geometry',
-        equation='tau = delta dg(q)/dq_n from a time on, or throughout',
+        equation='tau = delta dg(q)/dq_n throughout, or -delta dg(q)/dq_n before a time',
         description='A joint whose zero is not where the model has it, as after the change of '
                     'an encoder; all joints carry another torque.',
         coefficients=(Coefficient('delta', 'rad', 'true angle less the one that is reported'),),
@@ -140,7 +140,8 @@ EFFECTS = (
         scope='arm',
         settings=slips,
         refine=finer_points,
-        setting_units={'run': 'run number', 'time': 's'},
+        setting_units=UNITS,
+        taken=('clock',),
         untestable=_encoder_untestable,
         implausible=smaller_than(_encoder, 0.3, 'rad', 'an offset that large is another zero; '
                                                        'fit a new model')),

@@ -16,7 +16,8 @@ from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
-from gravity_comp_ros.effects.change_points import after, change_points, finer_points
+from gravity_comp_ros.effects.change_points import (
+    change, change_points, finer_points, UNITS)
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
 from gravity_comp_ros.effects.plausibility import all_of, within_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -31,6 +32,8 @@ _LEAST_TRAVEL = 0.1
 # The largest share of a payload is reached at least to this part further out, but for the links of
 # a wrist, which may have no length: so many joints are not asked.
 _REACHES, _WRIST = 0.5, 2
+# A part of the energy counts if its change makes this part of the largest change of torque.
+_COUNTS = 0.02
 
 
 def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
@@ -57,11 +60,11 @@ def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
 
 
 def _change(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the torque of each energy after the change, (M, N, K); 0 before it."""
+    """Return the torque of each energy, negative before the change and 0 after it, (M, N, K)."""
     if 'payload' not in motion.memo and motion.model is not None:
         energies = [energy for _, energy in payload_energies(motion.model)]
         motion.memo['payload'] = terms.torques(energies, motion.samples.q)
-    return motion.memo['payload'] * after(motion, setting)[:, None, None]
+    return motion.memo['payload'] * change(motion, setting)[:, None, None]
 
 
 def _change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
@@ -79,8 +82,8 @@ def _change_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coeff
 def _share(name: str) -> Coefficient:
     kind, _, place = name.partition('_')
     if kind == 'm':
-        return Coefficient(name, '', f'relative change of the first moment that joint number '
-                                     f'{place} turns')
+        return Coefficient(name, '', f'change of the first moment that joint number {place} '
+                                     'turns, relative to that after it')
     return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
                                  'joint before it')
 
@@ -92,14 +95,19 @@ def _not_further_out(values: FloatArray, setting: Setting, motion: Motion,
 
     A mass m at the tool adds m a_i to the first moment of a link of length a_i, which is at most
     a_i times the mass that the link carries, and that is less the further out the link is. So
-    the share grows outwards, where links have a length at all.
+    the share grows outwards, where links have a length at all. Shares of moments too small to
+    turn a joint are noise and do not count.
     """
-    shares = {c.symbol: abs(float(value)) for c, value in zip(
-        _change_symbols(motion, joint, setting), values) if c.symbol.startswith('m_')}
+    torque = np.abs(values) * np.sqrt((_change(motion, joint, setting) ** 2).mean(axis=(0, 1)))
+    shares = {c.symbol: abs(float(value)) for c, value, size in zip(
+        _change_symbols(motion, joint, setting), values, torque)
+        if c.symbol.startswith('m_') and size >= _COUNTS * torque.max()}
     largest = max(shares, key=lambda name: shares[name], default='')
-    places = list(shares)
-    beyond = places[places.index(largest) + 1:] if largest else []
-    if len(beyond) > _WRIST and max(shares[name] for name in beyond) < _REACHES * shares[largest]:
+    every = [c.symbol for c in _change_symbols(motion, joint, setting)
+             if c.symbol.startswith('m_')]
+    beyond = every[every.index(largest) + 1:] if largest else []
+    reached = max((shares.get(name, 0.0) for name in beyond), default=0.0)
+    if len(beyond) > _WRIST and reached < _REACHES * shares[largest]:
         return (f'the first moment that joint number {largest[2:]} turns changes and none beyond '
                 f'it: a payload changes those by a larger share')
     return None
@@ -167,9 +175,10 @@ EFFECTS = (
         name='payload_change',
         title='Payload that changes on the way',
         family='payload',
-        equation='tau = sum_i m_i dU_i(q)/dq after the change, U_i the part of the energy that '
+        equation='tau = -sum_i m_i dU_i(q)/dq before the change, U_i the part of the energy that '
                  'joint i turns last',
-        description='A tool or load that is taken up or set down during the recording.',
+        description='A tool or load that is taken up or set down during the recording. Gravity '
+                    'is that of the end: later recordings are predicted with the last payload.',
         coefficients=(_share('m_i'), _share('e_s')),
         columns=_change,
         pointwise=True,
@@ -185,7 +194,8 @@ EFFECTS = (
         untestable=_change_untestable,
         implausible=all_of(within_torque(_change), _not_further_out),
         symbols=_change_symbols,
-        setting_units={'run': 'run number', 'time': 's'}),
+        setting_units=UNITS,
+        taken=('clock',)),
     Effect(
         name='tool_force',
         title='Force fixed in the tool',
