@@ -126,6 +126,13 @@ def coefficients(finding: Finding, most: int = 3) -> str:
     return shown + (f' and {more} more' if more > 0 else '') or '–'
 
 
+def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
+    """Return what the torques do that no serial arm's gravity does, and what makes up for it."""
+    return [f'{law.words}; ' + ('the effects above make up for it' if law.holds_with_effects else
+                                f'not made up for; look for {", ".join(law.suspects)}')
+            for law in diagnosis.laws]
+
+
 def effect_numbers(effect: AppliedEffect, most: int = 6) -> list[str]:
     """Return the coefficients of an effect of a model, the first `most` of them."""
     parts = [f'{symbol} = {wording.plus_minus(Estimate(x.value, x.unit, x.ci95))}'

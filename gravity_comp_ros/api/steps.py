@@ -8,7 +8,7 @@ the commands and services call them as they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
@@ -36,40 +36,13 @@ PAYLOAD = 'payload'
 FEW_SLOW = 100
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A fit, and the refit of gravity and effects together where there are effects."""
-
-    result: FitResult
-    refit: Refit | None = None
-
-    @property
-    def model(self) -> GravityModel:
-        """Return the model, with its effects and where it comes from."""
-        return self.result.model
-
-
-@dataclass(frozen=True, eq=False)
-class WithEffects:
-    """A model that was given effects, and how it fared on samples that were not fitted."""
-
-    model: GravityModel
-    refit: Refit
-
-
-@dataclass(frozen=True, eq=False)
-class Updated:
-    """A model with a new payload, and how it was found."""
-
-    model: GravityModel
-    result: UpdateResult
-
-
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
               effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
-              progress: Progress | None = None) -> Fitted:
+              progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
     Learn gravity from the slow samples, and effects beside it if some are named.
+
+    Returns the model, with its effects and where it comes from, and how these were found.
 
     :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
     :param speeds: which samples the effects are fitted to.
@@ -89,7 +62,7 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
-    return Fitted(replace(result, model=replace(result.model, provenance=provenance)), joint)
+    return replace(result, model=replace(result.model, provenance=provenance)), joint
 
 
 def with_enough_motion(recording: Recording) -> Recording:
@@ -129,7 +102,7 @@ def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[s
 
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
                  speeds: RefitOptions = RefitOptions(),
-                 progress: Progress | None = None) -> WithEffects:
+                 progress: Progress | None = None) -> Refit:
     """
     Add effects to a model and refit it as a whole; the old model goes into its history.
 
@@ -146,7 +119,7 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
                    progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
     provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
-    return WithEffects(replace(changed, provenance=provenance), result)
+    return replace(result, model=replace(changed, provenance=provenance))
 
 
 def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
@@ -156,7 +129,7 @@ def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
 
 
 def update_model(model: GravityModel, recording: Recording,
-                 geometry: Geometry | None = None) -> Updated:
+                 geometry: Geometry | None = None) -> UpdateResult:
     """
     Learn what a new payload changed; the effects of the model stay as they are.
 
@@ -175,7 +148,7 @@ def update_model(model: GravityModel, recording: Recording,
         'updates': [*before, {'when': now(), 'bags': bags, **last}]}
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
                         result.report.rmse_before, result.report.rmse, UPDATED)
-    return Updated(changed, result)
+    return replace(result, model=changed)
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import shlex
 import time
 
-from gravity_comp_ros.api.results import coefficients
+from gravity_comp_ros.api.results import coefficients, structure_lines
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
@@ -122,8 +122,9 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
-    for line in _laws(diagnosis):
-        terminal.show(line)
+    if diagnosis.laws:
+        terminal.show('[bold]what no gravity of a serial arm does[/bold]')
+        terminal.say(*(f'  {line}' for line in structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
@@ -143,15 +144,3 @@ def _table(diagnosis: Diagnosis) -> ScreenTable:
     return terminal.table('what is missing', _FINDINGS, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %'),
                           folds=('coefficient, 95 %',))
-
-
-def _laws(diagnosis: Diagnosis) -> list[str]:
-    """Return lines of markup on what the torques do that no serial arm's gravity does."""
-    if not diagnosis.laws:
-        return []
-    lines = ['[bold]what no gravity of a serial arm does[/bold]']
-    for law in diagnosis.laws:
-        end = 'the effects above make up for it' if law.holds_with_effects else (
-            f'not made up for; look for {", ".join(law.suspects)}')
-        lines.append(f'  {terminal.safe(f"{law.words}; {end}")}')
-    return [*lines, '']

@@ -38,11 +38,10 @@ def run(args: argparse.Namespace) -> int:
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        found = fit_model(fitted, _options(args, axes), effects, speeds, report)
+        result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
         seconds = time.perf_counter() - started
-    result, joint = found.result, found.refit
-    model = replace(found.model, provenance={
-        **found.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
+    model = replace(result.model, provenance={
+        **result.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
     judged = compare_model(model, held) if held else None
     document = {
         'model': str(args.output) if args.output else None, **result.to_json(),

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
+from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.diagnosis.wording import percent
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import undone
+from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
 
 
@@ -26,6 +31,21 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
     if args.all_samples:
         return RefitOptions(slow=None)
     return RefitOptions() if args.max_speed is None else RefitOptions(args.max_speed, force=True)
+
+
+def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
+    """
+    Return the model before its last change, and write it unless this is a dry run.
+
+    :raises OptionError: if nothing has changed it.
+    """
+    try:
+        back = undone(model, now())
+    except DataError as problem:
+        raise OptionError(f'{args.model}: {problem}') from problem
+    if not args.dry_run:
+        save_model(output, back)
+    return back
 
 
 def fitted_sentence(result: Refit) -> str:

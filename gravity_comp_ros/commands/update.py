@@ -6,17 +6,15 @@ import argparse
 from pathlib import Path
 import shlex
 
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import update_model, Updated
-from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.api.steps import update_model
+from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
-from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 
 
@@ -34,12 +32,7 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is no update: '
                           f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
-    try:
-        back = undone(model, now())
-    except DataError as problem:
-        raise OptionError(f'{args.model}: {problem}') from problem
-    if not args.dry_run:
-        save_model(target, back)
+    refitting.undo(args, model, target)
     if args.json != '-':
         done = 'would be as it was' if args.dry_run else 'is as it was'
         terminal.say(f'{target} {done} before the last update')
@@ -54,11 +47,10 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        done, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
+        result, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
         report('update', 1.0)
-    changed, result = done.model, done.result
     if not args.dry_run:
-        save_model(target, changed)
+        save_model(target, result.model)
     if args.json != '-':
         _show(args, loaded, axes, result, target)
     warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, loaded)]
@@ -66,13 +58,13 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     if args.json:
         terminal.emit_json(
             {'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
-             'effects': [effect.target for effect in changed.applied.effects],
+             'effects': [effect.target for effect in result.model.applied.effects],
              'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
     return 0
 
 
 def _updated(model: GravityModel, loaded: Recording,
-             axes: KnownAxes) -> tuple[Updated, KnownAxes]:
+             axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
     """Return the update, and the axes that it used: a recording's own only if they fit."""
     try:
         return update_model(model, loaded, axes.geometry), axes
@@ -84,11 +76,9 @@ def _updated(model: GravityModel, loaded: Recording,
 
 
 def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:
-    lines = [*result.report.warnings, *reading.scale_warnings(model, loaded.reports)]
-    known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
-    lines += [f'the model was fitted to {bag.path.name} already: is it of the new payload?'
-              for bag in loaded.reports if bag.sha256 in known]
-    return lines
+    return [*result.report.warnings, *reading.scale_warnings(model, loaded.reports),
+            *(f'the model was fitted to {name} already: is it of the new payload?'
+              for name in reading.fitted_names(model, loaded.reports))]
 
 
 def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
