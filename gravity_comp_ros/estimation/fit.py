@@ -25,7 +25,7 @@ from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseE
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import OFFSET
+from gravity_comp_ros.models.nuisance import NuisanceTerms, OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
@@ -217,7 +217,8 @@ def _geometry(options: FitOptions, estimate: Estimate) -> Geometry | None:
     return options.geometry
 
 
-def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]) -> Any:
+def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]
+              ) -> NuisanceTerms:
     regression, k = found.regression, found.regression.n_effects
     left = np.sqrt((regression.trust * found.residual() ** 2).mean(axis=0))
     return regression.nuisance.terms(names, found.beside[k:], found.covariance[k:, k:], left)

@@ -273,8 +273,8 @@ def _energy_step(model: GravityModel, new: NewSamples) -> _Step:
     return _Step(_with_energy(model, energy, None, spread), changed, change)
 
 
-def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
-                 uncertainty: Any) -> GravityModel:
+def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,
+                 uncertainty: ChainUncertainty | EnergyUncertainty) -> GravityModel:
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
