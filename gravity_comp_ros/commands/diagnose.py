@@ -7,7 +7,7 @@ from dataclasses import replace
 import shlex
 import time
 
-from gravity_comp_ros.api.results import coefficients, structure_lines
+from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
@@ -67,7 +67,7 @@ def _run(args: argparse.Namespace) -> int:
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
         terminal.emit_json(
-            {**diagnosis.to_json(), 'verdict': wording.verdict(diagnosis),
+            {**results.Diagnosis(diagnosis).to_json(),
              'model': args.model.name if args.model else None,
              'data': check.to_json(), 'bags': [r.to_json() for r in reports],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
@@ -124,7 +124,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         terminal.show(_table(diagnosis))
     if diagnosis.laws:
         terminal.show('[bold]what no gravity of a serial arm does[/bold]')
-        terminal.say(*(f'  {line}' for line in structure_lines(diagnosis)), '')
+        terminal.say(*(f'  {line}' for line in results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
@@ -137,9 +137,8 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 
 def _table(diagnosis: Diagnosis) -> ScreenTable:
-    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, coefficients(f),
-             wording.change(f)]
-            for f in diagnosis.findings]
+    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
+             results.coefficients(f), wording.change(f)] for f in diagnosis.findings]
     # Names are copied from here, so they stay whole; coefficients may be folded.
     return terminal.table('what is missing', _FINDINGS, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %'),
