@@ -124,7 +124,8 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         terminal.show(_table(diagnosis))
     if diagnosis.laws:
         terminal.show('[bold]what no gravity of a serial arm does[/bold]')
-        terminal.say(*(f'  {line}' for line in results.structure_lines(diagnosis)), '')
+        terminal.show(*(f'  {terminal.safe(line)}' for line in
+                        results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
