@@ -21,6 +21,7 @@ from gravity_comp_ros.estimation.fit_report import FitDetails, nuisance_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
+from gravity_comp_ros.printable import counted
 
 
 def run(args: argparse.Namespace) -> int:
@@ -153,7 +154,7 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
         rows.append(row)
     return terminal.table(
         f'gravity model, {model.formulation}: {model.coverage.n_samples} samples of '
-        f'{model.coverage.n_runs} run{"s" if model.coverage.n_runs > 1 else ""}', columns, rows)
+        f'{counted(model.coverage.n_runs, "run")}', columns, rows)
 
 
 def _remaining(report: FitDetails, joint: str) -> str:
@@ -171,8 +172,8 @@ def _solver_sentence(result: FitResult) -> str:
         return f'chain: {chain.starts} starts, {sum(chain.square)} right angles; {left}'
     problems = [found.lasso for found in result.report.solver]
     ends = [problem.certificate for problem in problems]
-    count = f'{len(problems)} L1 problem{"s" if len(problems) > 1 else ""}'
-    return (f'ADMM: {count}, {sum(problem.iterations for problem in problems)} iterations, '
-            f'worst primal residual {max(end.primal_residual for end in ends):.1e}, dual '
+    iterations = sum(problem.iterations for problem in problems)
+    return (f'ADMM: {counted(len(problems), "L1 problem")}, {iterations} iterations, worst primal '
+            f'residual {max(end.primal_residual for end in ends):.1e}, dual '
             f'{max(end.dual_residual for end in ends):.1e}, relative gap '
             f'{max(end.gap for end in ends):.1e}{"" if result.converged else ": NOT CONVERGED"}')

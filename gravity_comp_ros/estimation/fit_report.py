@@ -14,7 +14,8 @@ from gravity_comp_ros.estimation.robust import set_aside, SetAside
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit
-from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, VISCOUS
+from gravity_comp_ros.models.nuisance import (
+    COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
 from gravity_comp_ros.printable import counted
@@ -114,15 +115,12 @@ def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
 
 def nuisance_sentence(nuisance: NuisanceTerms) -> str | None:
     """Return one sentence on the nuisance terms, None if there are none."""
-    friction = {term.joint for term in nuisance.terms if term.kind in (COULOMB, VISCOUS)}
-    others = [term for term in nuisance.terms if term.kind not in (COULOMB, VISCOUS)]
     parts = []
-    if friction:
-        parts.append(f'friction on {len(friction)} joint{"s" if len(friction) > 1 else ""}')
-    for kind, word in (('torque_offset', 'an offset'), ('inertia', 'inertia')):
-        joints = {term.joint for term in others if term.kind == kind}
+    for kinds, word in (((COULOMB, VISCOUS), 'friction'), ((OFFSET,), 'an offset'),
+                        ((INERTIA,), 'inertia')):
+        joints = {term.joint for term in nuisance.terms if term.kind in kinds}
         if joints:
-            parts.append(f'{word} on {len(joints)} joint{"s" if len(joints) > 1 else ""}')
+            parts.append(f'{word} on {counted(len(joints), "joint")}')
     if not parts:
         return None
     listed = parts[0] if len(parts) == 1 else ', '.join(parts[:-1]) + ' and ' + parts[-1]
@@ -163,8 +161,8 @@ def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None
         lines.append('ADMM did not reach its tolerance; its residuals are in the report')
     ties = sum(found.ties for found in fits)
     if ties:
-        lines.append(f'{ties} feature{"s" if ties > 1 else ""} cannot be told from a neighbour '
-                     f'on this motion; their average is used. A wider motion would settle it')
+        lines.append(f'{counted(ties, "feature")} cannot be told from a neighbour on this motion; '
+                     f'their average is used. A wider motion would settle it')
     return lines
 
 

@@ -13,7 +13,7 @@ from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.node_core import check_effects, NodeCore
 from gravity_comp_ros.node.outputs import Outputs
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.priority_executor import InputGroup
+from gravity_comp_ros.node.priority_executor import InputFirstExecutor, InputGroup
 from gravity_comp_ros.node.services import Services
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -212,7 +212,8 @@ class GravityCompNode(LifecycleNode):
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._core is not None and self._outputs is not None:
-            self._core.late = getattr(self.executor, 'full_bursts', 0)
+            if isinstance(self.executor, InputFirstExecutor):
+                self._core.late = self.executor.full_bursts
             statuses = self._core.statuses(self.now()) + self._surroundings()
             self._outputs.diagnostics(statuses)
             self._log_alarms(statuses)

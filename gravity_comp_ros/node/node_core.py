@@ -54,8 +54,8 @@ class NodeCore:
         except GravityCompError as problem:
             # A damaged file must not stop the node: it starts without a model and says so.
             entry, self.models.problem = None, str(problem)
-        if joints or entry:
-            self._begin(joints or entry.model.joints, entry)  # type: ignore[union-attr]
+        if names := joints or (entry.model.joints if entry else ()):
+            self._begin(names, entry)
 
     def set(self, settings: Parameters) -> None:
         """Use changed settings from now on; they have been checked."""
