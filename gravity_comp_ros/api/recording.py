@@ -23,6 +23,7 @@ import numpy as np
 if TYPE_CHECKING:
     # Needs the libraries of file formats, which arrays do without.
     from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
+    from gravity_comp_ros.recordings.bag import Recording as BagRecording
 
 Progress = Callable[[str, float], None]
 
@@ -207,13 +208,25 @@ def read_recording(paths: Sequence[Path], options: ReadOptions, gate: GateOption
     :raises BagError: if a file cannot be read.
     :raises ModelMismatchError: if two recordings are of different robots.
     """
+    found = read_each(paths, options, progress)
+    kept, reports = _each_once([one.report for one in found])
+    return Recording(concatenate(found[k].samples for k in kept), gate, reports)
+
+
+def read_each(paths: Sequence[Path], options: ReadOptions,
+              progress: Progress) -> list[BagRecording]:
+    """
+    Return each file as a run of its own.
+
+    :raises BagError: if a file cannot be read.
+    :raises ModelMismatchError: if one lacks a joint that the options name.
+    """
     from gravity_comp_ros.recordings.bag import read_bag
     found = []
     for number, path in enumerate(paths):
         progress(f'read {path.name}', number / len(paths))
         found.append(read_bag(path, options))
-    kept, reports = _each_once([one.report for one in found])
-    return Recording(concatenate(found[k].samples for k in kept), gate, reports)
+    return found
 
 
 def _each_once(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[ReadReport, ...]]:

@@ -10,7 +10,7 @@ from typing import Any
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis import findings as core
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Estimate, Finding, JointReport, Verdict
+from gravity_comp_ros.diagnosis.findings import Estimate, Finding, JointReport
 from gravity_comp_ros.display import percent, Shown, TextTable
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.planning.plan import Expectation, Plan
@@ -114,8 +114,7 @@ class MotionPlan(Shown):
 
 def is_found(finding: Finding) -> bool:
     """Return whether a finding is sure enough to be added."""
-    return finding.effect is not None and finding.verdict in (
-        Verdict.ESTABLISHED, Verdict.LIKELY)
+    return finding.effect is not None and finding.verdict in wording.FOUND
 
 
 def coefficients(finding: Finding, most: int = 3) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 
+from gravity_comp_ros.api.recording import read_each
 from gravity_comp_ros.api.steps import FEW_SLOW
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import gate_options, read_options
@@ -12,7 +13,7 @@ from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.evaluation.recording_quality import (
     describe, JointFacts, RecordingFacts)
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.bag import read_bag, ReadReport
+from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.units import TORQUE_UNITS
 import numpy as np
 
@@ -20,15 +21,11 @@ import numpy as np
 def run(args: argparse.Namespace) -> int:
     options = read_options(args)
     gate = gate_options(args)
-    recordings, facts = [], []
     with progress() as report:
-        for number, path in enumerate(args.bags):
-            report(f'read {path.name}', number / len(args.bags))
-            recordings.append(read_bag(path, options))
-            facts.append(describe(recordings[-1].samples, gate))
+        recordings = read_each(args.bags, options, report)
+        found = [(each.report, describe(each.samples, gate)) for each in recordings]
     # Bags of different robots in one call are a slip that a fit would stumble over.
     concatenate(recording.samples for recording in recordings)
-    found = [(recording.report, fact) for recording, fact in zip(recordings, facts)]
     if args.json:
         emit_json({'recordings': [{'path': str(recording.path), **recording.to_json(),
                                    **fact.to_json()} for recording, fact in found]}, args.json)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.recording import read_each, Recording
 from gravity_comp_ros.api.steps import add_to_model, fit_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -16,7 +16,7 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
+from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 
 Progress = Callable[[str, float], None]
@@ -96,16 +96,13 @@ class Bench:
                             progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
-        found = []
-        for number, path in enumerate(job.paths):
-            progress(f'read {path.name}', number / len(job.paths))
-            try:
-                found.append(read_bag(path, job.options))
-            except ModelMismatchError as problem:
-                if not job.model:
-                    raise
-                raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
-                                         ) from problem
+        try:
+            found = read_each(job.paths, job.options, progress)
+        except ModelMismatchError as problem:
+            if not job.model:
+                raise
+            raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
+                                     ) from problem
         self._read = WasRead(concatenate(r.samples for r in found),
                              tuple(r.report for r in found))
         return self._read

@@ -20,6 +20,7 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.evaluation.compare import compare, Comparison
+from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -380,7 +381,7 @@ class Session:
         stage, diagnosis = self.stage, self.diagnosis
         if stage is None or diagnosis is None:
             return []
-        return [(f, target_of(f) if f.effect and f.verdict in ADDABLE
+        return [(f, target(f.effect, f.joint) if f.effect and f.verdict in ADDABLE
                  and not stage.model.applied.has(f.effect, f.joint) else '')
                 for f in diagnosis.findings]
 
@@ -434,8 +435,3 @@ def _added_name(effects: tuple[str, ...]) -> str:
     if len(effects) <= _MOST_NAMED:
         return '+ ' + ', '.join(effects)
     return f'+ {effects[0]} and {len(effects) - 1} more'
-
-
-def target_of(finding: Finding) -> str:
-    """Return a finding as `add` takes it."""
-    return f'{finding.effect}:{finding.joint}' if finding.joint else str(finding.effect)
