@@ -12,7 +12,6 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
-from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 
 
@@ -50,12 +49,6 @@ class Choice:
         scale = {joint: x for joint, x in self.effort_scale.items()
                  if x != 1.0 and (not self.joints or joint in self.joints)}
         return ReadOptions(topic, self.joints or None, scale, self.differentiate)
-
-    def refit_options(self) -> RefitOptions:
-        """Return which samples `add` fits, as its --all-samples and --max-speed say."""
-        if self.all_samples:
-            return RefitOptions(slow=None)
-        return RefitOptions() if self.max_speed is None else RefitOptions(self.max_speed, True)
 
     def gate(self) -> GateOptions | None:
         """Return which samples gravity is learned from and judged on; None: all."""

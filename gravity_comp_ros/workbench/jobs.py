@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.api.recording import read_each, Recording
-from gravity_comp_ros.api.steps import add_to_model, fit_model
+from gravity_comp_ros.api.steps import add_to_model, fit_model, refit_options
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -92,8 +92,8 @@ class Bench:
             return learn(recording, job.choice, progress)
         if isinstance(job, Ask):
             return diagnose(recording.samples, job.model, progress=progress)
-        return add_to_model(job.model, recording, job.effects, job.choice.refit_options(),
-                            progress)
+        speeds = refit_options(job.choice.all_samples, job.choice.max_speed)
+        return add_to_model(job.model, recording, job.effects, speeds, progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         try:
