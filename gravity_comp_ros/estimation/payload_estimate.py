@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.models.applied_effects import Value
+from gravity_comp_ros.models.applied_effects import Quantity
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
@@ -47,8 +47,8 @@ class PayloadEstimate:
     """
 
     link: str
-    mass: Value
-    centre: Mapping[str, Value] | None
+    mass: Quantity
+    centre: Mapping[str, Quantity] | None
 
 
 @dataclass(frozen=True)
@@ -92,13 +92,13 @@ def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geome
 
 def _weighed(found: FloatArray, spread: FloatArray, link: str) -> PayloadEstimate:
     value, sigma = float(found[0]), float(np.sqrt(spread[0, 0]))
-    mass = Value(value, 'kg', (value - 1.96 * sigma, value + 1.96 * sigma))
+    mass = Quantity(value, 'kg', (value - 1.96 * sigma, value + 1.96 * sigma))
     if abs(value) < _TOLD * sigma:
         return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(found, spread, _DRAWS)
     low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)
     return PayloadEstimate(link, mass, {
-        axis: Value(float(found[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
+        axis: Quantity(float(found[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
         for k, axis in enumerate('xyz', start=1)})
 
 

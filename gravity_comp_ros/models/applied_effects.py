@@ -16,16 +16,21 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Value:
-    """
-    A coefficient's value in its `unit`, with its 95 % interval.
-
-    :raises DataError: if a number is not finite.
-    """
+class Quantity:
+    """A number in its `unit`, with its 95 % interval."""
 
     value: float
     unit: str
     ci95: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Value(Quantity):
+    """
+    The quantity of a coefficient.
+
+    :raises DataError: if a number is not finite.
+    """
 
     def __post_init__(self) -> None:
         if not np.isfinite([self.value, *self.ci95]).all() or len(self.ci95) != 2:
