@@ -2,9 +2,9 @@
 
 from effect_motions import clean_motion, exact_model
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.excitation import reversals
-from gravity_comp_ros.effects.registry import find_effect
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.request import known_effect
 import numpy as np
 import pytest
 
@@ -52,7 +52,7 @@ def motion():
     ('time_delay', {}, -(np.arange(0, 24, 4) * QD[:, 0] + np.arange(1, 24, 4) * QD[:, 1])),
 ])
 def test_column_by_hand(motion, name, setting, column):
-    found = find_effect(name).columns(motion, 0, setting)
+    found = known_effect(name).columns(motion, 0, setting)
     np.testing.assert_allclose(found, np.array(column, dtype=float)[:, None], atol=1e-12)
 
 
@@ -70,7 +70,7 @@ def test_column_by_hand(motion, name, setting, column):
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
-    found = find_effect(name).columns(motion, 0, setting)
+    found = known_effect(name).columns(motion, 0, setting)
     np.testing.assert_allclose(found, np.column_stack(columns), atol=1e-12)
 
 
@@ -78,19 +78,19 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     rows = np.arange(0.0, 24.0, 4.0)
     # d tau / d q_b stands in the second column of each sample's gradient.
     turned = np.column_stack([rows + 1, rows + 3])
-    offset = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
+    offset = known_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
     np.testing.assert_allclose(offset[:, :, 0], turned)
-    slipped = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
+    slipped = known_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
     np.testing.assert_allclose(slipped[:, :, 0], turned * [[0], [1], [1], [1], [1], [1]])
-    soft = find_effect('joint_flexibility')
+    soft = known_effect('joint_flexibility')
     np.testing.assert_allclose(soft.columns(motion, 1, {})[:, :, 0], -turned * G[:, [1]])
-    play = soft.otherwise.columns(motion, 1, {})[:, :, 0]
+    play = soft.alternative().columns(motion, 1, {})[:, :, 0]
     flank = G[:, [1]] / np.sqrt(G[:, [1]] ** 2 + (0.05 * 3.0) ** 2)
     np.testing.assert_allclose(play, -turned * flank, rtol=1e-9)
 
 
 def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
-    inertia = find_effect('inertia')
+    inertia = known_effect('inertia')
     turned = 'J m_1[s2] m_1[c2] m_2 m_2[s2] m_2[c2]'
     for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, turned)):
         found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
@@ -102,7 +102,7 @@ def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
 
 
 def test_presliding_column_by_hand(motion):
-    found = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    found = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
     z = [0.0, 1 - np.exp(-2)]
     z += [-1 + (z[1] + 1) * np.exp(-1)]
     z += [0.0, -1 + np.exp(-3)]
@@ -113,13 +113,13 @@ def test_presliding_column_by_hand(motion):
 def test_a_direction_that_holds_on_turns_with_the_way(motion):
     holding = Motion(motion.samples, QDD, G, motion.gradient, motion.sign_width,
                      hold=np.array([0.1, 0.0]))
-    expected = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    expected = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
     np.testing.assert_allclose(holding.direction(0), expected[:, 0] + D[:, 0], atol=1e-12)
     np.testing.assert_allclose(holding.direction(1), D[:, 1])
 
 
 def test_a_payload_stays_for_the_runs_that_follow():
-    motion, effect = clean_motion('six_axis'), find_effect('payload_change')
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     runs, time = motion.samples.runs, motion.samples.t
     made = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
     assert not made[runs == 0].any() and made[runs == 2].all()
@@ -128,7 +128,7 @@ def test_a_payload_stays_for_the_runs_that_follow():
 
 def test_change_points_are_where_a_load_could_have_been_taken_up():
     motion = clean_motion('six_axis')
-    points = find_effect('payload_change').settings(motion, 0)
+    points = known_effect('payload_change').settings(motion, 0)
     assert {'run': 2.0, 'time': 0.0} in points and {'run': 3.0, 'time': 0.0} in points
     assert {'run': 1.0, 'time': 0.0} not in points
     assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
@@ -148,5 +148,5 @@ def test_the_longest_ripple_fits_into_the_travel(travel, lowest):
     samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
     gravity = exact_model('pendulum').predict(q)
     motion = Motion(samples, q, gravity, gravity[:, :, None], np.array([WIDTH]))
-    found = [s['k'] for s in find_effect('torque_ripple').settings(motion, 0)]
+    found = [s['k'] for s in known_effect('torque_ripple').settings(motion, 0)]
     assert found[0] == lowest and found[-1] <= 320

@@ -19,8 +19,7 @@ from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSample
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
 from gravity_comp_ros.diagnosis.torque_of_motion import (
     beside, beside_on_axes, left_beside, on_joint)
-from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled

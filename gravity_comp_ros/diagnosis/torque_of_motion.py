@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.gravity_on_axes import independent
 from gravity_comp_ros.diagnosis.nuisance import friction, nuisance
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray
-from gravity_comp_ros.effects.effect import Motion, Setting
+from gravity_comp_ros.effects.effect import Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 # Into how many parts a run is cut: a single one finely, several only coarsely, many not at all.
@@ -31,7 +32,7 @@ def change_points(motion: Motion) -> list[dict[str, float]]:
     return points[1:]
 
 
-def finer_points(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+def finer_points(motion: Motion, setting: Setting) -> list[dict[str, float]]:
     """Return points between a change point and its neighbours."""
     if (setting['run'], setting['time']) == (1.0, 0.0):
         return []

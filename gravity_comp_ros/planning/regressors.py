@@ -12,7 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
