@@ -67,7 +67,8 @@ def numbers(effect: AppliedEffect) -> str:
              for symbol, x in effect.coefficients.items()]
     more = [f'{len(parts) - _MOST_SHOWN} more'] if len(parts) > _MOST_SHOWN else []
     return ', '.join([*parts[:_MOST_SHOWN], *more,
-                      *(f'{name} {x:.3g}' for name, x in effect.setting.items())])
+                      *(f'{name} {x:.3g}' for name, x in effect.setting.items()
+                        if name != 'clock')])
 
 
 def warnings(result: Refit) -> list[str]:

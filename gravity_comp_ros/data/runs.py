@@ -24,22 +24,28 @@ def clock_time(samples: JointSamples) -> FloatArray:
     Runs on one clock belong to one session unless they are hours apart. Where no clock is
     known, or runs overlap on it (recordings that all begin at 0), each run is a session.
     """
-    own, runs = run_time(samples), run_slices(samples)
-    if not samples.starts or len(runs) < 2:
+    own = run_time(samples)
+    if not samples.starts or samples.n_runs < 2 or not one_clock(samples):
         return own
+    time, session, last = np.empty_like(own), -np.inf, -np.inf
+    for start, end, run in _on_clock(samples):
+        session = start if start - last > LONGEST_PAUSE else session
+        time[run], last = own[run] + start - session, end
+    return time
+
+
+def one_clock(samples: JointSamples) -> bool:
+    """Return whether no two runs overlap on the clock, as recordings that all begin at 0 do."""
+    runs = _on_clock(samples)
+    return all(end <= start for (_, end, _), (start, _, _) in zip(runs, runs[1:]))
+
+
+def _on_clock(samples: JointSamples) -> list[tuple[float, float, slice]]:
+    """Return when each run begins and ends on the clock in s, and its samples, in that order."""
     bounds = [(samples.starts[samples.runs[run.start]] + samples.t[run][0],
                samples.starts[samples.runs[run.start]] + samples.t[run][-1], run)
-              for run in runs]
-    bounds.sort(key=lambda entry: entry[:2])
-    time, session = np.empty_like(own), bounds[0][0]
-    for place, (start, _, run) in enumerate(bounds):
-        if place:
-            pause = start - bounds[place - 1][1]
-            if pause < 0.0:
-                return own
-            session = start if pause > LONGEST_PAUSE else session
-        time[run] = own[run] + start - session
-    return time
+              for run in run_slices(samples)]
+    return sorted(bounds, key=lambda entry: entry[:2])
 
 
 def recorded_time(samples: JointSamples) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms
-from gravity_comp_ros.effects.change_points import after, change_points, finer_points
+from gravity_comp_ros.effects.change_points import change, change_points, finer_points, UNITS
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -29,7 +29,7 @@ class EncoderOffset(Effect):
     name = 'encoder_offset'
     title = 'Encoder offset'
     family = 'geometry'
-    equation = 'tau = delta dg(q)/dq_n from a time on, or throughout'
+    equation = 'tau = delta dg(q)/dq_n throughout, or -delta dg(q)/dq_n before a time'
     description = ('A joint whose zero is not where the model has it, as after the change of an '
                    'encoder; all joints carry another torque.')
     coefficients = (Coefficient('delta', 'rad', 'true angle less the one that is reported'),)
@@ -38,13 +38,14 @@ class EncoderOffset(Effect):
     signature = 'position'
     source = 'Yu 2022, Eq. (2), expanded to first order in one angle'
     scope = 'arm'
-    setting_units = {'run': 'run number', 'time': 's'}
+    setting_units = UNITS
+    not_scanned = ('clock',)
     pointwise = True
     largest = 0.3
     why_not_larger = 'an offset that large is another zero; fit a new model'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return (motion.gradient[:, :, joint] * after(motion, setting)[:, None])[:, :, None]
+        return (motion.gradient[:, :, joint] * change(motion, setting)[:, None])[:, :, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         return [{'run': 1.0, 'time': 0.0}, *change_points(motion)]

@@ -12,12 +12,13 @@ which no gravity torque does. It does no honest work along a closed path.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
-from gravity_comp_ros.effects.change_points import after, change_points, finer_points
+from gravity_comp_ros.effects.change_points import (
+    change, change_points, finer_points, UNITS)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -32,26 +33,29 @@ _LEAST_TRAVEL = 0.1
 # The largest share of a payload is reached at least to this part further out, but for the links of
 # a wrist, which may have no length: so many joints are not asked.
 _REACHES, _WRIST = 0.5, 2
+# A part of the energy counts if its change makes this part of the largest change of torque.
+_COUNTS = 0.02
 
 
 def _share(name: str) -> Coefficient:
     kind, _, place = name.partition('_')
     if kind == 'm':
-        return Coefficient(name, '', f'relative change of the first moment that joint number '
-                                     f'{place} turns')
+        return Coefficient(name, '', f'change of the first moment that joint number {place} '
+                                     'turns, relative to that after it')
     return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
                                  'joint before it')
 
 
 class PayloadChange(Effect):
-    """The columns are the torque of each energy after the change, (M, N, K); 0 before it."""
+    """The columns are the torque of each energy, negative before the change and 0 after it."""
 
     name = 'payload_change'
     title = 'Payload that changes on the way'
     family = 'payload'
-    equation = ('tau = sum_i m_i dU_i(q)/dq after the change, U_i the part of the energy that '
+    equation = ('tau = -sum_i m_i dU_i(q)/dq before the change, U_i the part of the energy that '
                 'joint i turns last')
-    description = 'A tool or load that is taken up or set down during the recording.'
+    description = ('A tool or load that is taken up or set down during the recording. Gravity is '
+                   'that of the end: later recordings are predicted with the last payload.')
     coefficients = (_share('m_i'), _share('e_s'))
     confounders = ('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt')
     experiment = ('record one run with the load and one without it, and learn the change with '
@@ -60,14 +64,15 @@ class PayloadChange(Effect):
     source = 'Yu 2022 (updates after a change of payload); derived in effects/payload.py'
     scope = 'arm'
     per_joint = False
-    setting_units = {'run': 'run number', 'time': 's'}
+    setting_units = UNITS
+    not_scanned = ('clock',)
     pointwise = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         if 'payload' not in motion.memo and motion.model is not None:
             energies = [energy for _, energy in _payload_energies(motion.model)]
             motion.memo['payload'] = terms.torques(energies, motion.samples.q)
-        return motion.memo['payload'] * after(motion, setting)[:, None, None]
+        return motion.memo['payload'] * change(motion, setting)[:, None, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         if motion.model is None or not _payload_energies(motion.model):
@@ -92,9 +97,11 @@ class PayloadChange(Effect):
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
+        columns = self.columns(motion, joint, setting)
+        torque = np.abs(values) * np.sqrt((columns ** 2).mean(axis=(0, 1)))
         symbols = [c.symbol for c in self.coefficients_of(motion, joint, setting)]
         return (super().implausible(values, setting, motion, joint)
-                or _not_further_out(dict(zip(symbols, values))))
+                or _not_further_out(symbols, values, torque))
 
 
 def _payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
@@ -120,20 +127,25 @@ def _payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
     return found
 
 
-def _not_further_out(values: Mapping[str, float]) -> str | None:
+def _not_further_out(symbols: Sequence[str], values: FloatArray,
+                     torque: FloatArray) -> str | None:
     """
     Check that a change reaches the links further out.
 
     A mass m at the tool adds m a_i to the first moment of a link of length a_i, which is at most
     a_i times the mass that the link carries, and that is less the further out the link is. So
-    the share grows outwards, where links have a length at all.
+    the share grows outwards, where links have a length at all. Shares of moments too small to
+    turn a joint are noise and do not count.
+
+    :param torque: (K,) the root mean square of the torque that each of the values makes.
     """
-    shares = {symbol: abs(float(value)) for symbol, value in values.items()
-              if symbol.startswith('m_')}
+    places = [symbol for symbol in symbols if symbol.startswith('m_')]
+    shares = {symbol: abs(float(value)) for symbol, value, size in zip(symbols, values, torque)
+              if symbol in places and size >= _COUNTS * torque.max()}
     largest = max(shares, key=lambda name: shares[name], default='')
-    places = list(shares)
     beyond = places[places.index(largest) + 1:] if largest else []
-    if len(beyond) > _WRIST and max(shares[name] for name in beyond) < _REACHES * shares[largest]:
+    reached = max((shares.get(name, 0.0) for name in beyond), default=0.0)
+    if len(beyond) > _WRIST and reached < _REACHES * shares[largest]:
         return (f'the first moment that joint number {largest[2:]} turns changes and none beyond '
                 f'it: a payload changes those by a larger share')
     return None

@@ -24,9 +24,8 @@ OWN_GRAVITY = 0.25
 # A joint carried gravity if that was so many times the noise. It carries none if this part of it
 # is left, or so many times the noise: the friction of the model before is taken off an effort that
 # has none. What a payload takes off a joint, it takes off some joint nearer the base as well, at
-# least to this part. Where those carry nothing in these poses, the joint must have carried more:
-# the links themselves are left when a payload goes.
-_LOADED, _LEFT, _NOTHING, _NEARER, _FIRST_LOADED = 10.0, 0.2, 4.0, 1.0 / 3.0, 25.0
+# least to this part.
+_LOADED, _LEFT, _NOTHING, _NEARER = 6.0, 0.2, 4.0, 1.0 / 3.0
 # Neighbours in time of which differences are noise, s.
 _NEIGHBOURS = 0.6
 
@@ -113,8 +112,6 @@ def dead_joint(samples: JointSamples, before: FloatArray, noise: FloatArray) -> 
                         for torque in (before, samples.tau, samples.tau - before))
     loaded = was > _LOADED * noise
     for joint in np.flatnonzero(loaded & (now < np.maximum(_NOTHING * noise, _LEFT * was))):
-        if was[joint] < _FIRST_LOADED * noise[joint] and not loaded[:joint].any():
-            continue
         if joint and change[:joint].max() < _NEARER * was[joint]:
             return (f'the effort of {samples.names[joint]} is {now[joint]:.2g} N·m where gravity '
                     f'was {was[joint]:.2g} N·m, and no joint before it has changed: its sensor or '
