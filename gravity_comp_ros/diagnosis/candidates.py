@@ -137,12 +137,11 @@ def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
     builder = _Builder(motion, base)
     named = [Candidate(t.regressor, t.joint, t.setting, t.columns, t.shared, t.tried)
              for t in builder.added(effects)]
+    untestable = dict(builder.untestable)
     others = builder.added(alternatives)
     core = list(builder.own_counts)
     unknown, broken = builder.added(shapes), builder.added(laws)
     first = builder.n_shared
-    untestable = {key: why for key, why in builder.untestable.items()
-                  if key[0] in {effect.name for effect in effects}}
     layout = Layout(base.shape[2], _shifted(named, 0, first), _shifted(others, 0, first),
                     _shifted(unknown, 0, first), _shifted(broken, 0, first), untestable,
                     tuple(first + n for n in core))

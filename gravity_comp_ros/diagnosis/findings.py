@@ -22,6 +22,8 @@ class Verdict(StrEnum):
 
 
 VERDICTS = tuple(Verdict)
+# What is sure enough to be added.
+FOUND = (Verdict.ESTABLISHED, Verdict.LIKELY)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from gravity_comp_ros.diagnosis.alternative_models import best_alternative
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.effective import effective, effective_of
 from gravity_comp_ros.diagnosis.estimates import estimates
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport, Verdict
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.diagnosis.pose_folds import pose_folds
@@ -55,15 +55,14 @@ def judge(selection: Selection, motion: Motion, span: FloatArray, noise: FloatAr
         findings, chosen = list(outcome.findings), outcome.chosen
         refused[other.model.effect.name, other.trial.joint] = other.model.meaning
     taken = {finding.joint for finding in findings}
-    shapes = layout.shapes
     for joint, name in enumerate(scale.names):
         if name not in taken:
-            outcome = of_unknown_shape(scale, joint, chosen, shapes, refused)
+            outcome = of_unknown_shape(scale, joint, chosen, layout.shapes, refused)
             findings += outcome.findings
             chosen = outcome.chosen
     final = Selection(chosen, refused, criteria)
     findings += _Findings(final, scale, options).all()
-    findings.sort(key=lambda f: f.verdict not in (Verdict.ESTABLISHED, Verdict.LIKELY))
+    findings.sort(key=lambda f: f.verdict not in FOUND)
     arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
            if joint is None}
     reports = {name: _report(scale, n, float(noise[n]), chosen, findings)
@@ -152,7 +151,7 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
 
 def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
     """Return the motion that settles what is open; what is found is to be added."""
-    if level in (Verdict.ESTABLISHED, Verdict.LIKELY):
+    if level in FOUND:
         return ''
     return candidate.effect.experiment.replace('{joint}', name or 'the arm')
 

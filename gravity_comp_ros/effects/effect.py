@@ -78,6 +78,15 @@ class Regressor(ABC):
         :param setting: one of `settings` or `refine`.
         """
 
+    def columns_of_arm(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        """Return the columns on the torque of all joints, (M, N, K), for either scope."""
+        columns = self.columns(motion, joint, setting)
+        if self.scope == 'arm':
+            return columns
+        whole = np.zeros((*motion.samples.q.shape, columns.shape[1]))
+        whole[:, joint] = columns
+        return whole
+
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return the settings worth trying on this motion; none if it cannot be judged."""
         return [{}]

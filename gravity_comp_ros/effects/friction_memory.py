@@ -115,7 +115,8 @@ class PreslidingHysteresis(Effect):
             return []
         grid = np.geomspace(_DISTANCES[0], longest, _DISTANCE_COUNT)
         found = [{'distance': float(d)} for d in grid]
-        return [s for s in found if _rms(self.columns(motion, joint, s)) > _SEEN]
+        return [s for s in found
+                if float(np.sqrt(np.mean(self.columns(motion, joint, s) ** 2))) > _SEEN]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
@@ -129,10 +130,6 @@ class PreslidingHysteresis(Effect):
             return (f'the joint turns back {turns} times; friction that builds up after a '
                     f'reversal needs at least {_LEAST_REVERSALS}')
         return None
-
-
-def _rms(column: FloatArray) -> float:
-    return float(np.sqrt(np.mean(column ** 2)))
 
 
 EFFECTS = (FrictionDrift(), PreslidingHysteresis())
