@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 import math
+import re
 
 from gravity_comp_ros.printable import printable
 
@@ -69,3 +70,11 @@ class Shown(ABC):
 def percent(share: float | None) -> str:
     """Return a share as per cent, a dash where there is none."""
     return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
+
+
+def shortened(equation: str, terms: int) -> str:
+    """Return the first `terms` terms of an equation, and how many follow."""
+    parts = re.split(r'(?= [+-] )', equation)
+    if len(parts) <= terms:
+        return equation
+    return ''.join(parts[:terms]) + f' … {len(parts) - terms} more'

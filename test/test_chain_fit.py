@@ -55,8 +55,8 @@ def test_right_over_the_whole_joint_range_from_a_small_motion(iiwa):
     assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
     assert worst(result.model, arm, wide) <= 0.15
-    assert result.report['chain']['clean'] and result.converged
-    assert result.report['warnings'] == []
+    assert result.report.chain.clean and result.converged
+    assert result.report.warnings == ()
 
 
 def test_right_angles_of_the_iiwa_are_found(iiwa):
@@ -149,8 +149,8 @@ def test_joints_at_rest():
     q = generated.small_motion(arm, 1).q.copy()
     q[:, 2], q[:, 6] = 0.3, 0.0
     result = fit(samples_of(q, arms.gravity_torque(arm, q), 0.05, 0, arm.joints), CHAIN)
-    assert max(result.report['rmse'].values()) < 0.07
-    assert result.report['dropped_joints'] == ['iiwa_joint_3', 'iiwa_joint_7']
+    assert max(result.report.rmse.values()) < 0.07
+    assert result.report.dropped_joints == ('iiwa_joint_3', 'iiwa_joint_7')
     elsewhere = q.copy()
     elsewhere[:, 2] += 1.5
     assert result.model.predict_std(elsewhere).max() > 5 * result.model.predict_std(q).max()
@@ -197,17 +197,17 @@ def test_too_little_motion_is_said_and_known():
     for seed, right_angles in ((0, True), (4, True), (6, False)):
         error, std, report = error_and_band(seed, right_angles, 20.0)
         assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.85
-        assert any('may be off by' in words for words in report['warnings'])
-        assert report['chain']['rivals'] >= 1
+        assert any('may be off by' in words for words in report.warnings)
+        assert report.chain.rivals >= 1
 
 
 def test_an_unsure_arm_says_so():
     # Of ten generated arms the one that is off by more than five times the floor.
     error, std, report = error_and_band(8, False, 100.0)
-    assert any('may be off by' in words for words in report['warnings'])
+    assert any('may be off by' in words for words in report.warnings)
     assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.92
     sure = error_and_band(7, False, 100.0)[2]
-    assert sure['warnings'] == [] and sure['chain']['rivals'] == 0
+    assert sure.warnings == () and sure.chain.rivals == 0
 
 
 def test_search_options_are_checked():
@@ -241,7 +241,7 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
 def test_auto_takes_the_chain_where_nothing_is_left(iiwa):
     result = fit(iiwa[2], FitOptions('auto'))
     assert result.model.formulation == 'chain'
-    assert 'of white noise' in result.report['choice']['why']
+    assert 'of white noise' in result.report.choice.why
 
 
 def test_auto_falls_back_where_the_arm_is_no_chain():
@@ -249,9 +249,9 @@ def test_auto_falls_back_where_the_arm_is_no_chain():
     samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
     result = fit(samples, FitOptions('auto'))
     assert result.model.formulation == 'potential'
-    errors = result.report['choice']['held_out']
+    errors = result.report.choice.held_out
     assert errors['potential'] < errors['chain']
-    assert 'the error of the potential is' in result.report['choice']['why']
+    assert 'the error of the potential is' in result.report.choice.why
     assert result.model.chain is None
 
 

@@ -72,7 +72,7 @@ def test_no_change_changes_little(old, wide):
     arm, model = old
     result = update(model, after(arm, LATER[:50]))
     assert rmse(result.model, arm, wide) <= 1.5 * rmse(model, arm, wide)
-    assert result.report['changed'] == {}
+    assert result.report.changed == {}
 
 
 def test_report_tells_the_effect_of_the_tool(old, tmp_path):
@@ -81,10 +81,10 @@ def test_report_tells_the_effect_of_the_tool(old, tmp_path):
     report = result.report
     expected = (arms.gravity_torque(arm, LATER[:50])
                 - arms.gravity_torque(old[0], LATER[:50])).mean(axis=0)
-    assert list(report['effect_mean'].values()) == pytest.approx(expected, abs=0.1)
-    assert report['rmse']['iiwa_joint_2'] < 0.2 < report['rmse_before']['iiwa_joint_2']
-    assert report['solver']['converged'] and report['n_samples'] == 50
-    assert {name.split()[0] for name in report['changed']} <= set(arm.joints)
+    assert list(report.effect_mean.values()) == pytest.approx(expected, abs=0.1)
+    assert report.rmse['iiwa_joint_2'] < 0.2 < report.rmse_before['iiwa_joint_2']
+    assert report.solver.converged and report.n_samples == 50
+    assert {name.split()[0] for name in report.changed} <= set(arm.joints)
     save_model(tmp_path / 'm.json', result.model)
     loaded = load_model(tmp_path / 'm.json')
     np.testing.assert_array_equal(loaded.predict_std(LATER), result.model.predict_std(LATER))
@@ -113,8 +113,8 @@ def test_update_of_an_arm_without_right_angles():
 def test_an_update_says_how_unsure_it_is(old):
     loaded = arms.with_payload(old[0], arms.Payload(2.0, (0.02, 0.03, 0.1)))
     few = update(old[1], after(loaded, LATER[:12]))
-    assert any('may be off by' in words for words in few.report['warnings'])
-    assert update(old[1], after(loaded, LATER[:100])).report['warnings'] == []
+    assert any('may be off by' in words for words in few.report.warnings)
+    assert update(old[1], after(loaded, LATER[:100])).report.warnings == ()
 
 
 def test_update_of_a_potential(old):

@@ -72,7 +72,7 @@ def test_friction_is_not_predicted(result, samples):
 
 def test_what_a_fit_reports_is_what_compare_finds(result, samples):
     found = compare(result.model, samples).joints
-    for name, rmse in result.report['rmse'].items():
+    for name, rmse in result.report.rmse.items():
         assert found[name].rmse == pytest.approx(rmse, rel=1e-9)
     assert result.model.noise == pytest.approx([found[name].rmse for name in ARM.joints])
 
@@ -98,7 +98,7 @@ def test_an_update_carries_friction_over(result):
     assert gravity_error(found.model, q, loaded) < 0.6
     assert found.model.nuisance.terms == result.model.nuisance.terms
     errors = rms(new.tau - found.model.predict(new.q))
-    assert list(found.report['rmse'].values()) == pytest.approx(errors.tolist())
+    assert list(found.report.rmse.values()) == pytest.approx(errors.tolist())
 
 
 def test_a_brake_that_grips_is_set_aside_and_named(samples):
@@ -107,17 +107,17 @@ def test_a_brake_that_grips_is_set_aside_and_named(samples):
     tau[77, 1] -= 80.0
     found = fit(replace(samples, tau=tau))
     assert gravity_error(found.model) < 0.2
-    gone = found.report['set_aside']
-    assert gone['iiwa_joint_4']['n'] == 10 and gone['iiwa_joint_2']['n'] >= 1
-    assert gone['iiwa_joint_4']['first'] == pytest.approx(samples.t[200])
+    gone = found.report.set_aside
+    assert gone['iiwa_joint_4'].n == 10 and gone['iiwa_joint_2'].n >= 1
+    assert gone['iiwa_joint_4'].first == pytest.approx(samples.t[200])
     assert any('set aside as outliers: 10 samples of iiwa_joint_4' in line
-               for line in found.report['warnings'])
+               for line in found.report.warnings)
 
 
 def test_velocities_that_contradict_positions_are_replaced(samples):
     found = fit(replace(samples, qd=20.0 * samples.qd))
     assert gravity_error(found.model) < 0.3
-    assert 'velocity contradicts position' in found.report['warnings'][0]
+    assert 'velocity contradicts position' in found.report.warnings[0]
 
 
 def test_the_description_of_another_arm_is_not_used(samples):
@@ -125,8 +125,8 @@ def test_the_description_of_another_arm_is_not_used(samples):
                      np.eye(3))
     found = fit(samples, FitOptions(geometry=wrong))
     assert gravity_error(found.model) < 0.2
-    assert any('the description is not used' in line for line in found.report['warnings'])
-    assert not found.report['chain']['known_axes']
+    assert any('the description is not used' in line for line in found.report.warnings)
+    assert not found.report.known_axes
 
 
 def test_a_model_file_keeps_the_terms_beside_gravity(result, tmp_path):
@@ -143,5 +143,5 @@ def test_long_recordings_cost_no_more_than_short_ones():
     qd = np.stack([np.interp(t, short.t, column) for column in short.qd.T], axis=1)
     tau = arms.gravity_torque(ARM, q) + NOISE * np.random.default_rng(0).normal(size=q.shape)
     found = fit(JointSamples.single_run(ARM.joints, t, q, qd, tau))
-    assert found.report['n_samples'] == 20000 and found.report['n_fitted'] <= 1001
+    assert found.report.n_samples == 20000 and found.report.n_fitted <= 1001
     assert gravity_error(found.model) < 0.1

@@ -69,7 +69,7 @@ def test_a_failed_bag_is_reported_and_skipped(fleet, tmp_path):
     assert set(outcome.robots) == {'anna', 'bert'}
     (bag,) = outcome.failed_bags
     assert bag.endswith('bert/run1.mcap') and 'truncated' in outcome.failed_bags[bag]
-    assert [outcome.robots[name]['bags'] for name in ('anna', 'bert')] == [3, 2]
+    assert [outcome.robots[name].bags for name in ('anna', 'bert')] == [3, 2]
     arm, q = serial_arm(3, seed=0), poses(100, 3, seed=99)
     model = load_model(tmp_path / 'out' / 'anna.json')
     assert np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max() < 0.05
@@ -94,7 +94,7 @@ def test_what_is_done_is_not_done_again(fleet, tmp_path):
     write_bag(fleet / 'bert' / 'run3.mcap', [joint_states(samples_of(
         q, gravity_torque(serial_arm(3, seed=1), q), 0.05))])
     third = run(fleet, tmp_path / 'out')
-    assert third.resumed == 5 and third.robots['bert']['bags'] == 3
+    assert third.resumed == 5 and third.robots['bert'].bags == 3
     assert weights(tmp_path / 'out')['anna.json']
 
 

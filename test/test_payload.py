@@ -44,13 +44,13 @@ def old():
 def test_mass_and_centre_from_ten_seconds(old, formulation, seed, mass, com):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(mass, com))
     result = update(old[formulation], recorded(loaded, LATER[:50], seed), geometry=IIWA)
-    found = result.report['payload']
-    assert found['mass']['value'] == pytest.approx(mass, rel=0.03)
-    centre = [found['centre'][axis]['value'] for axis in 'xyz']
+    found = result.report.payload
+    assert found.mass.value == pytest.approx(mass, rel=0.03)
+    centre = [found.centre[axis].value for axis in 'xyz']
     assert centre == pytest.approx(com, abs=0.005)
-    low, high = found['mass']['ci95']
+    low, high = found.mass.ci95
     assert 0.005 < high - low < 0.1
-    assert found['link'] == 'iiwa_link_7' and result.report['warnings'] == []
+    assert found.link == 'iiwa_link_7' and result.report.warnings == ()
     assert result.model.formulation == 'chain'
     assert worst(result.model, loaded, LATER) <= 0.05
     assert worst(result.model, loaded, np.random.default_rng(1).uniform(
@@ -64,9 +64,9 @@ def test_intervals_hold_the_truth_as_often_as_they_say(old):
     inside = []
     for seed in range(12):
         found = update(old['chain'], recorded(loaded, LATER[:50], seed),
-                       geometry=IIWA).report['payload']
-        limits = np.array([found['mass']['ci95'],
-                           *(found['centre'][axis]['ci95'] for axis in 'xyz')])
+                       geometry=IIWA).report.payload
+        limits = np.array([found.mass.ci95,
+                           *(found.centre[axis].ci95 for axis in 'xyz')])
         inside.append((limits[:, 0] <= truth) & (truth <= limits[:, 1]))
     assert np.mean(inside) >= 0.85
 
@@ -75,14 +75,14 @@ def test_a_tool_that_comes_off_has_a_negative_mass(old):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(1.5, COM))
     held = update(old['chain'], recorded(loaded, LATER[:50], 1), geometry=IIWA).model
     bare = update(held, recorded(arms.iiwa7(), LATER[50:100], 2), geometry=IIWA)
-    assert bare.report['payload']['mass']['value'] == pytest.approx(-1.5, rel=0.03)
+    assert bare.report.payload.mass.value == pytest.approx(-1.5, rel=0.03)
     assert worst(bare.model, arms.iiwa7(), LATER) <= 0.05
 
 
 def test_no_tool_has_no_centre(old):
     found = update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=IIWA)
-    low, high = found.report['payload']['mass']['ci95']
-    assert low < 0.0 < high and found.report['payload']['centre'] is None
+    low, high = found.report.payload.mass.ci95
+    assert low < 0.0 < high and found.report.payload.centre is None
 
 
 def test_what_is_no_tool_is_not_called_one(old):
@@ -91,7 +91,7 @@ def test_what_is_no_tool_is_not_called_one(old):
     tau = arms.gravity_torque(arms.iiwa7(), q)
     tau[:, 1] += 6.0 * np.sin(q[:, 1])
     result = update(old['chain'], samples_of(q, tau, NOISE, 1, IIWA.joints), geometry=IIWA)
-    assert any('rigid body' in line for line in result.report['warnings'])
+    assert any('rigid body' in line for line in result.report.warnings)
     error = result.model.predict(q) - tau
     assert np.sqrt((error ** 2).mean(axis=0)).max() <= 0.1
 
@@ -105,11 +105,11 @@ def test_tilted_arms_of_any_angles(seed):
     assert worst(result.model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.06
     # Nobody told the tilt; it is found, to a few mrad.
     up = -arm.model.gravity.linear / np.linalg.norm(arm.model.gravity.linear)
-    assert result.report['chain']['base_tilt'] == pytest.approx(np.arccos(up[2]), abs=0.01)
+    assert result.report.chain.tilt == pytest.approx(np.arccos(up[2]), abs=0.01)
     loaded = arms.with_payload(arm, arms.Payload(1.0, COM))
     new = generated.small_motion(arm, seed, start=100.0).q[:50]
     found = update(result.model, recorded(loaded, new, seed + 1), geometry=geometry)
-    assert found.report['payload']['mass']['value'] == pytest.approx(1.0, rel=0.05)
+    assert found.report.payload.mass.value == pytest.approx(1.0, rel=0.05)
     assert worst(found.model, loaded, poses(300, arm.n_joints, reach=2.6)) <= 0.25
 
 
@@ -117,7 +117,7 @@ def test_known_axes_leave_the_moments_alone():
     arm = arms.iiwa7()
     result = fit(recorded(arm, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
     np.testing.assert_allclose(result.model.chain.axes, IIWA.rotations, atol=1e-12)
-    assert result.report['chain']['known_axes'] and result.report['chain']['base_tilt'] == 0.0
+    assert result.report.known_axes and result.report.chain.tilt == 0.0
     assert worst(result.model, arm, LATER) <= 0.02
     assert fit(recorded(arm, motions.eq17().q, 0),
                FitOptions('auto', geometry=IIWA)).model.formulation == 'chain'
@@ -129,7 +129,7 @@ def test_axes_of_another_arm_show():
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
     samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
     result = fit(samples, FitOptions('chain', geometry=wrong))
-    assert not result.report['chain']['clean'] and result.report['warnings']
+    assert not result.report.chain.clean and result.report.warnings
     model = fit(samples, FitOptions('chain')).model
     with pytest.raises(ModelMismatchError, match='do not repeat the model'):
         update(model, recorded(arms.iiwa7(), LATER[:50], 1), geometry=wrong)
@@ -148,7 +148,7 @@ def test_joints_in_another_order_are_matched(old):
     model = fit(samples.joints(mixed.names), FitOptions('potential')).model
     found = update(model, mixed, geometry=IIWA)
     assert found.model.joints == IIWA.joints
-    assert found.report['payload']['mass']['value'] == pytest.approx(2.0, rel=0.03)
+    assert found.report.payload.mass.value == pytest.approx(2.0, rel=0.03)
 
 
 def test_other_joints_say_so(old):

@@ -201,12 +201,12 @@ def tool(seeds: int, formulation: str) -> None:
                 start = time.perf_counter()
                 result = update(model, new, geometry=geometry)
                 seconds = time.perf_counter() - start
-                title, told = f'2 kg {name}, {count}', result.report['payload']
+                title, told = f'2 kg {name}, {count}', result.report.payload
                 rows.setdefault(title, []).append(
                     {**case.judge(result.model, loaded), 'seconds': seconds})
-                centre = [told['centre'][axis]['value'] for axis in 'xyz']
+                centre = [told.centre[axis].value for axis in 'xyz']
                 errors.setdefault(title, []).append(np.abs(np.array(
-                    [100 * (told['mass']['value'] / 2.0 - 1), *1e3 * (centre - np.array(com))])))
+                    [100 * (told.mass.value / 2.0 - 1), *1e3 * (centre - np.array(com))])))
     print(f'iiwa, {formulation}, update with a URDF, {seeds} seeds')
     for title, found in rows.items():
         show(title, found)
@@ -227,7 +227,7 @@ def short(seeds: int, formulation: str) -> None:
                 result = fit(case.samples(arm, 0, duration=duration), FitOptions(formulation))
                 seconds = time.perf_counter() - start
                 rows.append({**case.judge(result.model, arm), 'seconds': seconds})
-                said += any('may be off by' in words for words in result.report['warnings'])
+                said += any('may be off by' in words for words in result.report.warnings)
         print(f'generated arms, {duration:.0f} s, {formulation}; {said} of {len(rows)} say that '
               f'they are unsure; worst band {min(row["band_range"] for row in rows):.2f}')
         show(f'{duration:.0f} s', rows)

@@ -54,7 +54,8 @@ def fit(recording: Recording, *, formulation: str | None = None,
     geometry = None if urdf is None else _geometry(urdf, recording.joints)
     usual = FitOptions().formulation if geometry is None else 'chain'
     options = FitOptions(formulation=formulation or usual, geometry=geometry)
-    return Model(fit_model(recording, options, tuple(effects), progress=progress).model)
+    result, _ = fit_model(recording, options, tuple(effects), progress=progress)
+    return Model(result.model)
 
 
 def compare(model: Model, recording: Recording) -> Comparison:

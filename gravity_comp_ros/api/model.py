@@ -10,7 +10,7 @@ from pathlib import Path
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.display import Shown, TextTable
+from gravity_comp_ros.display import shortened, Shown, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone
@@ -193,7 +193,7 @@ def report_of(model: GravityModel) -> FitReport:
     """Return how a model came about, as far as the model itself holds it."""
     joints = {name: JointFit(int(model.n_features()[n]), float(model.coverage.q_min[n]),
                              float(model.coverage.q_max[n]), float(model.noise[n]),
-                             _shortened(model.equation(name)))
+                             shortened(model.equation(name), _TERMS))
               for n, name in enumerate(model.joints)}
     step = model.history[-1] if model.history else None
     told = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
@@ -214,10 +214,3 @@ def _payload(told: Mapping[str, object]) -> dict[str, float]:
         return {}
     centre = payload['centre'] or {}
     return {'mass': payload['mass']['value'], **{axis: x['value'] for axis, x in centre.items()}}
-
-
-def _shortened(equation: str) -> str:
-    """Return the first terms of an equation, and how many follow."""
-    terms = equation.replace(' - ', ' + -').split(' + ')
-    shown = ' + '.join(terms[:_TERMS]).replace(' + -', ' - ')
-    return shown if len(terms) <= _TERMS else f'{shown} … {len(terms) - _TERMS} more'

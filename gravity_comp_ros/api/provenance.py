@@ -30,21 +30,11 @@ class Holdout:
                            if b.run < len(reports)]}
 
 
-def bag_json(report: ReadReport) -> dict[str, Any]:
-    """Return what identifies and describes a recording, ready for JSON."""
-    return {'name': report.path.name, 'sha256': report.sha256, 'topic': report.topic,
-            'n_messages': report.n_messages, 'n_samples': report.n_samples,
-            'dropped': dict(report.dropped), 'velocity': report.velocity,
-            'rate_hz': report.rate_hz, 'duration_s': report.duration_s,
-            'effort_scale': dict(report.effort_scale),
-            'notes': list(report.notes)}
-
-
 def merged_bags(model: GravityModel, reports: Iterable[ReadReport]) -> list[dict[str, Any]]:
     """Return the recordings of the model's provenance, and those of `reports` that are new."""
     known = list(model.provenance.get('bags', ()))
     seen = {bag['sha256'] for bag in known}
-    return [*known, *(bag_json(report) for report in reports if report.sha256 not in seen)]
+    return [*known, *(report.to_json() for report in reports if report.sha256 not in seen)]
 
 
 def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],

@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
 from gravity_comp_ros.api.gated import apply_gate, Gated, passed
-from gravity_comp_ros.api.provenance import bag_json, Holdout
+from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import BoolArray, concatenate, JointSamples
@@ -39,7 +39,8 @@ class Recording(Shown):
     `samples` are as recorded, fast motion included. `slow` are those that gravity is learned
     from and judged on: they pass the `gate` (None: all do). `reports` say how each run was
     read, and are empty for arrays. `use` (M,) is the part of the samples that the recording
-    stands for after `split`, None for all. Recordings do not compare by `==`.
+    stands for after `split`, None for all. `ungated` says why there is no gate where too little
+    was slow. Recordings do not compare by `==`.
     """
 
     samples: JointSamples
@@ -48,6 +49,7 @@ class Recording(Shown):
     use: BoolArray | None = None
     holdout: Holdout | None = None
     gated_before: Gated | None = None
+    ungated: str = ''
 
     @classmethod
     def from_arrays(cls, q: ArrayOrRuns, tau: ArrayOrRuns, t: ArrayOrRuns | None = None, *,
@@ -148,7 +150,7 @@ class Recording(Shown):
 
     def to_json(self) -> dict[str, Any]:
         """Return what was read and gated, as a model's provenance holds it."""
-        return {'bags': [bag_json(report) for report in self.reports],
+        return {'bags': [report.to_json() for report in self.reports],
                 'gate': self.gated.to_json()}
 
     def summary(self) -> str:

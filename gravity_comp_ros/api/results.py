@@ -10,12 +10,11 @@ from typing import Any
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis import findings as core
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Finding, JointReport, Verdict
+from gravity_comp_ros.diagnosis.findings import Estimate, Finding, JointReport, Verdict
 from gravity_comp_ros.display import percent, Shown, TextTable
+from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.planning.plan import Expectation, Plan
 from gravity_comp_ros.printable import counted
-
-_MOST_COEFFICIENTS = 3
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,7 +59,7 @@ class Diagnosis(Shown):
         yield TextTable(
             ('joint', 'effect', 'verdict', 'coefficients, 95 %', 'held-out error', 'with it'),
             tuple((f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
-                   _coefficients(f), *wording.before_and_after(f))
+                   coefficients(f), *wording.before_and_after(f))
                   for f in self.findings), left=4)
         yield from (f'{f.effect or "unexplained"} on {wording.where(f)}: {f.why}'
                     for f in self.findings[:1] if f.why)
@@ -85,6 +84,10 @@ class MotionPlan(Shown):
     def expectations(self) -> tuple[Expectation, ...]:
         """Return the chance of each effect that it is settled, before and after the motion."""
         return self.raw.expectations
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `gravity_comp plan --json` prints of the motion."""
+        return self.raw.to_json()
 
     def save(self, path: str | Path) -> None:
         """
@@ -115,9 +118,23 @@ def is_found(finding: Finding) -> bool:
         Verdict.ESTABLISHED, Verdict.LIKELY)
 
 
-def _coefficients(finding: Finding) -> str:
+def coefficients(finding: Finding, most: int = 3) -> str:
+    """Return coefficients with units and 95 % intervals in one line, the first `most` of them."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
-                      for symbol, x in items[:_MOST_COEFFICIENTS])
-    more = len(items) - _MOST_COEFFICIENTS
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:most])
+    more = len(items) - most
     return shown + (f' and {more} more' if more > 0 else '') or '–'
+
+
+def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
+    """Return what the torques do that no serial arm's gravity does, and what makes up for it."""
+    return [f'{law.words}; ' + ('the effects above make up for it' if law.holds_with_effects else
+                                f'not made up for; look for {", ".join(law.suspects)}')
+            for law in diagnosis.laws]
+
+
+def effect_numbers(effect: AppliedEffect, most: int = 6) -> list[str]:
+    """Return the coefficients of an effect of a model, the first `most` of them."""
+    parts = [f'{symbol} = {wording.plus_minus(Estimate(x.value, x.unit, x.ci95))}'
+             for symbol, x in effect.coefficients.items()]
+    return [*parts[:most], *([f'{len(parts) - most} more'] if len(parts) > most else ())]

@@ -8,10 +8,10 @@ the commands and services call them as they are.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json, held_out_blocks, merged_bags, now
+from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
@@ -36,40 +36,13 @@ PAYLOAD = 'payload'
 FEW_SLOW = 100
 
 
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A fit, and the refit of gravity and effects together where there are effects."""
-
-    result: FitResult
-    refit: Refit | None = None
-
-    @property
-    def model(self) -> GravityModel:
-        """Return the model, with its effects and where it comes from."""
-        return self.result.model
-
-
-@dataclass(frozen=True, eq=False)
-class WithEffects:
-    """A model that was given effects, and how it fared on samples that were not fitted."""
-
-    model: GravityModel
-    refit: Refit
-
-
-@dataclass(frozen=True, eq=False)
-class Updated:
-    """A model with a new payload, and how it was found."""
-
-    model: GravityModel
-    result: UpdateResult
-
-
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
               effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
-              progress: Progress | None = None) -> Fitted:
+              progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
     Learn gravity from the slow samples, and effects beside it if some are named.
+
+    Returns the model, with its effects and where it comes from, and how these were found.
 
     :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
     :param speeds: which samples the effects are fitted to.
@@ -79,22 +52,22 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
-    recording, note = with_enough_motion(recording)
+    recording = with_enough_motion(recording)
     if effects:
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
         result, joint = fit(recording.slow, options, progress), None
-    if note:
-        result.report['warnings'].insert(0, note)
+    if recording.ungated:
+        result = result.warned(recording.ungated)
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
-    return Fitted(replace(result, model=replace(result.model, provenance=provenance)), joint)
+    return replace(result, model=replace(result.model, provenance=provenance)), joint
 
 
-def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
+def with_enough_motion(recording: Recording) -> Recording:
     """
-    Return the recording, ungated if too little of it is slow, and a note that says so.
+    Return the recording, ungated if too little of it is slow.
 
     Few slow samples of a fast recording lie in few poses, and a model of them is wrong in all
     others. Friction and inertia are fitted beside gravity, so that fast samples serve as well. A
@@ -103,17 +76,17 @@ def with_enough_motion(recording: Recording) -> tuple[Recording, str]:
     :raises DataError: if there are no samples at all.
     """
     if recording.gate != GateOptions() or recording.gated_before is not None:
-        return recording, ''
+        return recording
     try:
         n_slow = recording.slow.n_samples
     except DataError:
         n_slow = 0
     n = recording.samples.n_samples
     if n_slow >= FEW_SLOW or n < 2 * FEW_SLOW:
-        return recording, ''
-    return replace(recording, gate=None), (
+        return recording
+    return replace(recording, gate=None, ungated=(
         f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction beside '
-        f'gravity')
+        f'gravity'))
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
@@ -123,13 +96,13 @@ def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[s
                             recording.use, progress)
     model = with_step(both.joint.model, both.gravity, both.joint.added, now(),
                       *both.joint.by_joint())
-    report = {**both.fit.report, 'rmse': dict(zip(model.joints, model.noise.tolist()))}
+    report = replace(both.fit.report, rmse=dict(zip(model.joints, model.noise.tolist())))
     return FitResult(model, report, both.fit.converged), both.joint
 
 
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
                  speeds: RefitOptions = RefitOptions(),
-                 progress: Progress | None = None) -> WithEffects:
+                 progress: Progress | None = None) -> Refit:
     """
     Add effects to a model and refit it as a whole; the old model goes into its history.
 
@@ -146,7 +119,7 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
                    progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
     provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
-    return WithEffects(replace(changed, provenance=provenance), result)
+    return replace(result, model=replace(changed, provenance=provenance))
 
 
 def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
@@ -156,7 +129,7 @@ def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
 
 
 def update_model(model: GravityModel, recording: Recording,
-                 geometry: Geometry | None = None) -> Updated:
+                 geometry: Geometry | None = None) -> UpdateResult:
     """
     Learn what a new payload changed; the effects of the model stay as they are.
 
@@ -169,13 +142,13 @@ def update_model(model: GravityModel, recording: Recording,
     recording = recording.select_joints(model.joints)
     result = update(model, _gravity_alone(model, recording), geometry=geometry)
     *before, last = result.model.provenance['updates']
-    bags = [bag_json(report) for report in recording.reports]
+    bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {
         **result.model.provenance, 'bags': merged_bags(model, recording.reports),
         'updates': [*before, {'when': now(), 'bags': bags, **last}]}
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
-                        result.report['rmse_before'], result.report['rmse'], UPDATED)
-    return Updated(changed, result)
+                        result.report.rmse_before, result.report.rmse, UPDATED)
+    return replace(result, model=changed)
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

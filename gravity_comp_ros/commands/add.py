@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 import shlex
-from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json, now
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.api.ties import ties_of
 from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
+from gravity_comp_ros.commands.held_out import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadReport
 
@@ -39,18 +36,13 @@ def _check_usage(args: argparse.Namespace) -> None:
 
 
 def _undo(args: argparse.Namespace, model: GravityModel) -> int:
-    try:
-        back = undone(model, now())
-    except DataError as problem:
-        raise OptionError(f'{args.model}: {problem}') from problem
+    back = refitting.undo(args, model, args.model)
     step = back.history[-1]
-    if not args.dry_run:
-        save_model(args.model, back)
     left = [effect.target for effect in back.applied.effects]
     if args.json != '-':
         done = 'would be taken back from' if args.dry_run else 'taken back from'
-        terminal.show(terminal.safe(f'{", ".join(step.effects)} {done} {args.model}; the model '
-                                    f'is as it was before, with {", ".join(left) or "no effect"}'))
+        terminal.say(f'{", ".join(step.effects)} {done} {args.model}; the model '
+                     f'is as it was before, with {", ".join(left) or "no effect"}')
     if args.json:
         terminal.emit_json({'model': str(args.model), 'removed': list(step.effects),
                             'effects': left, 'written': not args.dry_run}, args.json)
@@ -64,44 +56,40 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     args.joints = model.joints
     with terminal.progress() as report:
         recording = reading.load_all(args, report)
-        done = add_to_model(model, recording, effects, refitting.speeds(args), report)
-        ties = ties_of(model, recording, done.refit.added)
-    result, reports = done.refit, recording.reports
-    aside = held_out.errors(model, done.model, replace(recording, gate=GateOptions())) \
+        result = add_to_model(model, recording, effects, refitting.speeds(args), report)
+        ties = ties_of(model, recording, result.added)
+    reports = recording.reports
+    aside = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
         if args.holdout else {}
     if not args.dry_run:
-        save_model(args.model, done.model)
+        save_model(args.model, result.model)
     if args.json != '-':
         _show(args, result, reports, ties, aside)
-    for line in [*reading.scale_warnings(model, reports), *refitting.warnings(result)]:
-        terminal.warn(line)
+    terminal.warn(*reading.scale_warnings(model, reports), *refitting.warnings(result))
     if args.json:
         terminal.emit_json(
             {'model': str(args.model), 'written': not args.dry_run,
-             **refitting.to_json(result), 'ties': [_tie_json(tie) for tie in ties],
-             'on_holdout': held_out.to_json(aside) if args.holdout else None,
-             'bags': [bag_json(r) for r in reports]}, args.json)
+             **result.to_json(), 'warnings': refitting.warnings(result),
+             'ties': [{'effect': tie.effect, 'joint': tie.joint, 'rivals': tie.rivals,
+                       'settled_by': tie.next_step} for tie in ties],
+             'on_holdout': {name: asdict(error) for name, error in aside.items()}
+             if args.holdout else None,
+             'bags': [r.to_json() for r in reports]}, args.json)
     return 0
 
 
-def _tie_json(tie: Finding) -> dict[str, Any]:
-    return {'effect': tie.effect, 'joint': tie.joint, 'rivals': list(tie.rivals),
-            'settled_by': tie.next_step}
-
-
 def _show(args: argparse.Namespace, result: Refit, reports: tuple[ReadReport, ...],
-          ties: Sequence[Finding], aside: dict[str, tuple[float, float, float]]) -> None:
-    for line in reading.bag_lines(reports):
-        terminal.show(terminal.safe(line))
+          ties: Sequence[Finding], aside: dict[str, HeldOutError]) -> None:
+    terminal.say(*reading.bag_lines(reports))
     terminal.show(refitting.fitted_sentence(result), '', refitting.error_table(result),
                   *refitting.effect_lines(result))
     if aside:
         terminal.show('', held_out.table(aside))
     for tie in ties:
-        terminal.show(terminal.safe(
+        terminal.say(
             f'{target(tie.effect or "", tie.joint)} is one of a tie: {", ".join(tie.rivals)} '
             f'would explain these recordings as well. The error falls with any of them; keep '
-            f'one. What settles it: {tie.next_step}'))
+            f'one. What settles it: {tie.next_step}')
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return

@@ -9,10 +9,10 @@ from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model
 from gravity_comp_ros.commands import held_out, html, next_step, reading, terminal
-from gravity_comp_ros.commands.fit import percent
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.holdout import Block, within
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.display import percent
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.compare import Calibration, JointComparison
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -55,18 +55,15 @@ def _run(args: argparse.Namespace) -> int:
             None, *_previous(args, model, part), shown=chosen,
             next_command=_diagnosing(args)))
     if args.json != '-':
-        for line in reading.lines(loaded):
-            terminal.show(terminal.safe(line))
+        terminal.say(*reading.lines(loaded))
         terminal.show('', _table(model, joints, samples))
         for line in _failures(joints, comparison.share_outside):
             terminal.show(line)
-        for line in _band(comparison.band):
-            terminal.show(terminal.safe(line))
+        terminal.say(*_band(comparison.band))
         if few:
             next_step.show('judge it by fast samples as well', f'{args.command} --all-samples')
         next_step.show('name what the model lacks', _diagnosing(args))
-    for line in [*reading.scale_warnings(model, loaded.reports), *few]:
-        terminal.warn(line)
+    terminal.warn(*reading.scale_warnings(model, loaded.reports), *few)
     for name in fitted:
         terminal.warn(f'the model was fitted to {name}: its errors there are too small (fit and '
                       'compare with --holdout, or compare with another run)')

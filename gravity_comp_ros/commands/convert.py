@@ -10,7 +10,7 @@ from gravity_comp_ros.commands.arguments import names_shown
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
-from gravity_comp_ros.recordings.table import Converted, read_table, TableOptions
+from gravity_comp_ros.recordings.table import read_table, TableOptions
 
 
 def run(args: argparse.Namespace) -> int:
@@ -20,23 +20,17 @@ def run(args: argparse.Namespace) -> int:
         args.gear_ratio, args.joint_names, args.header, args.delimiter, args.skip_bad_rows)
     converted = read_table(args.table, options, args.topic)
     write_bag(args.output, [converted.topic], WriteOptions(start_ns=converted.start_ns))
-    if args.json:
-        emit_json(_facts(args, converted), args.json)
-        return 0
     topic = converted.topic
+    if args.json:
+        emit_json({'input': str(args.table), 'output': str(args.output), 'joints': topic.joints,
+                   'n_samples': len(topic.t), 'duration_s': topic.t[-1],
+                   'velocity': topic.velocity is not None, 'dropped_rows': converted.dropped,
+                   'notes': converted.notes}, args.json)
+        return 0
     show(f'wrote {safe(args.output)}: {counted(len(topic.t), "sample")} over '
          f'{topic.t[-1]:.4g} s, joints {safe(names_shown(topic.joints))}')
     if converted.dropped:
         warn(f'{counted(converted.dropped, "bad row")} left out')
-    for note in converted.notes:
-        warn(note)
+    warn(*converted.notes)
     next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
-
-
-def _facts(args: argparse.Namespace, converted: Converted) -> dict[str, object]:
-    topic = converted.topic
-    return {'input': str(args.table), 'output': str(args.output), 'joints': list(topic.joints),
-            'n_samples': len(topic.t), 'duration_s': topic.t[-1],
-            'velocity': topic.velocity is not None, 'dropped_rows': converted.dropped,
-            'notes': list(converted.notes)}

@@ -34,12 +34,11 @@ def run(args: argparse.Namespace) -> int:
     for part in parts:
         write_bag(part.path, [part.topic], WriteOptions(start_ns=part.start_ns))
     if args.json != '-':
-        for line in reading.bag_lines([recording.report]):
-            terminal.show(terminal.safe(line))
+        terminal.say(*reading.bag_lines([recording.report]))
         for part in parts:
-            terminal.show(terminal.safe(
+            terminal.say(
                 f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from '
-                f'{part.begin:.6g} to {part.end:.6g} s, joints {names_shown(part.topic.joints)}'))
+                f'{part.begin:.6g} to {part.end:.6g} s, joints {names_shown(part.topic.joints)}')
         next_step.show('see what is in it' if len(parts) == 1 else 'see what is in them',
                        shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
     if args.json:

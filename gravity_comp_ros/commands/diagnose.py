@@ -7,7 +7,7 @@ from dataclasses import replace
 import shlex
 import time
 
-from gravity_comp_ros.api.provenance import bag_json
+from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.gate import slow_samples
@@ -28,7 +28,6 @@ from gravity_comp_ros.recordings.bag import ReadReport
 
 
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
-_MOST_SHOWN = 3
 _ENOUGH_SLOW = 50
 
 
@@ -50,20 +49,17 @@ def _run(args: argparse.Namespace) -> int:
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
-    for line in reading.scale_warnings(model, reports) if model else []:
-        terminal.warn(line)
+    terminal.warn(*reading.scale_warnings(model, reports) if model else [])
     findings = tuple(replace(f, next_step=f.next_step or _adding(f, args))
                      for f in diagnosis.findings)
     diagnosis = replace(diagnosis, findings=findings)
-    for line in broken_plug_ins():
-        terminal.warn(line)
+    terminal.warn(*broken_plug_ins())
     check = data_check.check(samples, diagnosis)
     if args.html:
         _write_page(args, samples, model, diagnosis, reports)
     if args.json != '-':
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
-        for line in [*reading.bag_lines(reports), *reading.fitted_lines(model, reports)]:
-            terminal.show(terminal.safe(line))
+        terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
         if recording.use is not None:
             terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
                           'the fit are left out here, for `compare --holdout`')
@@ -71,9 +67,9 @@ def _run(args: argparse.Namespace) -> int:
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
         terminal.emit_json(
-            {**diagnosis.to_json(), 'verdict': wording.verdict(diagnosis),
+            {**results.Diagnosis(diagnosis).to_json(),
              'model': args.model.name if args.model else None,
-             'data': check.to_json(), 'bags': [bag_json(r) for r in reports],
+             'data': check.to_json(), 'bags': [r.to_json() for r in reports],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
     return 0
 
@@ -122,12 +118,14 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
           model: GravityModel | None) -> None:
     if model is not None and model.applied.effects:
         known = ', '.join(effect.target for effect in model.applied.effects)
-        terminal.show(terminal.safe(f'the model has {known} already'))
+        terminal.say(f'the model has {known} already')
     terminal.show('', check.table())
     if diagnosis.findings:
         terminal.show(_table(diagnosis))
-    for line in _laws(diagnosis):
-        terminal.show(line)
+    if diagnosis.laws:
+        terminal.show('[bold]what no gravity of a serial arm does[/bold]')
+        terminal.show(*(f'  {terminal.safe(line)}' for line in
+                        results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
     for line in check.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
@@ -140,29 +138,9 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
 
 
 def _table(diagnosis: Diagnosis) -> ScreenTable:
-    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict, _coefficients(f),
-             wording.change(f)]
-            for f in diagnosis.findings]
+    rows = [[f.joint or 'whole arm', f.effect or '(none known)', f.verdict,
+             results.coefficients(f), wording.change(f)] for f in diagnosis.findings]
     # Names are copied from here, so they stay whole; coefficients may be folded.
     return terminal.table('what is missing', _FINDINGS, rows, keys=2,
                           left=('effect', 'verdict', 'coefficient, 95 %'),
                           folds=('coefficient, 95 %',))
-
-
-def _coefficients(finding: Finding) -> str:
-    items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:_MOST_SHOWN])
-    more = len(items) - _MOST_SHOWN
-    return shown + (f' and {more} more' if more > 0 else '') or '–'
-
-
-def _laws(diagnosis: Diagnosis) -> list[str]:
-    """Return lines of markup on what the torques do that no serial arm's gravity does."""
-    if not diagnosis.laws:
-        return []
-    lines = ['[bold]what no gravity of a serial arm does[/bold]']
-    for law in diagnosis.laws:
-        end = 'the effects above make up for it' if law.holds_with_effects else (
-            f'not made up for; look for {", ".join(law.suspects)}')
-        lines.append(f'  {terminal.safe(f"{law.words}; {end}")}')
-    return [*lines, '']

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import asdict, replace
 import math
-import re
 import time
-from typing import Any
 
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
@@ -16,9 +14,10 @@ from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.description.joint_order import joint_order, JointOrder
+from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
-from gravity_comp_ros.estimation.fit_report import nuisance_sentence
+from gravity_comp_ros.estimation.fit_report import FitDetails, nuisance_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.model_file import save_model
@@ -31,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
                           f'chain (--formulation chain or auto)')
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
-        whole, note = reading.load_enough(args, report, only_slow)
+        whole = reading.load_enough(args, report, only_slow)
         axes = _axes(args, whole)
         order = _order(args, whole, axes)
         whole = whole.select_joints(order.joints)
@@ -39,19 +38,19 @@ def run(args: argparse.Namespace) -> int:
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        found = fit_model(fitted, _options(args, axes), effects, speeds, report)
-        found.result.report['warnings'] += [note] if note else []
+        result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
         seconds = time.perf_counter() - started
-    result, joint = found.result, found.refit
-    model = replace(found.model, provenance={
-        **found.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
+    model = replace(result.model, provenance={
+        **result.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
     judged = compare_model(model, held) if held else None
     document = {
-        'model': str(args.output) if args.output else None, 'joints': _joints_json(result, judged),
-        'report': result.report, 'converged': result.converged, 'seconds': seconds,
-        'holdout': model.provenance['holdout'], 'description': axes.to_json(),
-        'joint_order': order.source, **whole.to_json(),
-        **(refitting.to_json(joint) if joint else {})}
+        'model': str(args.output) if args.output else None, **result.to_json(),
+        'seconds': seconds, 'holdout': model.provenance['holdout'],
+        'description': axes.to_json(), 'joint_order': order.source, **whole.to_json()}
+    if joint:
+        document |= {**joint.to_json(), 'warnings': refitting.warnings(joint)}
+    for name, error in judged.joints.items() if judged else ():
+        document['joints'][name]['held_out'] = asdict(error)
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
@@ -59,10 +58,9 @@ def run(args: argparse.Namespace) -> int:
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
-    for line in [axes.problem] if axes.problem else []:
-        terminal.warn(line)
-    for line in refitting.warnings(joint) if joint else []:
-        terminal.warn(line)
+    if axes.problem:
+        terminal.warn(axes.problem)
+    terminal.warn(*refitting.warnings(joint) if joint else ())
     if args.json:
         terminal.emit_json(document, args.json)
     return 0
@@ -92,42 +90,24 @@ def _order(args: argparse.Namespace, recording: Recording, axes: KnownAxes) -> J
     return joint_order(recording.joints)
 
 
-def _joints_json(result: FitResult, judged: Comparison | None) -> dict[str, Any]:
-    model, report = result.model, result.report
-    found = {}
-    for n, joint in enumerate(model.joints):
-        found[joint] = {
-            'features': int(model.n_features()[n]), 'rmse': report['rmse'][joint],
-            'noise': report['noise']['absolute'][joint],
-            'relative_noise': report['noise']['relative'][joint],
-            'q_min': model.coverage.q_min[n], 'q_max': model.coverage.q_max[n],
-            'equation': model.equation(joint)}
-        if judged is not None:
-            found[joint]['held_out'] = asdict(judged.joints[joint])
-    return found
-
-
 def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: JointOrder,
           result: FitResult, judged: Comparison | None, seconds: float) -> None:
-    for line in [*reading.lines(fitted), *axes.notes, f'order of joints: {order.source}']:
-        terminal.show(terminal.safe(line))
+    terminal.say(*reading.lines(fitted), *axes.notes, f'order of joints: {order.source}')
     if fitted.holdout:
-        terminal.show(terminal.safe(_holdout_sentence(fitted, fitted.holdout)))
+        terminal.say(_holdout_sentence(fitted, fitted.holdout))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
     beside = nuisance_sentence(result.model.nuisance)
     if beside:
         terminal.show(terminal.safe(f'{beside} (`gravity_comp diagnose` names it)'),
                       'RMSE is the error of gravity alone, the remaining error that beside these')
-    if 'choice' in result.report:
-        choice = result.report['choice']
-        terminal.show(terminal.safe(f'{choice["formulation"]} was chosen: {choice["why"]}'))
+    choice = result.report.choice
+    terminal.say(f'{choice.formulation} was chosen: {choice.why}')
     terminal.show('', '[bold]torque in N·m[/bold] (s2, c2: sine and cosine of the angle of the '
                   'second joint)')
     for joint in result.model.joints:
         equation = shortened(result.model.equation(joint), args.terms)
         terminal.show(f'  [bold]{terminal.safe(joint)}[/bold] = {terminal.safe(equation)}')
-    for warning in result.report['warnings']:
-        terminal.warn(warning)
+    terminal.warn(*result.report.warnings)
     where = f'saved in {args.output}' if args.output else 'not saved (no -o)'
     terminal.show('', terminal.safe(f'fitted in {seconds:.2f} s; {where}'))
     _show_next_step(args)
@@ -166,7 +146,7 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     for n, joint in enumerate(model.joints):
         low, high = (math.degrees(x) for x in (model.coverage.q_min[n], model.coverage.q_max[n]))
         row = [joint, str(model.n_features()[n]), f'{low:.0f} … {high:.0f}',
-               f'{report["rmse"][joint]:.4f}', _remaining(report, joint)]
+               f'{report.rmse[joint]:.4f}', _remaining(report, joint)]
         if judged is not None:
             held_out = judged.joints[joint]
             row += [f'{held_out.rmse:.4f}', percent(held_out.nrmse)]
@@ -176,37 +156,23 @@ def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
         f'{model.coverage.n_runs} run{"s" if model.coverage.n_runs > 1 else ""}', columns, rows)
 
 
-def _remaining(report: dict[str, Any], joint: str) -> str:
+def _remaining(report: FitDetails, joint: str) -> str:
     """Return a joint's remaining error: a constant, and a part of the load if there is one."""
-    absolute, relative = (report['noise'][part][joint] for part in ('absolute', 'relative'))
-    return f'{absolute:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
+    relative = report.relative_noise[joint]
+    return f'{report.noise[joint]:.4f}' + (f' + {100 * relative:.2g} %' if relative else '')
 
 
 def _solver_sentence(result: FitResult) -> str:
-    problems = result.report['solver']
-    if not problems:
-        chain = result.report['chain']
-        left = f'the residual is {"" if chain["clean"] else "not "}white'
-        if chain['known_axes']:
+    chain = result.report.chain
+    if chain is not None:
+        left = f'the residual is {"" if chain.clean else "not "}white'
+        if result.report.known_axes:
             return f'chain: axes as in the URDF; {left}'
-        return (f'chain: {chain["starts"]} starts, {sum(chain["right_angles"])} right angles; '
-                f'{left}')
-    worst = max(problems, key=lambda problem: problem['gap'])
+        return f'chain: {chain.starts} starts, {sum(chain.square)} right angles; {left}'
+    problems = [found.lasso for found in result.report.solver]
+    ends = [problem.certificate for problem in problems]
     count = f'{len(problems)} L1 problem{"s" if len(problems) > 1 else ""}'
-    return (f'ADMM: {count}, {sum(problem["iterations"] for problem in problems)} iterations, '
-            f'worst primal residual {max(p["primal_residual"] for p in problems):.1e}, dual '
-            f'{max(p["dual_residual"] for p in problems):.1e}, relative gap {worst["gap"]:.1e}'
-            f'{"" if result.converged else ": NOT CONVERGED"}')
-
-
-def percent(share: float | None) -> str:
-    """Return a share as per cent; a dash where there is none (the torque is constant)."""
-    return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
-
-
-def shortened(equation: str, terms: int) -> str:
-    """Return the first `terms` terms of an equation, and how many follow."""
-    parts = re.split(r'(?= [+-] )', equation)
-    if len(parts) <= terms:
-        return equation
-    return ''.join(parts[:terms]) + f' … {len(parts) - terms} more'
+    return (f'ADMM: {count}, {sum(problem.iterations for problem in problems)} iterations, '
+            f'worst primal residual {max(end.primal_residual for end in ends):.1e}, dual '
+            f'{max(end.dual_residual for end in ends):.1e}, relative gap '
+            f'{max(end.gap for end in ends):.1e}{"" if result.converged else ": NOT CONVERGED"}')

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 from gravity_comp_ros.commands import arguments, terminal
+from gravity_comp_ros.diagnosis.findings import Finding, Verdict
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.fleet.engine import Engine
 from gravity_comp_ros.fleet.folder import find_robots
-from gravity_comp_ros.fleet.run import FleetRun, Outcome
+from gravity_comp_ros.fleet.outcome import FittedRobot, Outcome
+from gravity_comp_ros.fleet.run import FleetRun
 from gravity_comp_ros.printable import counted
 
 
@@ -36,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json != '-':
         _show(args.what, outcome)
     if args.json:
-        terminal.emit_json(asdict(outcome), args.json)
+        terminal.emit_json(outcome.to_json(), args.json)
     if not outcome.robots:
         raise BagError(f'no robot of {args.folder} has a result')
     return 0
@@ -63,9 +64,9 @@ def _show(what: str, outcome: Outcome) -> None:
     if what == 'fit':
         columns = ['robot', 'bags', 'samples', 'worst RMSE N·m', 'model']
     for name, done in sorted(outcome.robots.items()):
-        rows.append([name, str(done['bags']), str(done['samples']),
-                     f'{max(done["rmse"].values()):.4f}', done['model']] if what == 'fit'
-                    else [name, _findings(done['findings']), done['diagnosis']])
+        rows.append([name, str(done.bags), str(done.samples), f'{max(done.rmse.values()):.4f}',
+                     done.model] if isinstance(done, FittedRobot)
+                    else [name, _findings(done.findings), done.diagnosis])
     terminal.show(terminal.table(f'{what}: {counted(len(rows), "robot")}', columns, rows,
                                  left=('findings', 'model', 'file')))
     terminal.show(f'left out: {counted(len(outcome.failed_bags), "bag")} and '
@@ -73,7 +74,7 @@ def _show(what: str, outcome: Outcome) -> None:
                   f'{counted(outcome.resumed, "result")} of an earlier run')
 
 
-def _findings(findings: list[dict]) -> str:
-    told = [f'{f["effect"] or "unexplained"}:{f["joint"] or "arm"} ({f["verdict"]})'
-            for f in findings if f['verdict'] in ('established', 'likely', 'ambiguous')]
+def _findings(findings: Sequence[Finding]) -> str:
+    told = [f'{f.effect or "unexplained"}:{f.joint or "arm"} ({f.verdict})' for f in findings
+            if f.verdict in (Verdict.ESTABLISHED, Verdict.LIKELY, Verdict.AMBIGUOUS)]
     return ', '.join(told) or 'nothing missing'

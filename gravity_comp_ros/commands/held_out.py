@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.api.provenance import held_out_blocks
 from gravity_comp_ros.api.recording import Recording
@@ -39,36 +39,37 @@ def without(model: GravityModel, recording: Recording) -> Recording:
     return replace(recording, use=not_held_out(model, recording))
 
 
-def errors(before: GravityModel, after: GravityModel,
-           recording: Recording) -> dict[str, tuple[float, float, float]]:
-    """
-    Return the RMSE of two models in N·m, and the torque's standard deviation, by joint.
+@dataclass(frozen=True)
+class HeldOutError:
+    """A joint's RMSE in N·m of two models, and the standard deviation of its torque, N·m."""
 
-    On what was held out of the fit of the first.
+    rmse_before: float
+    rmse_after: float
+    torque_std: float
+
+
+def errors(before: GravityModel, after: GravityModel,
+           recording: Recording) -> dict[str, HeldOutError]:
+    """
+    Return the errors of two models by joint, on what was held out of the fit of the first.
 
     :raises DataError: if nothing of these recordings was held out.
     """
-    blocks = held_out_blocks(before, recording.reports)
-    use = within(recording.samples, blocks)
+    use = within(recording.samples, held_out_blocks(before, recording.reports))
     if not use.any():
         raise DataError('the model was fitted to all of these bags: nothing of them was held out')
     gate = None if of_all_samples(before) else recording.gate
     part = replace(recording, use=use, gate=gate)
     old, new = (compare_model(model, part).joints for model in (before, after))
-    return {name: (old[name].rmse, new[name].rmse, new[name].torque_std) for name in old}
+    return {name: HeldOutError(old[name].rmse, new[name].rmse, new[name].torque_std)
+            for name in old}
 
 
-def table(found: dict[str, tuple[float, float, float]]) -> ScreenTable:
+def table(found: dict[str, HeldOutError]) -> ScreenTable:
     """Return the errors on what was held out of the fit, before and after."""
-    rows = [(name, f'{before:.4f}', f'{after:.4f}', percent(before / std if std else None),
-             percent(after / std if std else None))
-            for name, (before, after, std) in found.items()]
+    rows = [(name, f'{e.rmse_before:.4f}', f'{e.rmse_after:.4f}',
+             *(percent(rmse / e.torque_std if e.torque_std else None)
+               for rmse in (e.rmse_before, e.rmse_after))) for name, e in found.items()]
     return terminal.table(
         'error on what `fit --holdout` held out: N·m, and share of the standard deviation of the '
         'torque', ['joint', 'before', 'after', 'before', 'after'], rows)
-
-
-def to_json(found: dict[str, tuple[float, float, float]]) -> dict[str, dict[str, float]]:
-    """Return the errors as `add --json` prints them."""
-    return {name: {'rmse_before': before, 'rmse_after': after, 'torque_std': std}
-            for name, (before, after, std) in found.items()}

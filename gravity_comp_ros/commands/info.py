@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.api.steps import FEW_SLOW
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import gate_options, read_options
@@ -32,7 +30,8 @@ def run(args: argparse.Namespace) -> int:
     concatenate(recording.samples for recording in recordings)
     found = [(recording.report, fact) for recording, fact in zip(recordings, facts)]
     if args.json:
-        emit_json({'recordings': [_facts(*pair) for pair in found]}, args.json)
+        emit_json({'recordings': [{'path': str(recording.path), **recording.to_json(),
+                                   **fact.to_json()} for recording, fact in found]}, args.json)
         return 0
     for recording_report, fact in found:
         _show(recording_report, fact)
@@ -81,15 +80,3 @@ def _row(name: str, joint: JointFacts) -> tuple[str, ...]:
     return (name, f'{low:.1f} … {high:.1f}', f'{travel:.1f}', f'{joint.rms_speed:.3f}',
             f'{joint.max_speed:.3f}', '–' if joint.reversals is None else str(joint.reversals),
             f'{joint.tau_min:.2f} … {joint.tau_max:.2f}')
-
-
-def _facts(report: ReadReport, facts: RecordingFacts) -> dict[str, Any]:
-    joints = {name: {'q_min': joint.q_min, 'q_max': joint.q_max, 'rms_speed': joint.rms_speed,
-                     'max_speed': joint.max_speed, 'reversals': joint.reversals,
-                     'tau_min': joint.tau_min, 'tau_max': joint.tau_max,
-                     'tau_std': joint.tau_std, 'pose_share': joint.pose_share,
-                     'direction_share': joint.direction_share}
-              for name, joint in facts.joints.items()}
-    return {'path': str(report.path), **bag_json(report), 'joints': joints,
-            'slow_share': facts.slow_share, 'kept': facts.kept, 'at_rest': facts.at_rest,
-            'remarks': list(facts.remarks)}

@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
@@ -33,11 +31,10 @@ def run(args: argparse.Namespace) -> int:
     write_trajectory(args.output, trajectory, comments, args.goal)
     if args.json != '-':
         _show(args, found)
-    for note in found.notes:
-        terminal.warn(note)
+    terminal.warn(*found.notes)
     if args.json:
-        terminal.emit_json({**_to_json(found), 'output': str(args.output),
-                            'bags': [bag_json(r) for r in recording.reports]}, args.json)
+        terminal.emit_json({**found.to_json(), 'output': str(args.output),
+                            'bags': [r.to_json() for r in recording.reports]}, args.json)
     return 0
 
 
@@ -91,23 +88,3 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
 def _widths(expected: Expectation) -> str:
     return ', '.join(f'{symbol} ± {width:.2g} {unit}'.strip() if np.isfinite(width) else
                      f'{symbol} unknown' for symbol, (width, unit) in expected.half_width.items())
-
-
-def _to_json(found: Plan) -> dict[str, Any]:
-    trajectory = found.trajectory
-    return {
-        'duration_s': trajectory.duration, 'joints': list(trajectory.joints),
-        'start': trajectory.q[0].tolist(),
-        'parts': [{'start': p.start, 'end': p.end, 'joints': list(p.joints), 'what': p.what,
-                   'settles': list(p.settles), 'sentence': p.sentence} for p in found.parts],
-        'expected': [_expected_json(expected) for expected in found.expectations],
-        'notes': list(found.notes)}
-
-
-def _expected_json(e: Expectation) -> dict[str, Any]:
-    widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
-              for symbol, (width, unit) in e.half_width.items()}
-    return {'effect': e.target.effect, 'joint': e.target.joint,
-            'chance_before': e.chance_before, 'chance': e.chance,
-            'closest_alternative': e.hardest or None, 'assumed': e.assumed,
-            'size_is_measured': e.measured, 'half_width': widths}

@@ -27,9 +27,9 @@ def load(args: argparse.Namespace, report: ProgressCallback) -> Recording:
 
 
 def load_enough(args: argparse.Namespace, report: ProgressCallback,
-                only_slow: bool) -> tuple[Recording, str]:
+                only_slow: bool) -> Recording:
     """
-    Return a recording to fit, ungated if too little of it is slow, and a note that says so.
+    Return a recording to fit, ungated if too little of it is slow.
 
     :param only_slow: whether nothing but the slow samples is needed if they suffice.
     :raises BagError: if a bag cannot be read.
@@ -37,21 +37,10 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback,
     """
     if only_slow:
         with suppress(DataError):
-            slow = load_slow(args, report)
+            slow = read_slow(args.bags, read_options(args), gate(args), report)
             if slow.samples.n_samples >= FEW_SLOW:
-                return slow, ''
+                return slow
     return with_enough_motion(load(args, report))
-
-
-def load_slow(args: argparse.Namespace, report: ProgressCallback) -> Recording:
-    """
-    Return the same for those who need no samples but the slow ones.
-
-    :raises BagError: if a bag cannot be read.
-    :raises ModelMismatchError: if two bags are of different robots.
-    :raises DataError: if no sample is slow.
-    """
-    return read_slow(args.bags, read_options(args), gate(args), report)
 
 
 def load_all(args: argparse.Namespace, report: ProgressCallback) -> Recording:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
-from typing import Any
+from pathlib import Path
 
+from gravity_comp_ros.api.provenance import now
+from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.diagnosis.findings import Estimate
-from gravity_comp_ros.diagnosis.wording import percent, plus_minus
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.history import undone
+from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.printable import counted
-
-_MOST_SHOWN = 6
 
 
 def speeds(args: argparse.Namespace) -> RefitOptions:
@@ -30,6 +31,21 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
     if args.all_samples:
         return RefitOptions(slow=None)
     return RefitOptions() if args.max_speed is None else RefitOptions(args.max_speed, force=True)
+
+
+def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:
+    """
+    Return the model before its last change, and write it unless this is a dry run.
+
+    :raises OptionError: if nothing has changed it.
+    """
+    try:
+        back = undone(model, now())
+    except DataError as problem:
+        raise OptionError(f'{args.model}: {problem}') from problem
+    if not args.dry_run:
+        save_model(output, back)
+    return back
 
 
 def fitted_sentence(result: Refit) -> str:
@@ -63,12 +79,8 @@ def effect_lines(result: Refit) -> list[str]:
 
 def numbers(effect: AppliedEffect) -> str:
     """Return an applied effect's coefficients and setting in one line."""
-    parts = [f'{symbol} = {plus_minus(Estimate(x.value, x.unit, x.ci95))}'
-             for symbol, x in effect.coefficients.items()]
-    more = [f'{len(parts) - _MOST_SHOWN} more'] if len(parts) > _MOST_SHOWN else []
-    return ', '.join([*parts[:_MOST_SHOWN], *more,
-                      *(f'{name} {x:.3g}' for name, x in effect.setting.items()
-                        if name != 'clock')])
+    return ', '.join([*effect_numbers(effect), *(
+        f'{name} {x:.3g}' for name, x in effect.setting.items() if name != 'clock')])
 
 
 def warnings(result: Refit) -> list[str]:
@@ -79,16 +91,3 @@ def warnings(result: Refit) -> list[str]:
                      'not need what was added, or gravity imitated it already; `gravity_comp add '
                      '--undo` takes it back')
     return lines
-
-
-def to_json(result: Refit) -> dict[str, Any]:
-    """Return the refit as `add --json` prints it; errors in N·m, shares of the range."""
-    return {
-        'added': list(result.added),
-        'held_out': {name: {'rmse_before': e.before, 'rmse_after': e.after,
-                            'nrmse_before': e.nrmse_before, 'nrmse_after': e.nrmse_after}
-                     for name, e in result.errors.items()},
-        'effects': [{'target': e.target, **asdict(e)} for e in result.model.applied.effects],
-        'p': result.p, 'n_samples': result.n_samples, 'all_speeds': result.all_speeds,
-        'left_out': dict(result.skipped), 'implausible': dict(result.implausible),
-        'kept': list(result.kept), 'warnings': warnings(result)}

@@ -9,14 +9,12 @@ from gravity_comp_ros.commands.arguments import read_options
 from gravity_comp_ros.commands.reading import scale_warnings
 from gravity_comp_ros.commands.terminal import emit_json, note, safe, show, table, warn
 from gravity_comp_ros.effects.predict import predict_torque
-from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.printable import counted
-from gravity_comp_ros.recordings.bag import read_bag, Recording
+from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import (
     joint_states, JointTopic, write_bag, WriteOptions)
 import numpy as np
-from numpy.typing import NDArray
 
 
 PREDICTION = '/gravity_comp/prediction'
@@ -37,17 +35,18 @@ def run(args: argparse.Namespace) -> int:
     start = recording.report.start_ns
     count = write_bag(args.output, topics, WriteOptions(start_ns=start))
     outside = float(np.mean(model.coverage.distance(samples.q).max(axis=1) > 0))
-    for line in scale_warnings(model, [recording.report]):
-        warn(line)
+    warn(*scale_warnings(model, [recording.report]))
+    errors = [(joint, float(np.sqrt(np.mean(column ** 2))), float(np.abs(column).max()))
+              for joint, column in zip(samples.names, residual.T)]
     if args.json:
-        emit_json(_facts(args, recording, model, residual, outside), args.json)
+        emit_json({'output': str(args.output), 'n': len(samples),
+                   'joints': {joint: {'rms': rms, 'max_abs': most} for joint, rms, most in errors},
+                   'outside_trained_range': outside, 'notes': recording.report.notes}, args.json)
         return 0
     for line in recording.report.notes:
         note(line)
-    rms = np.sqrt(np.mean(residual ** 2, axis=0))
     show(table('Residual', ('joint', 'rms N·m', 'max N·m'),
-               [(joint, f'{a:.3f}', f'{b:.3f}') for joint, a, b in
-                zip(samples.names, rms, np.abs(residual).max(axis=0))]))
+               [(joint, f'{rms:.3f}', f'{most:.3f}') for joint, rms, most in errors]))
     show(f'wrote {safe(args.output)}: {counted(count, "message")} on /joint_states, '
          f'{PREDICTION} and {RESIDUAL}')
     show('open it in PlotJuggler or Foxglove; config/layouts has layouts for both')
@@ -55,11 +54,3 @@ def run(args: argparse.Namespace) -> int:
         warn(f'{100 * outside:.0f} % of the samples are outside the range that the model was '
              f'trained on')
     return 0
-
-
-def _facts(args: argparse.Namespace, recording: Recording, model: GravityModel,
-           residual: NDArray[np.float64], outside: float) -> dict[str, object]:
-    joints = {joint: {'rms': np.sqrt(np.mean(column ** 2)), 'max_abs': np.abs(column).max()}
-              for joint, column in zip(model.joints, residual.T)}
-    return {'output': str(args.output), 'n': len(recording.samples), 'joints': joints,
-            'outside_trained_range': outside, 'notes': list(recording.report.notes)}

@@ -38,8 +38,11 @@ def run(args: argparse.Namespace) -> int:
               WriteOptions(metadata={'gravity_comp_synth': origin}))
     notes = _limits_passed(arm, samples)
     if args.json:
-        emit_json({**_facts(args, samples, notes),
-                   'hidden_sizes': origin['hidden']}, args.json)
+        emit_json({'output': str(args.output), 'joints': samples.names,
+                   'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
+                   'motion': args.motion, 'seed': args.seed, 'payload_kg': args.payload,
+                   'hidden': args.hidden, 'notes': notes, 'hidden_sizes': origin['hidden']},
+                  args.json)
         return 0
     length = f'{counted(len(samples), "sample")} of {counted(samples.n_joints, "joint")}'
     what = f' with {args.payload:g} kg' if args.payload else ''
@@ -47,8 +50,7 @@ def run(args: argparse.Namespace) -> int:
          f'{samples.t[-1] - samples.t[0]:.4g} s')
     for effect in found:
         show(f'hidden: {safe(effect)}')
-    for note in notes:
-        warn(note)
+    warn(*notes)
     next_step.show('see what is in it', shlex.join(['gravity_comp', 'info', str(args.output)]))
     return 0
 
@@ -139,11 +141,3 @@ def _limits_passed(arm: arms.Arm, samples: JointSamples) -> list[str]:
         if excess > 1e-9:
             notes.append(f'joint {joint} passes its limit by {excess:.3f} rad')
     return notes
-
-
-def _facts(args: argparse.Namespace, samples: JointSamples, notes: list[str]) -> dict[str, object]:
-    return {'output': str(args.output), 'joints': list(samples.names),
-            'n_samples': len(samples), 'duration_s': samples.t[-1] - samples.t[0],
-            'motion': args.motion, 'seed': args.seed, 'payload_kg': args.payload,
-            'hidden': args.hidden,
-            'notes': notes}

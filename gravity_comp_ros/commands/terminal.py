@@ -78,6 +78,11 @@ def show(*things: Any) -> None:
             out.print(part, soft_wrap=True)
 
 
+def say(*lines: str) -> None:
+    """Print plain lines on standard output; nothing in them is markup."""
+    show(*map(safe, lines))
+
+
 def show_command(command: str) -> None:
     """Print a command to be copied: unbroken, whatever the width; nothing in it is markup."""
     console().print(Text(f'  {printable(command)}'), soft_wrap=True)
@@ -88,9 +93,10 @@ def note(text: str) -> None:
     print(printable(text), file=sys.stderr, flush=True)
 
 
-def warn(text: str) -> None:
-    """Print one warning on standard error; nothing in it is markup."""
-    console(stderr=True).print(f'[yellow]warning:[/yellow] {safe(text)}', soft_wrap=True)
+def warn(*lines: str) -> None:
+    """Print warnings on standard error; nothing in them is markup."""
+    for line in lines:
+        console(stderr=True).print(f'[yellow]warning:[/yellow] {safe(line)}', soft_wrap=True)
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),

@@ -5,18 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 import shlex
-from typing import Any
 
-from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import update_model, Updated
-from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.api.steps import update_model
+from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
+from gravity_comp_ros.errors import ModelMismatchError, OptionError
+from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
-from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.model_file import load_model, save_model
 
 
@@ -34,15 +32,10 @@ def _undo(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     if last is not None and last.action != UPDATED:
         raise OptionError(f'the last change of {args.model} is no update: '
                           f'{", ".join(last.effects)} was added (`gravity_comp add --undo`)')
-    try:
-        back = undone(model, now())
-    except DataError as problem:
-        raise OptionError(f'{args.model}: {problem}') from problem
-    if not args.dry_run:
-        save_model(target, back)
+    refitting.undo(args, model, target)
     if args.json != '-':
         done = 'would be as it was' if args.dry_run else 'is as it was'
-        terminal.show(terminal.safe(f'{target} {done} before the last update'))
+        terminal.say(f'{target} {done} before the last update')
     if args.json:
         terminal.emit_json({'model': str(target), 'undone': UPDATED,
                             'written': not args.dry_run}, args.json)
@@ -54,26 +47,24 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        done, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
+        result, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
         report('update', 1.0)
-    changed, result = done.model, done.result
     if not args.dry_run:
-        save_model(target, changed)
+        save_model(target, result.model)
     if args.json != '-':
         _show(args, loaded, axes, result, target)
     warnings = [*([axes.problem] if axes.problem else []), *_warnings(model, result, loaded)]
-    for line in warnings:
-        terminal.warn(line)
+    terminal.warn(*warnings)
     if args.json:
         terminal.emit_json(
-            {'model': str(target), 'written': not args.dry_run, **result.report,
-             'effects': [effect.target for effect in changed.applied.effects],
+            {'model': str(target), 'written': not args.dry_run, **result.report.to_json(),
+             'effects': [effect.target for effect in result.model.applied.effects],
              'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
     return 0
 
 
 def _updated(model: GravityModel, loaded: Recording,
-             axes: KnownAxes) -> tuple[Updated, KnownAxes]:
+             axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
     """Return the update, and the axes that it used: a recording's own only if they fit."""
     try:
         return update_model(model, loaded, axes.geometry), axes
@@ -85,18 +76,16 @@ def _updated(model: GravityModel, loaded: Recording,
 
 
 def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:
-    lines = [*result.report['warnings'], *reading.scale_warnings(model, loaded.reports)]
-    known = {bag['sha256'] for bag in model.provenance.get('bags', ())}
-    lines += [f'the model was fitted to {bag.path.name} already: is it of the new payload?'
-              for bag in loaded.reports if bag.sha256 in known]
-    return lines
+    return [*result.report.warnings, *reading.scale_warnings(model, loaded.reports),
+            *(f'the model was fitted to {name} already: is it of the new payload?'
+              for name in reading.fitted_names(model, loaded.reports))]
 
 
 def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
           result: UpdateResult, target: Path) -> None:
-    for line in [*reading.lines(loaded), *axes.notes]:
-        terminal.show(terminal.safe(line))
-    terminal.show('', _joint_table(result), *map(terminal.safe, _tool_lines(result.report)))
+    terminal.say(*reading.lines(loaded), *axes.notes)
+    lines = map(terminal.safe, _tool_lines(result.report.payload))
+    terminal.show('', _joint_table(result), *lines)
     if args.dry_run:
         terminal.show('', 'nothing written (--dry-run)')
         return
@@ -111,25 +100,23 @@ def _show(args: argparse.Namespace, loaded: Recording, axes: KnownAxes,
 
 def _joint_table(result: UpdateResult) -> ScreenTable:
     report = result.report
-    rows = [(name, f'{report["effect_mean"][name]:+.3f}', f'{report["effect_max"][name]:.3f}',
-             f'± {1.96 * report["std"][name]:.3f}', f'{report["rmse_before"][name]:.4f}',
-             f'{report["rmse"][name]:.4f}') for name in result.model.joints]
+    rows = [(name, f'{report.effect_mean[name]:+.3f}', f'{report.effect_max[name]:.3f}',
+             f'± {1.96 * report.std[name]:.3f}', f'{report.rmse_before[name]:.4f}',
+             f'{report.rmse[name]:.4f}') for name in result.model.joints]
     return terminal.table(
-        f'what the payload does, N·m ({report["formulation"]}, {report["n_samples"]} samples)',
+        f'what the payload does, N·m ({report.formulation}, {report.n_samples} samples)',
         ['joint', 'mean', 'largest', 'unsure by (95 %)', 'RMSE before', 'RMSE after'], rows)
 
 
-def _tool_lines(report: dict[str, Any]) -> list[str]:
-    payload = report['payload']
+def _tool_lines(payload: PayloadEstimate | None) -> list[str]:
     if payload is None:
         return ['(--urdf FILE tells the mass and its centre as well)']
-    mass, centre = payload['mass'], payload['centre']
-    lines = [f'mass {mass["value"]:+.3f} kg (95 %: {mass["ci95"][0]:.3f} to '
-             f'{mass["ci95"][1]:.3f})',
+    low, high = payload.mass.ci95
+    lines = [f'mass {payload.mass.value:+.3f} kg (95 %: {low:.3f} to {high:.3f})',
              'that interval does not cover an error of the torque scale: where effort reads 5 % '
              'too high, so does the mass (a known mass on the arm shows it)']
-    if centre is None:
+    if payload.centre is None:
         return [*lines, 'the mass is not told from 0, so it has no centre']
-    where = ', '.join(f'{axis} {1e3 * x["value"]:.1f} mm ({1e3 * x["ci95"][0]:.1f} to '
-                      f'{1e3 * x["ci95"][1]:.1f})' for axis, x in centre.items())
-    return [*lines, f'its centre in the frame of {payload["link"]}: {where}']
+    where = ', '.join(f'{axis} {1e3 * x.value:.1f} mm ({1e3 * x.ci95[0]:.1f} to '
+                      f'{1e3 * x.ci95[1]:.1f})' for axis, x in payload.centre.items())
+    return [*lines, f'its centre in the frame of {payload.link}: {where}']

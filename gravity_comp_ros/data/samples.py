@@ -13,6 +13,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+_ONE_TIME, _ONE_RUN = np.zeros(1), np.zeros(1, dtype=np.int64)
+
 
 @dataclass(frozen=True, eq=False)
 class JointSamples:
@@ -97,6 +99,18 @@ class JointSamples:
                    np.asarray(qd, dtype=np.float64), np.asarray(tau, dtype=np.float64),
                    np.zeros(t.shape, dtype=np.int64), (label,),
                    () if start is None else (start,))
+
+    @classmethod
+    def moment(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:
+        """
+        Return one sample of q (N,) and qd (N,), without torque, for a loop of a thousand a second.
+
+        It holds views of finite arrays, and nothing is checked.
+        """
+        made = object.__new__(cls)
+        made.__dict__.update(names=names, t=_ONE_TIME, q=q[None], qd=qd[None], runs=_ONE_RUN,
+                             tau=np.zeros((1, len(q))), run_labels=('moment',), starts=())
+        return made
 
     @property
     def n_samples(self) -> int:

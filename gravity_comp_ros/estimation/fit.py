@@ -18,14 +18,14 @@ from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_chain
-from gravity_comp_ros.estimation.fit_report import build_report
+from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.estimation.formulation_choice import Choice, choose
 from gravity_comp_ros.estimation.regression import build_regression, Regression
 from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseEstimate
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.nuisance import OFFSET
+from gravity_comp_ros.models.nuisance import NuisanceTerms, OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
@@ -85,11 +85,28 @@ class FitOptions:
 
 @dataclass(frozen=True)
 class FitResult:
-    """A model, a report ready for JSON, and whether every L1 problem converged."""
+    """A model, a report, and whether every L1 problem converged."""
 
     model: GravityModel
-    report: dict[str, Any]
+    report: FitDetails
     converged: bool
+
+    def to_json(self) -> dict[str, Any]:
+        """Return `joints`, `report` and `converged` as `fit --json` prints them."""
+        model, report = self.model, self.report
+        joints = {name: {
+            'features': report.features[name], 'rmse': report.rmse[name],
+            'noise': report.noise[name], 'relative_noise': report.relative_noise[name],
+            'q_min': model.coverage.q_min[n], 'q_max': model.coverage.q_max[n],
+            'equation': model.equation(name)} for n, name in enumerate(model.joints)}
+        return {'joints': joints, 'report': report.to_json(), 'converged': self.converged}
+
+    def warned(self, warning: str) -> FitResult:
+        """Return the same with one more warning, told first, here and in the provenance."""
+        warnings, told = (warning, *self.report.warnings), self.model.provenance
+        told = {**told, 'report': {**told['report'], 'warnings': list(warnings)}}
+        return replace(self, report=replace(self.report, warnings=warnings),
+                       model=replace(self.model, provenance=told))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +141,9 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     regression = build_regression(samples, qdd=fast_accelerations(samples))
     estimate = estimate_gravity(regression, options, old)
     model = gravity_model(estimate, samples)
-    report = build_report(model, samples, estimate.choice, estimate.regression)
-    if warning:
-        report['warnings'].insert(0, warning)
-    model = replace(model, provenance={'options': options.to_json(), 'report': report},
-                    geometry=_geometry(options, estimate))
+    report = build_report(model, samples, estimate.choice, estimate.regression, warning)
+    model = replace(model, geometry=_geometry(options, estimate),
+                    provenance={'options': options.to_json(), 'report': report.to_json()})
     if progress:
         progress('fit', 1.0)
     found = estimate.choice.estimate
@@ -202,7 +217,8 @@ def _geometry(options: FitOptions, estimate: Estimate) -> Geometry | None:
     return options.geometry
 
 
-def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]) -> Any:
+def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]
+              ) -> NuisanceTerms:
     regression, k = found.regression, found.regression.n_effects
     left = np.sqrt((regression.trust * found.residual() ** 2).mean(axis=0))
     return regression.nuisance.terms(names, found.beside[k:], found.covariance[k:, k:], left)

@@ -2,65 +2,114 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.formulation_choice import Choice
 from gravity_comp_ros.estimation.regression import Regression
-from gravity_comp_ros.estimation.robust import set_aside
+from gravity_comp_ros.estimation.robust import set_aside, SetAside
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit
-from gravity_comp_ros.models.noise import NoiseModel
-from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerms, VISCOUS
+from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, VISCOUS
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
 from gravity_comp_ros.printable import counted
 import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class FormulationChoice:
+    """Which formulation and why; `held_out` are errors in multiples of the noise, by name."""
+
+    formulation: str
+    why: str
+    held_out: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class FitDetails:
+    """
+    What a fit reports.
+
+    By joint: the number of `features`; `rmse` in N·m of the model as it predicts; the remaining
+    error, `noise` in N·m and `relative_noise` as a share of the torque; the samples that were
+    `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
+    `known_axes` or was searched for. `std_anywhere` in N·m is what the chain is unsure of.
+    """
+
+    formulation: str
+    choice: FormulationChoice
+    n_samples: int
+    n_runs: int
+    n_fitted: int
+    features: Mapping[str, int]
+    rmse: Mapping[str, float]
+    noise: Mapping[str, float]
+    relative_noise: Mapping[str, float]
+    nuisance: tuple[NuisanceTerm, ...]
+    set_aside: Mapping[str, SetAside]
+    solver: tuple[SparseFit, ...]
+    dropped_joints: tuple[str, ...]
+    warnings: tuple[str, ...]
+    chain: ChainFit | None
+    known_axes: bool
+    std_anywhere: Mapping[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as a model's provenance and `fit --json` hold it."""
+        return {
+            'formulation': self.formulation, 'choice': asdict(self.choice),
+            'n_samples': self.n_samples, 'n_runs': self.n_runs, 'n_fitted': self.n_fitted,
+            'features': dict(self.features), 'rmse': dict(self.rmse),
+            'noise': {'absolute': dict(self.noise), 'relative': dict(self.relative_noise)},
+            'nuisance': [_nuisance_json(term) for term in self.nuisance],
+            'set_aside': {name: asdict(lost) for name, lost in self.set_aside.items()},
+            'solver': [_solver_json(each) for each in self.solver],
+            'dropped_joints': list(self.dropped_joints), 'warnings': list(self.warnings),
+            **({} if self.chain is None else {'chain': {
+                'known_axes': self.known_axes, **_chain_json(self.chain),
+                'std_anywhere': dict(self.std_anywhere)}})}
 
 
 def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
-                 regression: Regression) -> dict[str, Any]:
-    """Return the report of a fit, ready for JSON; errors are those of the model as it is."""
+                 regression: Regression, warning: str = '') -> FitDetails:
+    """
+    Return the report of a fit; errors are those of the model as it is.
+
+    :param warning: to be told before all others.
+    """
     found = choice.estimate
     chain = found.fit if isinstance(found, ChainEstimate) else None
     fits = [] if isinstance(found, ChainEstimate) else found.fits
     noises = [chain.noise] if chain else [each.noise for each in fits]
-    report: dict[str, Any] = {
-        'formulation': model.formulation,
-        'choice': {'formulation': choice.formulation, 'why': choice.why,
-                   'held_out': dict(choice.held_out)},
-        'n_samples': samples.n_samples, 'n_runs': samples.n_runs,
-        'n_fitted': regression.samples.n_samples,
-        'features': dict(zip(model.joints, model.n_features().tolist())),
-        'rmse': dict(zip(model.joints, model.noise.tolist())),
-        'noise': {'absolute': _per_joint(model.joints, noises, 'absolute'),
-                  'relative': _per_joint(model.joints, noises, 'relative')},
-        'nuisance': nuisance_json(model.nuisance),
-        'set_aside': {name: asdict(gone) for name, gone in
-                      set_aside(regression.samples, regression.trust).items()},
-        'solver': [_solver(each) for each in fits],
-        'dropped_joints': [name for name, still in zip(samples.names, at_rest(samples.q))
-                           if still],
-        'warnings': [],
-    }
-    report['warnings'] = _warnings(samples, model, choice, chain, fits, report)
-    if chain:
-        report['chain'] = {
-            'known_axes': choice.known_axes, **_chain_json(chain),
-            'std_anywhere': dict(zip(model.joints, std_anywhere(
-                chain.chain, chain.covariance).tolist()))}
-    return report
+    dropped = tuple(name for name, still in zip(samples.names, at_rest(samples.q)) if still)
+    gone = set_aside(regression.samples, regression.trust)
+    lines = [warning, choice.warning, *_warnings(samples, model, chain, fits, dropped, gone)]
+
+    def by_joint(values: NDArray[Any]) -> dict[str, Any]:
+        return dict(zip(model.joints, values.tolist()))
+
+    return FitDetails(
+        model.formulation, FormulationChoice(choice.formulation, choice.why, choice.held_out),
+        samples.n_samples, samples.n_runs, regression.samples.n_samples,
+        by_joint(model.n_features()), by_joint(model.noise),
+        by_joint(np.concatenate([each.absolute for each in noises])),
+        by_joint(np.concatenate([each.relative for each in noises])),
+        model.nuisance.terms, gone, tuple(fits), dropped, tuple(line for line in lines if line),
+        chain, choice.known_axes,
+        by_joint(std_anywhere(chain.chain, chain.covariance)) if chain else {})
 
 
-def nuisance_json(nuisance: NuisanceTerms) -> list[dict[str, Any]]:
-    """Return the nuisance terms with their 95 % intervals."""
-    return [{'effect': term.kind, 'joint': term.joint, 'value': term.value, 'unit': term.unit,
-             'ci95': [term.value - 1.96 * term.std, term.value + 1.96 * term.std],
-             **({'acceleration_of': term.source} if term.source else {})}
-            for term in nuisance.terms]
+def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
+    """Return a nuisance term with its 95 % interval."""
+    return {'effect': term.kind, 'joint': term.joint, 'value': term.value, 'unit': term.unit,
+            'ci95': [term.value - 1.96 * term.std, term.value + 1.96 * term.std],
+            **({'acceleration_of': term.source} if term.source else {})}
 
 
 def nuisance_sentence(nuisance: NuisanceTerms) -> str | None:
@@ -80,13 +129,7 @@ def nuisance_sentence(nuisance: NuisanceTerms) -> str | None:
     return f'fitted beside gravity and not predicted: {listed}'
 
 
-def _per_joint(joints: tuple[str, ...], models: list[NoiseModel],
-               which: str) -> dict[str, float]:
-    values = np.concatenate([getattr(model, which) for model in models])
-    return dict(zip(joints, values.tolist()))
-
-
-def _solver(found: SparseFit) -> dict[str, Any]:
+def _solver_json(found: SparseFit) -> dict[str, Any]:
     solution = found.lasso
     return {'lambda': solution.lam, 'iterations': solution.iterations,
             'rounds': found.rounds, 'working_set': solution.working_set,
@@ -102,18 +145,18 @@ def _chain_json(chain: ChainFit) -> dict[str, Any]:
             'rivals': chain.rivals, 'inflation': chain.inflation.tolist()}
 
 
-def _warnings(samples: JointSamples, model: GravityModel, choice: Choice,
-              chain: ChainFit | None, fits: list[SparseFit], report: dict[str, Any]) -> list[str]:
-    lines = [choice.warning] if choice.warning else []
-    if report['dropped_joints']:
-        lines.append(f'{", ".join(report["dropped_joints"])} never moved: the model is valid only '
-                     f'where it stood')
+def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None,
+              fits: list[SparseFit], dropped: tuple[str, ...],
+              gone: Mapping[str, SetAside]) -> list[str]:
+    lines = []
+    if dropped:
+        lines.append(f'{", ".join(dropped)} never moved: the model is valid only where it stood')
     if not any(torque.indices.size for torque in model.torques):
         lines.append('no torque differs from noise: the model is 0 everywhere. If gravity does '
                      'load the arm, record more poses')
-    for name, gone in report['set_aside'].items():
-        lines.append(f'set aside as outliers: {counted(gone["n"], "sample")} of {name}, from '
-                     f'{gone["first"]:.1f} to {gone["last"]:.1f} s of {gone["label"]}')
+    for name, lost in gone.items():
+        lines.append(f'set aside as outliers: {counted(lost.n, "sample")} of {name}, from '
+                     f'{lost.first:.1f} to {lost.last:.1f} s of {lost.label}')
     if chain:
         lines += _structure(model, chain) + _unsure(samples, model, chain)
     if not all(found.lasso.converged for found in fits):

@@ -12,11 +12,13 @@ so that their intervals hold the old model's uncertainty as well as the noise of
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
+from gravity_comp_ros.models.applied_effects import Value
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
@@ -39,16 +41,14 @@ _REPEATS = 0.5
 @dataclass(frozen=True)
 class PayloadEstimate:
     """
-    A tool: `mass` in kg and `centre` (3,) in m in the coordinates of `link`, with 95 % intervals.
+    A tool: its `mass` in kg, and its `centre` in m by axis in the coordinates of `link`.
 
     The centre is None where the mass is not told from 0. What came off has a negative mass.
     """
 
     link: str
-    mass: float
-    mass_ci95: tuple[float, float]
-    centre: FloatArray | None
-    centre_ci95: FloatArray | None
+    mass: Value
+    centre: Mapping[str, Value] | None
 
 
 @dataclass(frozen=True)
@@ -91,14 +91,15 @@ def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geome
 
 
 def _weighed(found: FloatArray, spread: FloatArray, link: str) -> PayloadEstimate:
-    mass, sigma = float(found[0]), float(np.sqrt(spread[0, 0]))
-    interval = (mass - 1.96 * sigma, mass + 1.96 * sigma)
-    if abs(mass) < _TOLD * sigma:
-        return PayloadEstimate(link, mass, interval, None, None)
+    value, sigma = float(found[0]), float(np.sqrt(spread[0, 0]))
+    mass = Value(value, 'kg', (value - 1.96 * sigma, value + 1.96 * sigma))
+    if abs(value) < _TOLD * sigma:
+        return PayloadEstimate(link, mass, None)
     draws = np.random.default_rng(0).multivariate_normal(found, spread, _DRAWS)
-    centres = draws[:, 1:] / draws[:, :1]
-    return PayloadEstimate(link, mass, interval, found[1:] / mass,
-                           np.percentile(centres, [2.5, 97.5], axis=0).T)
+    low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)
+    return PayloadEstimate(link, mass, {
+        axis: Value(float(found[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
+        for k, axis in enumerate('xyz', start=1)})
 
 
 def on_known_axes(model: GravityModel, geometry: Geometry) -> tuple[Chain, FloatArray]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.refit_terms import RefitProblem
@@ -65,6 +66,18 @@ class Refit:
         """Return held-out RMSE in N·m by joint, before and after."""
         return ({name: e.before for name, e in self.errors.items()},
                 {name: e.after for name, e in self.errors.items()})
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the refit as `add --json` prints it; errors in N·m, shares of the range."""
+        return {
+            'added': list(self.added),
+            'held_out': {name: {'rmse_before': e.before, 'rmse_after': e.after,
+                                'nrmse_before': e.nrmse_before, 'nrmse_after': e.nrmse_after}
+                         for name, e in self.errors.items()},
+            'effects': [{'target': e.target, **asdict(e)} for e in self.model.applied.effects],
+            'p': self.p, 'n_samples': self.n_samples, 'all_speeds': self.all_speeds,
+            'left_out': dict(self.skipped), 'implausible': dict(self.implausible),
+            'kept': list(self.kept)}
 
     @property
     def helps(self) -> bool:

@@ -72,14 +72,6 @@ class System:
         return self.y - np.column_stack([part.columns @ x[part.unknowns]
                                          for part in self.parts])
 
-    def left_out_residual(self) -> FloatArray:
-        """Return the residual (M, N) of every sample, fitted without its fold."""
-        out = np.empty_like(self.y)
-        for f in range(len(self._gram) - 1):
-            rows = self.fold == f
-            out[rows] = self.residual(self.solve(f))[rows]
-        return out
-
     def training_error(self, which: int) -> float:
         """Return the squared error of fit `which` where it was fitted, in units of noise."""
         x = self.solve(which)

@@ -9,7 +9,8 @@ by them, unless the samples say that it was something else that changed.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -26,6 +27,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerms
+from gravity_comp_ros.models.sparse.admm import AdmmResult
 from gravity_comp_ros.models.sparse.dictionary import feature_name
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -41,6 +43,8 @@ _SAME_NOISE = 0.15
 _FEW = 30
 # By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
 _NO_TOOL = 40.0
+# What is reported of ADMM's run.
+_SOLVER = ('iterations', 'primal_residual', 'dual_residual', 'converged')
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,42 @@ class UpdateOptions:
 
 
 @dataclass(frozen=True)
+class UpdateDetails:
+    """
+    What an update reports.
+
+    By joint, in N·m: `rmse_before` and `rmse` of the models before and after, `noise`, the
+    prediction's largest standard deviation `std`, and mean and largest torque of the payload.
+    `changed` are coefficients of the model; `payload` is None without known axes.
+    """
+
+    formulation: str
+    n_samples: int
+    rmse_before: Mapping[str, float]
+    rmse: Mapping[str, float]
+    noise: Mapping[str, float]
+    std: Mapping[str, float]
+    effect_mean: Mapping[str, float]
+    effect_max: Mapping[str, float]
+    changed: Mapping[str, float]
+    payload: PayloadEstimate | None
+    log_evidence: float
+    solver: AdmmResult = field(compare=False)
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as a model's provenance and `update --json` hold it."""
+        solver = {name: getattr(self.solver, name) for name in _SOLVER}
+        return {**vars(self), 'payload': None if self.payload is None else asdict(self.payload),
+                'solver': solver, 'warnings': list(self.warnings)}
+
+
+@dataclass(frozen=True)
 class UpdateResult:
-    """The model with the new tool, and a report ready for JSON."""
+    """The model with the new tool, and what is to be said of it."""
 
     model: GravityModel
-    report: dict[str, Any]
+    report: UpdateDetails
 
 
 def update(model: GravityModel, samples: JointSamples,
@@ -114,7 +149,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
     rmse = np.sqrt(((measured.tau - found.model.predict(measured.q)) ** 2).mean(axis=0))
     report = _report(model, found, measured, rmse, sigma)
     provenance = {**model.provenance,
-                  'updates': [*model.provenance.get('updates', []), report]}
+                  'updates': [*model.provenance.get('updates', []), report.to_json()]}
     nuisance = found.model.nuisance
     if nuisance.noise.size:
         nuisance = NuisanceTerms(nuisance.terms, nuisance.width, nuisance.hold, sigma)
@@ -238,8 +273,8 @@ def _energy_step(model: GravityModel, new: NewSamples) -> _Step:
     return _Step(_with_energy(model, energy, None, spread), changed, change)
 
 
-def _with_energy(model: GravityModel, energy: Expansion, chain: Any,
-                 uncertainty: Any) -> GravityModel:
+def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,
+                 uncertainty: ChainUncertainty | EnergyUncertainty) -> GravityModel:
     changed = GravityModel.from_energy(model.joints, model.formulation, energy, model.noise,
                                        model.coverage, model.provenance, chain, uncertainty)
     return replace(changed, applied=model.applied, history=model.history,
@@ -265,38 +300,26 @@ def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:
 
 
 def _report(old: GravityModel, found: _Step, samples: JointSamples, rmse: FloatArray,
-            sigma: FloatArray) -> dict[str, Any]:
-    names = old.joints
+            sigma: FloatArray) -> UpdateDetails:
     before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
     difference = found.model.predict(samples.q) - old.predict(samples.q)
     spread = found.model.predict_std(samples.q).max(axis=0)
+    warnings = _unsure(found.model, sigma)
+    if len(samples) < _FEW:
+        warnings.insert(0, f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at 5 Hz, '
+                        f'an update is as sure as it says')
+    if found.tool is not None and not found.is_tool:
+        warnings.append('a rigid body on the last link does not explain what changed; the mass '
+                        'and centre told here are only the nearest to it')
 
     def by_joint(values: FloatArray) -> dict[str, float]:
-        return dict(zip(names, np.asarray(values, dtype=float).tolist()))
+        return dict(zip(old.joints, values.tolist()))
 
-    lasso = asdict(found.change.lasso)
-    report: dict[str, Any] = {
-        'formulation': found.model.formulation, 'n_samples': samples.n_samples,
-        'rmse_before': by_joint(before), 'rmse': by_joint(rmse), 'noise': by_joint(sigma),
-        'std': by_joint(spread),
-        'effect_mean': by_joint(difference.mean(axis=0)),
-        'effect_max': by_joint(np.abs(difference).max(axis=0)),
-        'changed': found.changed, 'payload': None,
-        'log_evidence': found.change.log_evidence,
-        'solver': {key: lasso[key] for key in
-                   ('iterations', 'primal_residual', 'dual_residual', 'converged')},
-        'warnings': [],
-    }
-    if len(samples) < _FEW:
-        report['warnings'] += [f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at '
-                               f'5 Hz, an update is as sure as it says']
-    report['warnings'] += _unsure(found.model, sigma)
-    if found.tool is not None:
-        report['payload'] = _payload_json(found.tool)
-        if not found.is_tool:
-            report['warnings'] += ['a rigid body on the last link does not explain what changed; '
-                                   'the mass and centre told here are only the nearest to it']
-    return report
+    return UpdateDetails(
+        found.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
+        by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
+        by_joint(np.abs(difference).max(axis=0)), found.changed, found.tool,
+        found.change.log_evidence, found.change.lasso, tuple(warnings))
 
 
 def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
@@ -309,12 +332,3 @@ def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
     std = std_anywhere(model.chain, model.uncertainty.covariance)[joint]
     return [f'away from these poses the torque of {model.joints[joint]} may be off by '
             f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']
-
-
-def _payload_json(tool: PayloadEstimate) -> dict[str, Any]:
-    found: dict[str, Any] = {'link': tool.link, 'mass': {
-        'value': tool.mass, 'unit': 'kg', 'ci95': list(tool.mass_ci95)}, 'centre': None}
-    if tool.centre is not None and tool.centre_ci95 is not None:
-        found['centre'] = {axis: {'value': float(value), 'unit': 'm', 'ci95': interval.tolist()}
-                           for axis, value, interval in zip('xyz', tool.centre, tool.centre_ci95)}
-    return found

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
@@ -77,6 +78,14 @@ class RecordingFacts:
     at_rest: bool
     remarks: tuple[str, ...]
     reversed_joints: tuple[str, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the facts as `info --json` prints them."""
+        joints = {name: asdict(joint) for name, joint in self.joints.items()}
+        for joint in joints.values():
+            del joint['slow_travel']
+        return {'joints': joints, 'slow_share': self.slow_share, 'kept': self.kept,
+                'at_rest': self.at_rest, 'remarks': list(self.remarks)}
 
 
 def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> RecordingFacts:

@@ -13,11 +13,13 @@ from concurrent.futures import as_completed, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import Any
+from typing import TypeVar
 
 from gravity_comp_ros.errors import DataError, GravityCompError
 
-Task = Callable[[Any], Any]
+Item = TypeVar('Item')
+Result = TypeVar('Result')
+Task = Callable[[Item], Result]
 # A task during which workers die this often is not tried again.
 _ATTEMPTS = 3
 _CONNECT = 30.0  # s
@@ -28,6 +30,10 @@ class Failure:
     """Why a task has no result, in one line."""
 
     reason: str
+
+
+# The number of an item, and what came of it.
+Results = Iterator[tuple[int, Result | Failure]]
 
 
 @dataclass(frozen=True)
@@ -43,7 +49,7 @@ class Engine:
     workers: int = 1
     scheduler: str | None = None
 
-    def run(self, task: Task, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    def run(self, task: Task[Item, Result], items: Sequence[Item]) -> Results[Result]:
         """Yield (number of the item, its result or a `Failure`) for every item, once."""
         if self.scheduler is not None:
             yield from _on_dask(self.scheduler, task, items)
@@ -53,7 +59,7 @@ class Engine:
             yield from _in_processes(self.workers, task, items)
 
 
-def attempt(task: Task, item: Any) -> Any:
+def attempt(task: Task[Item, Result], item: Item) -> Result | Failure:
     """Return the task's result, or its error as a `Failure`."""
     try:
         return task(item)
@@ -64,10 +70,11 @@ def attempt(task: Task, item: Any) -> Any:
                        + ' '.join(str(error).split()))
 
 
-def _in_processes(workers: int, task: Task, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
+                  ) -> Results[Result]:
     left = set(range(len(items)))
     with _pool(workers) as pool:
-        futures: dict[Future, int] = {
+        futures: dict[Future[Result | Failure], int] = {
             pool.submit(attempt, task, items[number]): number for number in sorted(left)}
         for future in as_completed(futures):
             if not isinstance(future.exception(), BrokenProcessPool):
@@ -79,7 +86,7 @@ def _in_processes(workers: int, task: Task, items: Sequence[Any]) -> Iterator[tu
         yield number, _alone(task, items[number])
 
 
-def _alone(task: Task, item: Any) -> Any:
+def _alone(task: Task[Item, Result], item: Item) -> Result | Failure:
     for _ in range(_ATTEMPTS - 1):
         with _pool(1) as pool:
             future = pool.submit(attempt, task, item)
@@ -93,7 +100,7 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=get_context('spawn'))
 
 
-def _on_dask(address: str, task: Task, items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> Results[Result]:
     try:
         from distributed import as_completed as completed, Client, KilledWorker
     except ImportError:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field, is_dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, is_dataclass, replace
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from gravity_comp_ros.api.provenance import bag_json
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
-from gravity_comp_ros.fleet.engine import Engine, Failure
+from gravity_comp_ros.fleet.engine import Engine, Failure, Item, Result, Task
 from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
+from gravity_comp_ros.fleet.outcome import DiagnosedRobot, FittedRobot, Outcome
 from gravity_comp_ros.fleet.store import Store
 from gravity_comp_ros.fleet.tasks import (
     diagnose_robot, DiagnoseTask, fit_robot, FitTask, read, ReadTask)
@@ -25,22 +25,8 @@ from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
 Progress = Callable[[str, float], None]
+What = TypeVar('What')
 KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use
-
-
-@dataclass
-class Outcome:
-    """
-    What became of a fleet: per robot what it has now, and what failed.
-
-    `robots` maps names to a few figures; `failed_bags` and `failed_robots` say why. `resumed`
-    counts the bags and robots that an earlier run had done.
-    """
-
-    robots: dict[str, dict[str, Any]] = field(default_factory=dict)
-    failed_bags: dict[str, str] = field(default_factory=dict)
-    failed_robots: dict[str, str] = field(default_factory=dict)
-    resumed: int = 0
 
 
 @dataclass(frozen=True)
@@ -62,27 +48,24 @@ class FleetRun:
         """
         outcome, store = Outcome(), Store(self.output / KEPT)
         recordings = self._read(outcome, store)
-        waiting = {}
+        waiting = []
         for robot in self.robots:
             found = [recordings[bag] for bag in robot.bags if bag in recordings]
             key = _key('fit', robot.name, [r.report.sha256 for r in found], options,
                        self.reading, self.gate)
             done = store.note(key)
             if done is not None and _holds_model(self._model_file(robot)):
-                outcome.robots[robot.name] = done
+                outcome.robots[robot.name] = FittedRobot.from_json(done)
                 outcome.resumed += 1
             else:
-                waiting[robot.name] = (robot, key, found)
-        names = list(waiting)
-        tasks = [FitTask(tuple(r.samples for r in waiting[name][2]), options) for name in names]
-        for count, (number, result) in enumerate(self.engine.run(fit_robot, tasks)):
-            robot, key, found = waiting[names[number]]
-            self.progress('fit', (count + 1) / len(names))
+                waiting.append(((robot, key, found),
+                                FitTask(tuple(r.samples for r in found), options)))
+        for (robot, key, found), result in self._work('fit', fit_robot, waiting):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
-            outcome.robots[robot.name] = self._save(robot, found, result)
-            store.keep_note(key, outcome.robots[robot.name])
+            fitted = outcome.robots[robot.name] = self._save(robot, found, result)
+            store.keep_note(key, fitted.to_json())
         return outcome
 
     def diagnose(self, models: Path | None = None,
@@ -94,7 +77,7 @@ class FleetRun:
         :raises BagError: if nothing can be written.
         """
         outcome, store = Outcome(), Store(self.output / KEPT)
-        waiting: list[tuple[Robot, str, DiagnoseTask]] = []
+        waiting = []
         for robot in self.robots:
             try:
                 model = load_model(models / f'{robot.name}.json') if models else None
@@ -105,20 +88,17 @@ class FleetRun:
                        self.reading, effects, _told(model))
             done = store.note(key)
             if done is None:
-                waiting.append((robot, key, DiagnoseTask(robot.bags, self.reading, model,
-                                                         effects)))
+                waiting.append(((robot, key), DiagnoseTask(robot.bags, self.reading, model,
+                                                           effects)))
                 continue
             outcome.resumed += 1
             self._tell(outcome, robot, done)
-        tasks = [task for _, _, task in waiting]
-        for count, (number, result) in enumerate(self.engine.run(diagnose_robot, tasks)):
-            robot, key, _ = waiting[number]
-            self.progress('diagnose', (count + 1) / len(tasks))
+        for (robot, key), result in self._work('diagnose', diagnose_robot, waiting):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
             found, failed = result
-            done = {'diagnosis': found, 'failed': {b: f.reason for b, f in failed.items()}}
+            done = {'diagnosis': found.to_json(), 'failed': failed}
             store.keep_note(key, done)
             self._tell(outcome, robot, done)
         return outcome
@@ -130,40 +110,43 @@ class FleetRun:
             key = fingerprint_of(bag, self.reading, self.gate)
             before = store.recording(key)
             if before is None:
-                waiting.append((key, ReadTask(bag, self.reading, self.gate)))
+                waiting.append(((bag, key), ReadTask(bag, self.reading, self.gate)))
             else:
                 found[bag] = before
                 outcome.resumed += 1
-        tasks = [task for _, task in waiting]
-        for count, (number, result) in enumerate(self.engine.run(read, tasks)):
-            key, task = waiting[number]
-            self.progress('read', (count + 1) / len(tasks))
+        for (bag, key), result in self._work('read', read, waiting):
             if isinstance(result, Failure):
-                outcome.failed_bags[str(task.bag)] = result.reason
+                outcome.failed_bags[str(bag)] = result.reason
             else:
                 store.keep(key, result)
-                found[task.bag] = result
+                found[bag] = result
         return found
+
+    def _work(self, word: str, task: Task[Item, Result], waiting: Sequence[tuple[What, Item]]
+              ) -> Iterator[tuple[What, Result | Failure]]:
+        """Yield what each task was for, and its result, as they come."""
+        running = self.engine.run(task, [item for _, item in waiting])
+        for count, (number, result) in enumerate(running, start=1):
+            self.progress(word, count / len(waiting))
+            yield waiting[number][0], result
 
     def _model_file(self, robot: Robot) -> Path:
         return self.output / f'{robot.name}.json'
 
     def _save(self, robot: Robot, found: list[GatedRecording],
-              result: FitResult) -> dict[str, Any]:
-        bags = [bag_json(r.report) for r in found]
+              result: FitResult) -> FittedRobot:
+        bags = [r.report.to_json() for r in found]
         model = replace(result.model, provenance={**result.model.provenance, 'bags': bags})
         save_model(self._model_file(robot), model)
-        return {'model': self._model_file(robot).name, 'bags': len(found),
-                'samples': model.coverage.n_samples, 'converged': result.converged,
-                'rmse': dict(result.report['rmse']), 'warnings': result.report['warnings']}
+        return FittedRobot(self._model_file(robot).name, len(found), model.coverage.n_samples,
+                           result.converged, result.report.rmse, result.report.warnings)
 
     def _tell(self, outcome: Outcome, robot: Robot, done: dict[str, Any]) -> None:
         outcome.failed_bags.update(done['failed'])
         file = self.output / f'{robot.name}.diagnosis.json'
         write_atomically(file, (json.dumps(done['diagnosis'], indent=2) + '\n').encode(),
                          BagError)
-        outcome.robots[robot.name] = {'diagnosis': file.name,
-                                      'findings': done['diagnosis']['findings']}
+        outcome.robots[robot.name] = DiagnosedRobot.from_json(file.name, done['diagnosis'])
 
 
 def _holds_model(path: Path) -> bool:

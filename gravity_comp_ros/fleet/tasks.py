@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
+from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import BagError, FitError, GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
-from gravity_comp_ros.fleet.engine import Failure
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording, read_gated
@@ -67,9 +66,9 @@ def fit_robot(task: FitTask) -> FitResult:
     return fit(concatenate(task.parts), task.options)
 
 
-def diagnose_robot(task: DiagnoseTask) -> tuple[dict[str, Any], dict[str, Failure]]:
+def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
     """
-    Return the diagnosis of one robot as `diagnose --json` prints it, and the bags left out.
+    Return the diagnosis of one robot, and why bags were left out.
 
     :raises FitError: if none of its bags can be read.
     """
@@ -80,9 +79,7 @@ def diagnose_robot(task: DiagnoseTask) -> tuple[dict[str, Any], dict[str, Failur
         try:
             parts.append(read_bag(bag, options).samples)
         except GravityCompError as error:
-            failed[str(bag)] = Failure(str(error))
+            failed[str(bag)] = str(error)
     if not parts:
-        raise FitError('none of its bags could be read: '
-                       + '; '.join(failure.reason for failure in failed.values()))
-    found = diagnose(concatenate(parts), task.model, DiagnosisOptions(effects=task.effects))
-    return found.to_json(), failed
+        raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
+    return diagnose(concatenate(parts), task.model, DiagnosisOptions(effects=task.effects)), failed

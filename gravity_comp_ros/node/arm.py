@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from typing import cast
 
 from gravity_comp_ros.data.gate import Gate
 from gravity_comp_ros.data.samples import FloatArray
@@ -18,7 +17,8 @@ from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
 from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
-from gravity_comp_ros.node.messages import Reader, Reading, TIME_BACK, TIME_STILL
+from gravity_comp_ros.node.messages import (
+    Reader, Reading, TIME_BACK, TIME_STILL, WholeReading)
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
@@ -160,14 +160,14 @@ class Arm:
             self.sent.published(now, tau)
         return tau
 
-    def compared(self, reading: Reading, predicted: FloatArray) -> None:
+    def compared(self, reading: WholeReading, predicted: FloatArray) -> None:
         """Note how well the model in use predicts a slow sample."""
-        q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
-        model, error = cast(GravityModel, self._model), tau - predicted
+        q, qd, tau, model = reading.q, reading.qd, reading.tau, self._model
+        error = tau - predicted
         beside = error if self._friction is None else error - self._friction.torque(q, qd)
         self._squares += np.square([error, beside])
         self.n_residual += 1
-        if self._watch is None or self.distance(q).any():
+        if model is None or self._watch is None or self.distance(q).any():
             return
         gravity = model.predict_one(q)
         self._watch.offer(q, gravity + beside, gravity)

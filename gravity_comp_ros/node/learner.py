@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import cast
 
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.arm import Arm
@@ -67,8 +66,8 @@ class Learner:
         if self.fits.state == 'ready':
             if self._requests.wanted is not None:
                 self._serve(arm, wall)
-            elif self._may_suspect(arm) and arm.payload.is_due():
-                self._submit_look(arm, wall)
+            elif (model := self._sure_model(arm)) is not None and arm.payload.is_due():
+                self._submit_look(arm, model, wall)
             elif self.settings.auto_fit and arm.epoch.fit_is_due():
                 self._submit(arm, wall)
 
@@ -106,16 +105,18 @@ class Learner:
         self.fits.submit(Question(self.jobs, arm.epoch.every(), self.models.model), now)
         return self.jobs
 
-    def _may_suspect(self, arm: Arm) -> bool:
-        """Return whether the model in use is one of this payload, and predicts it."""
+    def _sure_model(self, arm: Arm) -> GravityModel | None:
+        """Return the model in use if it is one of this payload, and predicts it."""
         entry = self.models.entry
-        return entry is not None and arm.is_confirmed and (
-            not arm.epoch.is_open or entry.epoch == arm.epoch.number)
+        if entry is None or not arm.is_confirmed or (
+                arm.epoch.is_open and entry.epoch != arm.epoch.number):
+            return None
+        return entry.model
 
-    def _submit_look(self, arm: Arm, now: float) -> None:
+    def _submit_look(self, arm: Arm, model: GravityModel, now: float) -> None:
         self.jobs += 1
-        self.fits.submit(Look(self.jobs, arm.payload.window(), cast(
-            GravityModel, self.models.model), payload_limits(self.settings), arm.geometry), now)
+        self.fits.submit(Look(self.jobs, arm.payload.window(), model,
+                              payload_limits(self.settings), arm.geometry), now)
 
     def _look_ended(self, arm: Arm, seen: Seen, now: float) -> None:
         """Report a payload that is new, and learn it where that is wanted."""

@@ -78,6 +78,14 @@ class Reading:
         return (self.qd - self.before[1]) / (self.t - self.before[0])
 
 
+@dataclass(eq=False)
+class WholeReading(Reading):
+    """A reading that tells velocity and torque as well: the node learns from these."""
+
+    qd: FloatArray
+    tau: FloatArray
+
+
 class Reader:
     """
     Reads messages of one arm; counts every fault by its reason in `counts`.
@@ -162,7 +170,10 @@ class Reader:
         self._rebellion.clear()
         self._last = t
         qd = self._velocity(message.velocity, t, q)
-        return Reading(t, q, qd, self._effort(message.effort), new_run, self._before(t))
+        tau = self._effort(message.effort)
+        if qd is None or tau is None:
+            return Reading(t, q, qd, tau, new_run, self._before(t))
+        return WholeReading(t, q, qd, tau, new_run, self._before(t))
 
     def _before(self, t: float) -> tuple[float, FloatArray] | None:
         if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from typing import Any, cast
+from typing import Any
 
 from gravity_comp_ros.data.gate import RATE
 from gravity_comp_ros.data.samples import FloatArray
@@ -16,7 +16,7 @@ from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.fit_requests import Reply
 from gravity_comp_ros.node.learner import can_change, Learner
 from gravity_comp_ros.node.live_friction import usual_residual
-from gravity_comp_ros.node.messages import Reading
+from gravity_comp_ros.node.messages import Reading, WholeReading
 from gravity_comp_ros.node.model_history import Entry, Models
 from gravity_comp_ros.node.parameters import MOST_JOINTS, Parameters
 from gravity_comp_ros.node.realtime_effects import compensable
@@ -130,7 +130,7 @@ class NodeCore:
             arm.gate.reset()
             arm.health.restart()
             arm.payload.restart()
-        if reading.qd is not None and reading.tau is not None and arm.is_settled(now):
+        if isinstance(reading, WholeReading) and arm.is_settled(now):
             self._offer(arm, reading, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
@@ -157,21 +157,20 @@ class NodeCore:
         self.models.problem = ''
         return self.arm
 
-    def _offer(self, arm: Arm, reading: Reading, now: float) -> None:
-        q, qd, tau = reading.q, cast(FloatArray, reading.qd), cast(FloatArray, reading.tau)
-        reason = arm.gate.offer(reading.t, q, qd)
+    def _offer(self, arm: Arm, reading: WholeReading, now: float) -> None:
+        reason = arm.gate.offer(reading.t, reading.q, reading.qd)
         if reason is not None:
             if reason != RATE:
                 arm.gate_counts[reason] += 1
             return
         predicted = arm.predicted(reading)
         model = self.models.model
-        fault = arm.health.fault(q, tau, predicted,
+        fault = arm.health.fault(reading.q, reading.tau, predicted,
                                  None if model is None else usual_residual(model))
         if fault is not None:
             arm.leave_out(fault)
             return
-        arm.epoch.offer(reading.t, q, qd, tau, arm.sent.before(now))
+        arm.epoch.offer(reading.t, reading.q, reading.qd, reading.tau, arm.sent.before(now))
         if predicted is not None:
             arm.compared(reading, predicted)
             if (objection := arm.objection()) is not None:

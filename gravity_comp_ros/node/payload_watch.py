@@ -18,7 +18,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.node.payload import PARTS, PayloadFinding
 import numpy as np
 
-REPORT, LEARN = 'report', 'learn'
+LEARN = 'learn'
 # The fewest samples of motion that are looked at together, six seconds at the default rate, and
 # the most: longer windows are thinned. A heavy payload shows in few, a light one beside friction
 # in many. A contact that lasts for less than two seconds does not show in every third of few.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
@@ -47,15 +46,6 @@ class CompensateOptions:
             raise OptionError(f'compensation: fraction is {self.fraction}; it must be 0 to 1')
         if not (0.0 < self.speed < np.inf and 0.0 < self.top_speed < np.inf):
             raise OptionError('compensation: speeds must be positive')
-
-
-@dataclass(frozen=True, eq=False)
-class _Moment:
-    """The part of `JointSamples` that effects of a moment look at, for one sample."""
-
-    q: FloatArray
-    qd: FloatArray
-    n_samples: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +97,7 @@ class InstantEffects:
             return total
         if self.options is not None:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
-        moment = cast(JointSamples, _Moment(q[None], qd[None]))
+        moment = JointSamples.moment(self._model.joints, q, qd)
         motion = Motion(moment, self._zeros[0], gravity[None], self._zeros[1], self._width,
                         self._model)
         for term in self._terms:
@@ -137,8 +127,8 @@ def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
     """Return an effect, after it was asked for a torque once: a loop is no place for surprises."""
     n, joint = model.n_joints, joint_number(model, effect)
     pose = np.zeros((1, n))
-    motion = Motion(cast(JointSamples, _Moment(pose, pose)), pose, pose, np.zeros((1, n, n)),
-                    np.ones(n), model)
+    motion = Motion(JointSamples.moment(model.joints, pose[0], pose[0]), pose, pose,
+                    np.zeros((1, n, n)), np.ones(n), model)
     try:
         symbols = [c.symbol for c in
                    installed(effect).coefficients_of(motion, joint, effect.setting)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
@@ -65,6 +66,15 @@ class Expectation:
     assumed: dict[str, float]
     measured: bool
 
+    def to_json(self) -> dict[str, Any]:
+        """Return one object of `expected` of `plan --json`."""
+        widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
+                  for symbol, (width, unit) in self.half_width.items()}
+        return {'effect': self.target.effect, 'joint': self.target.joint,
+                'chance_before': self.chance_before, 'chance': self.chance,
+                'closest_alternative': self.hardest or None, 'assumed': self.assumed,
+                'size_is_measured': self.measured, 'half_width': widths}
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -74,6 +84,15 @@ class Plan:
     parts: tuple[PlannedPart, ...]
     expectations: tuple[Expectation, ...]
     notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what `plan --json` prints of the motion."""
+        return {
+            'duration_s': self.trajectory.duration, 'joints': list(self.trajectory.joints),
+            'start': self.trajectory.q[0].tolist(),
+            'parts': [{**asdict(part), 'sentence': part.sentence} for part in self.parts],
+            'expected': [expected.to_json() for expected in self.expectations],
+            'notes': list(self.notes)}
 
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,

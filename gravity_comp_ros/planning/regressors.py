@@ -123,10 +123,6 @@ class Situation:
         own = np.full(len(question.joints) * self._n_own(question), 1e-6)
         return np.concatenate([gravity, own])
 
-    def n_nuisance(self, question: Question) -> int:
-        """Return how many columns come before those of the target."""
-        return len(self._gravity_spread()) + len(question.joints) * self._n_own(question)
-
     def _n_own(self, question: Question) -> int:
         return sum(name != question.target.effect.name for name in _OWN) + self.n_joints
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import OptionError
@@ -83,6 +84,14 @@ class ReadReport:
     sha256: str
     effort_scale: Mapping[str, float]
     notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what identifies and describes the recording, as a model's provenance has it."""
+        return {'name': self.path.name, 'sha256': self.sha256, 'topic': self.topic,
+                'n_messages': self.n_messages, 'n_samples': self.n_samples,
+                'dropped': dict(self.dropped), 'velocity': self.velocity,
+                'rate_hz': self.rate_hz, 'duration_s': self.duration_s,
+                'effort_scale': dict(self.effort_scale), 'notes': list(self.notes)}
 
 
 @dataclass(frozen=True)

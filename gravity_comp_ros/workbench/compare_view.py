@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bokeh.layouts import column, gridplot
-from bokeh.models import ColumnDataSource, FactorRange, UIElement
+from bokeh.models import UIElement
 from bokeh.plotting import figure
-from bokeh.transform import dodge
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
+from gravity_comp_ros.report.bars import pair_bars
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, short, Style
+from gravity_comp_ros.report.style import canvas_text, short, Style
 from gravity_comp_ros.report.views.equations import numbers
 
 
@@ -75,25 +75,13 @@ def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
 
 
 def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> figure:
-    shown = [canvas_text(short(f'{k + 1} {printable(joint)}', 22))
+    names = [canvas_text(short(f'{k + 1} {printable(joint)}', 22))
              for k, joint in enumerate(joints)]
-    source = ColumnDataSource({'joint': shown,
-                               'a': [a.comparison.joints[j].rmse for j in joints],
-                               'b': [b.comparison.joints[j].rmse for j in joints]})
-    made = plot(style, 'RMSE of both models', 'N·m', '', 110 + 34 * len(joints), 'hover',
-                y_range=FactorRange(*shown[::-1]))
-    made.hbar(dodge('joint', 0.17, range=made.y_range), right='a', height=0.3,
-              source=source, color=style.before, legend_label=_label('A', a))
-    made.hbar(dodge('joint', -0.17, range=made.y_range), right='b', height=0.3,
-              source=source, color=style.after, legend_label=_label('B', b))
-    made.x_range.start = 0.0
-    made.ygrid.visible = False
-    made.yaxis.major_tick_line_color = made.yaxis.separator_line_color = None
-    made.hover.tooltips = [('A', '@a{0.0000} N·m'), ('B', '@b{0.0000} N·m')]
-    made.add_layout(made.legend[0], 'above')
+    made = pair_bars(style, 'RMSE of both models', 'N·m', 110 + 34 * len(joints), names,
+                     (_label('A', a), [a.comparison.joints[joint].rmse for joint in joints]),
+                     (_label('B', b), [b.comparison.joints[joint].rmse for joint in joints]),
+                     [('A', '@first{0.0000} N·m'), ('B', '@second{0.0000} N·m')])
     made.legend.orientation = 'vertical'
-    dress_legend(made, style)
-    made.toolbar_location = None
     return made
 
 

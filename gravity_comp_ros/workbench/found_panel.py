@@ -42,16 +42,15 @@ def _findings(one: OpenSession, add: Add) -> list[UIElement]:
     found = one.session.findings()
     if not found and one.session.diagnosis is not None:
         return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
-    adding = one.worker.busy and hasattr(one.worker.running, 'effects')
-    rows = [_row(number, finding, target, add, adding)
+    rows = [_row(number, finding, target, add, one.is_adding)
             for number, (finding, target) in enumerate(found)]
     shown = [widgets.html('<p class="finding quiet">Errors are held-out, of the range of the '
                           'torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
-    sure = tuple(target for one, target in found if target and one.verdict in wording.FOUND)
+    sure = tuple(target for each, target in found if target and each.verdict in wording.FOUND)
     if len(sure) > 1:
         below.append(widgets.button(f'Add all {len(sure)} that are sure', lambda: add(sure),
-                                    'primary', disabled=adding, name='add-all'))
+                                    'primary', disabled=one.is_adding, name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:
         below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …', lambda: _turn(rest),

@@ -13,7 +13,7 @@ from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
@@ -51,14 +51,6 @@ class Learn:
 
 
 @dataclass(frozen=True)
-class Learned:
-    """The model, and what the fit warns of."""
-
-    model: GravityModel
-    warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Ask:
     """Diagnose the chosen runs beside a model."""
 
@@ -75,16 +67,8 @@ class Add:
     effects: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Added:
-    """The model with the effects, its history one step longer, and how the refit went."""
-
-    model: GravityModel
-    result: Refit
-
-
 Job = Read | Learn | Ask | Add
-Answer = WasRead | Learned | Diagnosis | Added
+Answer = WasRead | FitResult | Diagnosis | Refit
 
 
 class Bench:
@@ -108,7 +92,8 @@ class Bench:
             return learn(recording, job.choice, progress)
         if isinstance(job, Ask):
             return diagnose(recording.samples, job.model, progress=progress)
-        return add(recording, job, progress)
+        return add_to_model(job.model, recording, job.effects, job.choice.refit_options(),
+                            progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         found = []
@@ -126,21 +111,12 @@ class Bench:
         return self._read
 
 
-def learn(recording: Recording, choice: Choice, progress: Progress) -> Learned:
+def learn(recording: Recording, choice: Choice, progress: Progress) -> FitResult:
     """Return the model that `gravity_comp fit` gives."""
-    options = FitOptions(formulation=choice.formulation)
-    result = fit_model(recording, options, progress=progress).result
+    result, _ = fit_model(recording, FitOptions(choice.formulation), progress=progress)
     # As `fit --joints --urdf none` has it.
     provenance = {**result.model.provenance, 'description': None, 'joint_order': '--joints'}
-    return Learned(replace(result.model, provenance=provenance),
-                   tuple(result.report['warnings']))
-
-
-def add(recording: Recording, job: Add, progress: Progress) -> Added:
-    """Return the model with effects that `gravity_comp add` gives."""
-    found = add_to_model(job.model, recording, job.effects, job.choice.refit_options(), progress)
-    # The history holds every earlier model; what travels back need not hold it twice.
-    return Added(found.model, replace(found.refit, model=found.model))
+    return replace(result, model=replace(result.model, provenance=provenance))
 
 
 def described(job: Job) -> str:

@@ -8,11 +8,13 @@ import time
 
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.estimation.fit import FitResult
+from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Event, Failed, Finished, Progressed
 from gravity_comp_ros.workbench.jobs import (
-    Add, Added, Ask, described, Job, Learn, Learned, Read, WasRead)
+    Add, Ask, described, Job, Learn, Read, WasRead)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
 
@@ -38,6 +40,11 @@ class OpenSession:
         self.left = time.monotonic()
         self.hashes: dict[str, str] = {}
         self._may_start = may_start
+
+    @property
+    def is_adding(self) -> bool:
+        """Return whether effects are being added."""
+        return isinstance(self.worker.running, Add)
 
     # What a page asks for.
 
@@ -175,10 +182,10 @@ class OpenSession:
                 if changed:
                     self.warning = (f'{", ".join(changed)} changed since this session was kept: '
                                     f'its models were learned from what was there before')
-            elif isinstance(job, Learn) and isinstance(answer, Learned):
+            elif isinstance(job, Learn) and isinstance(answer, FitResult):
                 session.learned(answer, job.choice)
-                self.warning = ' '.join(answer.warnings)
-            elif isinstance(job, Add) and isinstance(answer, Added):
+                self.warning = ' '.join(answer.report.warnings)
+            elif isinstance(job, Add) and isinstance(answer, Refit):
                 session.added(answer, job)
             elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
                 session.diagnosed(answer, job)

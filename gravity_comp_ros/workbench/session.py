@@ -17,6 +17,8 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, ModelMismatchError
+from gravity_comp_ros.estimation.fit import FitResult
+from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.history import undone
@@ -26,7 +28,7 @@ from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.jobs import Add, Added, Ask, Learn, Learned, Read, WasRead
+from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, Read, WasRead
 from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
@@ -208,11 +210,11 @@ class Session:
 
     def _use_fast_samples_where_few_are_slow(self) -> None:
         """Judge a model on the samples that `fit` takes of a fast recording: all."""
-        self.ungated = with_enough_motion(self.recording)[1] if self.choice.runs else ''
+        self.ungated = with_enough_motion(self.recording).ungated if self.choice.runs else ''
         if self.ungated:
             self.choice = replace(self.choice, all_samples=True)
 
-    def learned(self, answer: Learned, choice: Choice) -> None:
+    def learned(self, answer: FitResult, choice: Choice) -> None:
         """Begin anew with a fitted model."""
         self.to_learn = False
         self._go_on(Stage('gravity', answer.model, choice))
@@ -226,15 +228,15 @@ class Session:
                 self.stages[k] = replace(stage, diagnosis=answer, judged_with=job.choice,
                                          held_out=held_out)
 
-    def added(self, answer: Added, job: Add) -> None:
+    def added(self, answer: Refit, job: Add) -> None:
         """Go on with a model that has more effects."""
         parent = next((k for k, s in enumerate(self.stages) if s.model is job.model), self.at)
-        before, after = answer.result.by_joint()
+        before, after = answer.by_joint()
         if parent is not None:
             # Of the same samples as the error after it.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
-        self._go_on(Stage(_added_name(answer.result.added), answer.model, job.choice, parent,
-                          tuple(answer.result.added), held_out=after))
+        self._go_on(Stage(_added_name(answer.added), answer.model, job.choice, parent,
+                          answer.added, held_out=after))
 
     def undo(self) -> str:
         """

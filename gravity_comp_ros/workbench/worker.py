@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 import os
 import signal
 from typing import Any
@@ -27,7 +28,7 @@ class Worker:
 
     def __init__(self, warm: bool = False) -> None:
         self.jobs = Jobs()
-        self._process: Any = None
+        self._process: SpawnProcess | None = None
         self._pipe: Connection | None = None
         self._told: list[Event] = []
         if warm:

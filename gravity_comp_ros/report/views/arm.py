@@ -11,6 +11,7 @@ from bokeh.models import (
     ColorBar, ColumnDataSource, CustomJS, Div, LinearColorMapper, Range1d, Select, Slider,
     UIElement)
 from bokeh.plotting import figure
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.arm import Arm, unvisited_poses
 from gravity_comp_ros.report.contents import Contents
@@ -92,7 +93,8 @@ def _view(contents: Contents, arm: Arm, table: Table, style: Style) -> UIElement
     return column(slider, made, below, told, sizing_mode='stretch_width')
 
 
-def _numbers(contents: Contents, arm: Arm, numbers: list[int], rmse: Any) -> dict[str, Any]:
+def _numbers(contents: Contents, arm: Arm, numbers: list[int],
+             rmse: FloatArray) -> dict[str, Any]:
     """Return what the drawing knows of the arm."""
     q = contents.samples.q[:, numbers]
     least, most = q.min(axis=0), q.max(axis=0)

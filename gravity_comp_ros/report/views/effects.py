@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from bokeh.layouts import column, gridplot
-from bokeh.models import ColumnDataSource, FactorRange, Label, Slope, UIElement
+from bokeh.models import Label, Slope, UIElement
 from bokeh.plotting import figure
-from bokeh.transform import dodge
+from gravity_comp_ros.api import results
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
+from gravity_comp_ros.report.bars import pair_bars
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, dress_legend, plot, short, Style
+from gravity_comp_ros.report.style import canvas_text, plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
 _MOST_PLOTS, _COLUMNS = 9, 3
@@ -69,36 +70,19 @@ def label(finding: Finding) -> str:
 
 def coefficients(finding: Finding, most: int = _MOST_COEFFICIENTS) -> str:
     """Return at most so many coefficients with units and 95 % intervals in one line."""
-    items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}'
-                      for symbol, x in items[:most])
-    more = len(items) - most
-    return markup.units((shown + (f' and {more} more' if more > 0 else '')) or '–')
+    return markup.units(results.coefficients(finding, most))
 
 
 def bars(findings: tuple[Finding, ...], style: Style) -> figure:
     """Return the held-out error of each finding without and with it."""
-    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
+    names = [canvas_text(printable(f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'))
              for k, f in enumerate(findings)]
-    shown = [canvas_text(printable(name)) for name in names]
-    source = ColumnDataSource({
-        'name': shown, 'before': [100.0 * f.nrmse_before for f in findings],
-        'after': [100.0 * f.nrmse_after for f in findings]})
-    made = plot(style, 'Held-out error without and with each',
-                '% of the range of the torque', '', 92 + 38 * len(names), 'hover',
-                y_range=FactorRange(*shown[::-1]))
-    made.hbar(dodge('name', 0.17, range=made.y_range), right='before', height=0.3, source=source,
-              color=style.before, legend_label='without')
-    made.hbar(dodge('name', -0.17, range=made.y_range), right='after', height=0.3, source=source,
-              color=style.after, legend_label='with')
-    made.x_range.start = 0.0
-    made.ygrid.visible = False
-    made.yaxis.major_tick_line_color = made.yaxis.separator_line_color = None
-    made.hover.tooltips = [('without', '@before{0.00} %'), ('with', '@after{0.00} %')]
-    made.add_layout(made.legend[0], 'above')
+    made = pair_bars(style, 'Held-out error without and with each', '% of the range of the torque',
+                     92 + 38 * len(names), names,
+                     ('without', [100.0 * f.nrmse_before for f in findings]),
+                     ('with', [100.0 * f.nrmse_after for f in findings]),
+                     [('without', '@first{0.00} %'), ('with', '@second{0.00} %')])
     made.legend.orientation = 'horizontal'
-    made.toolbar_location = None
-    dress_legend(made, style)
     return made
 
 
@@ -130,13 +114,8 @@ def summaries(diagnosis: Diagnosis) -> str:
 
 def structure(diagnosis: Diagnosis) -> str:
     """Return what the torques do that no gravity of a serial arm does; nothing for nothing."""
-    broken = diagnosis.to_json()['structure']
-    if not broken:
-        return ''
-    lines = [f'{one["why"]}; ' + (
-        'the effects above make up for it' if one['holds_with_effects']
-        else f'not made up for; look for {", ".join(one["suspects"])}') for one in broken]
-    return '<h3>What no gravity of a serial arm does</h3>' + markup.bullets(lines)
+    lines = results.structure_lines(diagnosis)
+    return '<h3>What no gravity of a serial arm does</h3>' + markup.bullets(lines) if lines else ''
 
 
 def _explained(is_drawn: bool) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from bokeh.models import BasicTickFormatter, ColumnDataSource, UIElement
 from bokeh.plotting import figure
-from gravity_comp_ros.diagnosis.findings import Estimate
-from gravity_comp_ros.diagnosis.wording import plus_minus
+from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.report import markup
@@ -44,10 +43,7 @@ def section(contents: Contents, style: Style) -> Section:
 
 def numbers(effect: AppliedEffect, most: int = 6) -> str:
     """Return an effect's coefficients with units and intervals in one line."""
-    parts = [f'{symbol} = {plus_minus(Estimate(x.value, x.unit, x.ci95))}'
-             for symbol, x in effect.coefficients.items()]
-    more = [f'{len(parts) - most} more'] if len(parts) > most else []
-    return markup.units(', '.join([*parts[:most], *more]))
+    return markup.units(', '.join(effect_numbers(effect, most)))
 
 
 def terms(contents: Contents, n: int) -> list[tuple[float, str]]:
