@@ -24,8 +24,10 @@ from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, moving_rms, residual_noise, usual_residual)
 from gravity_comp_ros.node.model_acceptance import judge, Prediction
-from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
+from gravity_comp_ros.node.payload_test import (
+    EXPLAINED, objections, objections_to_whole, PayloadEvidence)
 from gravity_comp_ros.node.self_confirmation import echo_objection
+from gravity_comp_ros.node.settled import unsettled
 import numpy as np
 
 # Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
@@ -71,8 +73,10 @@ def work(job: Job) -> Outcome:
             job.base is not None and _targets(model) != _targets(job.base))
         if echo is not None:
             verdict = verdict.refused(echo, is_echo=True)
-        elif (broken := _broken(job, chain, change, model)) is not None:
+        elif (broken := _broken(job, chain, change, model, how)) is not None:
             verdict = verdict.refused(broken)
+        elif verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
+            verdict = verdict.not_yet(why)
     return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
                    job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
 
@@ -178,12 +182,20 @@ def _wholes(job: Job, first: tuple[str, GravityModel] | None = None
     yield SPARSE, whole(job, FitOptions('potential'))
 
 
+def _unsettled(model: GravityModel, job: Job) -> str | None:
+    options = FitOptions(model.formulation,
+                         geometry=job.geometry if model.geometry is not None else None)
+    return unsettled(model, job.train, residual_noise(model),
+                     lambda early: whole(replace(job, train=early), options))
+
+
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
-            model: GravityModel) -> str | None:
+            model: GravityModel, how: str) -> str | None:
     """
     Return why the effort of this job cannot be what the drives supply, None if it can.
 
-    :param change: the change of `chain` where it was fitted already; `model` is the best one.
+    :param change: the change of `chain` where it was fitted already; `model` is the best one,
+        and `how` it was fitted.
     """
     here = predicted(model, job)
     residual = np.maximum(
@@ -207,6 +219,11 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                _rms(here.train - predict_torque(base, job.train)))
+    if how != CHANGE and model.chain is not None and (residual < EXPLAINED * noise).all():
+        # Links that were fitted to these samples alone explain every joint: the effort is that of
+        # an arm, and where it contradicts the base, the base is wrong.
+        evidence = PayloadEvidence(chain, model, train, held, noise)
+        return next(objections_to_whole(evidence, job.payload), None)
     evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
                                train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)

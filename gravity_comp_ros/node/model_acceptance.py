@@ -58,6 +58,10 @@ class Verdict:
         return replace(self, better=False, reason=f'{why} ({self.reason})',
                        broken='' if is_echo else why, echo=why if is_echo else '')
 
+    def not_yet(self, why: str) -> Verdict:
+        """Return the same comparison with what more samples must settle first."""
+        return replace(self, better=False, reason=f'{why} ({self.reason})')
+
 
 def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: JointSamples,
           knows_more: bool = False, margin: float = 0.0) -> Verdict:
