@@ -1,7 +1,7 @@
 """The order of joints: from a description, from numbers in the names, or as recorded."""
 
 from gravity_comp_ros.description.joint_order import (
-    AS_RECORDED, DESCRIPTION, joint_order, NUMBERS)
+    AS_RECORDED, DESCRIPTION, joint_order, NUMBERS, WORDS)
 from hypothesis import given, settings, strategies
 import pytest
 import urdf_snippets as robots
@@ -14,10 +14,13 @@ def test_a_description_orders_what_was_published_by_alphabet():
     assert (found.joints, found.source) == (robots.UR_JOINTS, DESCRIPTION)
 
 
+ANY = ('tilt', 'swing', 'reach')
+
+
 @pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
 def test_a_description_of_no_use_leaves_the_names(urdf):
-    found = joint_order(sorted(robots.UR_JOINTS), urdf)
-    assert (found.joints, found.source) == (tuple(sorted(robots.UR_JOINTS)), AS_RECORDED)
+    found = joint_order(ANY, urdf)
+    assert (found.joints, found.source) == (ANY, AS_RECORDED)
 
 
 @pytest.mark.parametrize('names', [
@@ -34,8 +37,26 @@ def test_numbers_in_the_names(names, data):
     assert (found.joints, found.source) == (tuple(names), NUMBERS)
 
 
+FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'elbow_flex_joint',
+         'forearm_roll_joint', 'wrist_flex_joint', 'wrist_roll_joint')
+
+
 @pytest.mark.parametrize('names', [
-    ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint'], ['wrist_1', 'elbow'], ['a'],
+    robots.UR_JOINTS, [f'left_{name}' for name in robots.UR_JOINTS], FETCH,
+    ['r_shoulder_pan', 'r_shoulder_lift', 'r_upper_arm_roll', 'r_elbow_flex', 'r_wrist_flex'],
+    ['waist', 'shoulder', 'elbow', 'forearm_roll', 'wrist_angle', 'wrist_rotate'],
+    ['Waist', 'Shoulder', 'Elbow', 'WristAngle', 'WristRotate'],
+])
+@settings(max_examples=30, deadline=None)
+@given(data=strategies.data())
+def test_words_in_the_names(names, data):
+    found = joint_order(data.draw(strategies.permutations(list(names))))
+    assert (found.joints, found.source) == (tuple(names), WORDS)
+
+
+@pytest.mark.parametrize('names', [
+    ['tilt', 'swing'], ['a'], ['left_elbow', 'right_elbow', 'left_wrist', 'right_wrist'],
+    ['shoulder_pitch', 'shoulder_roll', 'shoulder_yaw', 'elbow'], ['elbow', 'Elbow', 'wrist'],
     # Two arms, or joints beside an arm: numbers order neither.
     ['left_1', 'left_2', 'right_1', 'right_2'],
     ['arm1_joint1', 'arm1_joint2', 'arm2_joint1', 'arm2_joint2'],

@@ -16,11 +16,13 @@ from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
+from gravity_comp_ros.description.joint_order import JointOrder, TORQUES
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
+from gravity_comp_ros.estimation.joint_order_search import order_of_torques
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.update import update, UpdateResult
@@ -63,6 +65,21 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
     return replace(result, model=replace(result.model, provenance=provenance)), joint
+
+
+def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:
+    """
+    Return an order of the joints that explains their torques much better, None if there is none.
+
+    It is asked where nothing else tells the order. A chain that leaves white noise has it.
+
+    :param result: of the fit in the order of the recording.
+    """
+    chain = result.report.chain
+    if chain is not None and chain.clean:
+        return None
+    joints = order_of_torques(with_enough_motion(recording).slow)
+    return None if joints is None else JointOrder(joints, TORQUES)
 
 
 def with_enough_motion(recording: Recording) -> Recording:

@@ -9,11 +9,11 @@ import time
 
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model, fit_model
+from gravity_comp_ros.api.steps import compare_model, fit_model, order_by_torques
 from gravity_comp_ros.commands import next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes, urdf_file
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.description.joint_order import joint_order, JointOrder
+from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
 from gravity_comp_ros.display import percent, shortened
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
@@ -39,6 +39,11 @@ def run(args: argparse.Namespace) -> int:
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
         result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
+        if order.source == AS_RECORDED and (
+                other := order_by_torques(fitted, result)) is not None:
+            order, fitted = other, fitted.select_joints(other.joints)
+            held = held.select_joints(other.joints) if held else None
+            result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
         seconds = time.perf_counter() - started
     model = replace(result.model, provenance={
         **result.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})

@@ -4,7 +4,8 @@ The order of an arm's joints, from the base outwards.
 Drivers publish joints in any order, often by alphabet. The structure of a serial arm needs the
 true one. A description has it. Otherwise numbers in the names have it, if the names are alike but
 for their numbers, such as panda_joint1 to panda_joint7. Letters of shoulder, elbow and wrist
-before the number count as well (left_s0 ... left_w2).
+before the number count as well (left_s0 ... left_w2), and so do the words for the parts of an arm
+(elbow_joint, shoulder_lift_joint, wrist_1_joint).
 """
 
 from __future__ import annotations
@@ -17,12 +18,23 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 
 DESCRIPTION = 'description'
 NUMBERS = 'numbers in the names'
+WORDS = 'words in the names'
 AS_RECORDED = 'as recorded'
+TORQUES = 'torques, which another order than that of the recording explains better'
 
 _NUMBER = re.compile(r'(\d+)')
 # A lone letter before the number: shoulder, elbow, wrist.
 _PART = re.compile(r'(?<![^\W_])([sSeEwW])(?=\d)')
 _PARTS = 'sew'
+_WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+|\d+')
+# Parts of an arm from the base outwards, and what turns first where a part has several joints.
+# Pitch, roll and yaw of one part come in another order on each robot, and say nothing.
+_PART_WORDS = {word: place for place, words in enumerate((
+    'base waist torso', 'shoulder', 'upper upperarm', 'elbow', 'fore forearm lower lowerarm',
+    'wrist', 'hand')) for word in words.split()}
+_TURN_WORDS = {word: place for place, words in enumerate((
+    'pan', 'lift', 'flex bend angle', 'roll rotate rotation twist')) for word in words.split()}
+_IDLE_WORDS = {'arm', 'joint'}
 
 
 @dataclass(frozen=True)
@@ -54,7 +66,32 @@ def joint_order(names: Sequence[str], urdf: str | bytes | None = None) -> JointO
     numbered = _by_numbers(names)
     if numbered is not None:
         return JointOrder(numbered, NUMBERS)
+    named = _by_words(names)
+    if named is not None:
+        return JointOrder(named, WORDS)
     return JointOrder(tuple(names), AS_RECORDED)
+
+
+def _by_words(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the names sorted by the parts of an arm in them; None if they do not say."""
+    words = {name: [word.lower() for word in _WORD.findall(name)] for name in names}
+    everywhere = set.intersection(*map(set, words.values())) if words else set()
+    keys = {name: _place([word for word in found if word not in everywhere | _IDLE_WORDS])
+            for name, found in words.items()}
+    if len(names) < 2 or None in keys.values() or len(set(keys.values())) < len(names):
+        return None
+    return tuple(sorted(names, key=lambda name: keys[name] or ()))
+
+
+def _place(words: list[str]) -> tuple[int, int, int] | None:
+    """Return part, turn and number in the words of a name; None if a word is none of these."""
+    parts = [_PART_WORDS[word] for word in words if word in _PART_WORDS]
+    turns = [_TURN_WORDS[word] for word in words if word in _TURN_WORDS]
+    numbers = [int(word) for word in words if word.isdigit()]
+    if len(parts) != 1 or max(len(turns), len(numbers)) > 1 or (
+            len(words) > len(parts) + len(turns) + len(numbers)):
+        return None
+    return parts[0], turns[0] if turns else -1, numbers[0] if numbers else -1
 
 
 def _by_numbers(names: Sequence[str]) -> tuple[str, ...] | None:
