@@ -5,7 +5,7 @@ from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
 from gravity_comp_ros.diagnosis.evidence import joint_rows
 from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.evaluation.blocks import cut
 import numpy as np

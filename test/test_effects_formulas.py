@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from effect_motions import clean_motion, exact_model
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.effects.effect import Motion
 from gravity_comp_ros.effects.excitation import reversals
-from gravity_comp_ros.effects.registry import find_effect
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.request import known_effect
 import numpy as np
 import pytest
 
@@ -54,7 +54,7 @@ def motion():
     ('time_delay', {}, -(np.arange(0, 24, 4) * QD[:, 0] + np.arange(1, 24, 4) * QD[:, 1])),
 ])
 def test_column_by_hand(motion, name, setting, column):
-    found = find_effect(name).columns(motion, 0, setting)
+    found = known_effect(name).columns(motion, 0, setting)
     np.testing.assert_allclose(found, np.array(column, dtype=float)[:, None], atol=1e-12)
 
 
@@ -72,7 +72,7 @@ def test_column_by_hand(motion, name, setting, column):
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
 ])
 def test_columns_by_hand(motion, name, setting, columns):
-    found = find_effect(name).columns(motion, 0, setting)
+    found = known_effect(name).columns(motion, 0, setting)
     np.testing.assert_allclose(found, np.column_stack(columns), atol=1e-12)
 
 
@@ -80,19 +80,19 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     rows = np.arange(0.0, 24.0, 4.0)
     # d tau / d q_b stands in the second column of each sample's gradient.
     turned = np.column_stack([rows + 1, rows + 3])
-    offset = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
+    offset = known_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
     np.testing.assert_allclose(offset[:, :, 0], turned)
-    slipped = find_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
+    slipped = known_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 1.0})
     np.testing.assert_allclose(slipped[:, :, 0], turned * [[0], [1], [1], [1], [1], [1]])
-    soft = find_effect('joint_flexibility')
+    soft = known_effect('joint_flexibility')
     np.testing.assert_allclose(soft.columns(motion, 1, {})[:, :, 0], -turned * G[:, [1]])
-    play = soft.otherwise.columns(motion, 1, {})[:, :, 0]
+    play = soft.alternative().columns(motion, 1, {})[:, :, 0]
     flank = G[:, [1]] / np.sqrt(G[:, [1]] ** 2 + (0.05 * 3.0) ** 2)
     np.testing.assert_allclose(play, -turned * flank, rtol=1e-9)
 
 
 def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
-    inertia = find_effect('inertia')
+    inertia = known_effect('inertia')
     turned = 'J m_1[s2] m_1[c2] m_2 m_2[s2] m_2[c2]'
     for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, turned)):
         found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
@@ -104,7 +104,7 @@ def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
 
 
 def test_presliding_column_by_hand(motion):
-    found = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    found = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
     z = [0.0, 1 - np.exp(-2)]
     z += [-1 + (z[1] + 1) * np.exp(-1)]
     z += [0.0, -1 + np.exp(-3)]
@@ -115,14 +115,14 @@ def test_presliding_column_by_hand(motion):
 def test_a_direction_that_holds_on_turns_with_the_way(motion):
     holding = Motion(motion.samples, QDD, G, motion.gradient, motion.sign_width,
                      hold=np.array([0.1, 0.0]))
-    expected = find_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
+    expected = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
     np.testing.assert_allclose(holding.direction(0), expected[:, 0] + D[:, 0], atol=1e-12)
     np.testing.assert_allclose(holding.direction(1), D[:, 1])
 
 
 @pytest.mark.parametrize('starts', [(), (1.7e9, 1.7e9 + 200.0, 1.7e9 + 400.0)])
 def test_gravity_is_that_of_the_last_payload(starts):
-    motion, effect = clean_motion('six_axis'), find_effect('payload_change')
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     motion = replace(motion, samples=replace(motion.samples, starts=starts))
     runs, time = motion.samples.runs, motion.samples.t
     first = float(time[runs == 1][0])
@@ -133,7 +133,7 @@ def test_gravity_is_that_of_the_last_payload(starts):
 
 
 def test_a_recording_made_later_has_the_last_payload():
-    motion, effect = clean_motion('six_axis'), find_effect('payload_change')
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     stamped = {number: replace(motion.samples, starts=tuple(
         stamp + 200.0 * k for k in range(3))) for number, stamp in enumerate((1.7e9, 1.7e9 + 1e5))}
     made = replace(motion, samples=stamped[0])
@@ -145,7 +145,7 @@ def test_a_recording_made_later_has_the_last_payload():
 
 
 def test_a_change_in_a_model_of_an_older_version_is_read_as_it_was_written():
-    motion, effect = clean_motion('six_axis'), find_effect('payload_change')
+    motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     runs, time = motion.samples.runs, motion.samples.t
     made = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
     assert not made[runs == 0].any() and made[runs == 2].all()
@@ -154,7 +154,7 @@ def test_a_change_in_a_model_of_an_older_version_is_read_as_it_was_written():
 
 def test_change_points_are_where_a_load_could_have_been_taken_up():
     motion = clean_motion('six_axis')
-    points = find_effect('payload_change').settings(motion, 0)
+    points = known_effect('payload_change').settings(motion, 0)
     places = [(p['run'], p['time']) for p in points]
     assert (2.0, 0.0) in places and (3.0, 0.0) in places and (1.0, 0.0) not in places
     assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
@@ -174,5 +174,5 @@ def test_the_longest_ripple_fits_into_the_travel(travel, lowest):
     samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
     gravity = exact_model('pendulum').predict(q)
     motion = Motion(samples, q, gravity, gravity[:, :, None], np.array([WIDTH]))
-    found = [s['k'] for s in find_effect('torque_ripple').settings(motion, 0)]
+    found = [s['k'] for s in known_effect('torque_ripple').settings(motion, 0)]
     assert found[0] == lowest and found[-1] <= 320

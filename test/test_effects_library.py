@@ -1,11 +1,12 @@
 """Every effect of the library: its words, its columns, and what it finds and does not find."""
 
-from dataclasses import replace
 import re
 
 from effect_motions import ARMS, base_columns, clean_motion, least_squares, NOISE
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion
+from gravity_comp_ros.effects.effect import Coefficient, Effect
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.offset import TorqueOffset
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -212,8 +213,8 @@ def test_a_part_of_a_motion_has_the_columns_of_the_whole(effect):
             setting = {**setting, 'run': setting['run'] + 2}
         np.testing.assert_allclose(
             columns, effect.columns(motion, joint, setting)[last], rtol=1e-9, atol=1e-9)
-        assert set(effect.taken) <= set(effect.setting_units)
-        assert effect.n_scanned(setting) == len(set(setting) - set(effect.taken))
+        assert set(effect.not_scanned) <= set(effect.setting_units)
+        assert effect.n_scanned(setting) == len(set(setting) - set(effect.not_scanned))
 
 
 HISTORY = ('friction_drift', 'presliding_hysteresis', 'torque_drift')
@@ -274,11 +275,39 @@ def test_the_wrong_sign_is_not_plausible(name):
 
 
 def test_an_effect_that_makes_no_sense_is_refused():
-    good = EFFECTS['torque_offset']
-    with pytest.raises(OptionError, match='scope'):
-        replace(good, scope='leg')
+    def changed(**attributes):
+        return type('Changed', (TorqueOffset,), attributes)()
+
+    with pytest.raises(OptionError, match="torque_offset: scope is 'leg'"):
+        changed(scope='leg')
     with pytest.raises(OptionError, match='no coefficient'):
-        replace(good, coefficients=())
+        changed(coefficients=())
     with pytest.raises(OptionError, match='per_joint'):
-        replace(good, per_joint=False)
-    assert isinstance(replace(good, coefficients=(Coefficient('b', 'N·m', 'x'),)), Effect)
+        changed(per_joint=False)
+    assert isinstance(changed(coefficients=(Coefficient('b', 'N·m', 'x'),)), Effect)
+
+
+def test_an_effect_says_which_words_it_lacks():
+    class Silent(Effect):
+        name = 'silent'
+        title = 'T'
+
+        def columns(self, motion, joint, setting):
+            return motion.qdd[:, [joint]]
+
+    with pytest.raises(OptionError, match='effect silent has no family, equation, description'):
+        Silent()
+    with pytest.raises(TypeError, match='columns'):
+        Effect()
+
+
+def test_what_an_effect_does_not_say_has_a_default():
+    effect, motion = EFFECTS['torque_offset'], clean_motion('pendulum')
+    assert effect.settings(motion, 0) == [{}] and effect.refine(motion, 0, {}) == []
+    assert effect.untestable(motion, 0) is None and effect.alternative() is None
+    assert effect.spread(motion, 0, {}) is None
+    assert effect.has_fixed_coefficients
+    assert effect.coefficients_of(motion, 0, {}) == effect.coefficients
+    varying = {name for name in NAMES if not EFFECTS[name].has_fixed_coefficients}
+    assert varying == {'joint_spring', 'payload_change', 'tool_force', 'inertia', 'coriolis',
+                       'rigid_body_dynamics'}

@@ -1,6 +1,5 @@
 """Effects from other packages: found, refused when they are broken, and never fatal."""
 
-from dataclasses import replace
 import json
 import os
 from pathlib import Path
@@ -10,8 +9,11 @@ import sys
 
 from effect_motions import clean_motion
 from gravity_comp_ros.effects import document
-from gravity_comp_ros.effects.entry_points import guarded
-from gravity_comp_ros.effects.registry import all_effects, find_effect, library_effects
+from gravity_comp_ros.effects.dynamics import Inertia
+from gravity_comp_ros.effects.effect import ATTRIBUTES
+from gravity_comp_ros.effects.entry_points import GuardedEffect
+from gravity_comp_ros.effects.registry import all_effects, library_effects
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 import pytest
@@ -24,10 +26,20 @@ EFFECT = """
 from gravity_comp_ros.effects.effect import Coefficient, Effect
 
 
-def effect(name):
-    return Effect(name, 'T', 'f', 'e', 'd', (Coefficient('c', 'N·m', 'm'),),
-                  lambda motion, joint, setting: motion.qdd[:, [joint]],
-                  ('inertia',), 'x', 'time', 's')
+class Plain(Effect):
+    title, family, equation, description = 'T', 'f', 'e', 'd'
+    coefficients = (Coefficient('c', 'N·m', 'm'),)
+    confounders, experiment, signature, source = ('inertia',), 'x', 'time', 's'
+
+    def __init__(self, name):
+        self.name = name
+        super().__init__()
+
+    def columns(self, motion, joint, setting):
+        return motion.qdd[:, [joint]]
+
+
+effect = Plain
 
 
 """
@@ -90,6 +102,9 @@ def test_several_effects_may_come_from_one_name(tmp_path):
     (EFFECT + 'thing = effect("inertia")\n', 'bad:thing', 'there is an effect inertia already'),
     ('import sys\nsys.exit(3)\n', 'bad:thing', '3'),
     (EFFECT + 'thing = [effect("fine"), None]\n', 'bad:thing', 'not an Effect'),
+    (EFFECT + 'class thing(Plain):\n    def __init__(self):\n        self.name = "bare"\n'
+     '        self.scope = "leg"\n', 'bad:thing', "scope is 'leg'"),
+    (EFFECT + 'thing = Effect\n', 'bad:thing', 'columns'),
     (EFFECT + 'thing = effect("a\\x1bb")\n', 'bad:thing', 'letters, digits'),
 ])
 def test_a_broken_plug_in_is_named_and_left_out(tmp_path, source, point, reason):
@@ -117,21 +132,43 @@ def test_one_name_belongs_to_one_plug_in(tmp_path):
 ])
 def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, words):
     motion = clean_motion('six_axis')
-    bad = guarded(replace(find_effect('inertia'), name='bad', columns=columns))
+    bad = GuardedEffect(type('Bad', (Inertia,), {
+        'name': 'bad', 'columns': lambda self, *given: columns(*given)})())
     assert words in bad.untestable(motion, 0)
-    good = guarded(find_effect('torque_ripple'))
+    good = GuardedEffect(known_effect('torque_ripple'))
     assert good.untestable(motion, 0) is None
 
 
+def test_a_guarded_effect_is_the_effect_otherwise():
+    motion = clean_motion('six_axis')
+    for name in ('joint_flexibility', 'rigid_body_dynamics', 'coriolis'):
+        effect = known_effect(name)
+        guard = GuardedEffect(effect)
+        assert all(getattr(guard, word) == getattr(effect, word) for word in ATTRIBUTES)
+        assert guard.has_fixed_coefficients == effect.has_fixed_coefficients
+        for setting in effect.settings(motion, 1):
+            columns = effect.columns(motion, 1, setting)
+            np.testing.assert_array_equal(guard.columns(motion, 1, setting), columns)
+            assert guard.coefficients_of(motion, 1, setting) == effect.coefficients_of(
+                motion, 1, setting)
+            np.testing.assert_array_equal(guard.spread(motion, 1, setting),
+                                          effect.spread(motion, 1, setting))
+            values = -np.ones(columns.shape[-1])
+            assert guard.implausible(values, setting, motion, 1) == effect.implausible(
+                values, setting, motion, 1)
+    soft = GuardedEffect(known_effect('joint_flexibility'))
+    assert soft.alternative().effect is soft
+
+
 def test_a_guard_leaves_an_effects_own_reason():
-    assert 'one joint' in guarded(find_effect('coriolis')).untestable(
+    assert 'one joint' in GuardedEffect(known_effect('coriolis')).untestable(
         clean_motion('pendulum'), 0)
 
 
 def test_an_effect_is_found_by_its_name():
-    assert find_effect('inertia') is all_effects()['inertia']
-    with pytest.raises(OptionError, match='no effect gremlins; known are coulomb_friction'):
-        find_effect('gremlins')
+    assert known_effect('inertia') is all_effects()['inertia']
+    with pytest.raises(OptionError, match="no effect 'gremlins'; known are coulomb_friction"):
+        known_effect('gremlins')
 
 
 def test_the_caller_cannot_spoil_the_registry():

@@ -195,11 +195,11 @@ def test_without_a_description_it_says_what_it_needs():
 
 def test_a_mass_matrix_that_is_not_positive_is_refused():
     from gravity_comp_ros.effects.motion import build_motion
-    from gravity_comp_ros.effects.registry import find_effect
+    from gravity_comp_ros.effects.request import known_effect
     arm = arms.iiwa7()
     model = gravity_of(arm)
     motion = build_motion(recording(arm, 0, 4.0), model)
-    effect = find_effect('rigid_body_dynamics')
+    effect = known_effect('rigid_body_dynamics')
     values = np.zeros(effect.columns(motion, 0, {}).shape[2])
     values[0] = 1.0
     assert effect.implausible(values, {}, motion, 0) is None

@@ -10,6 +10,6 @@ setup(
     packages=['custom_effect'],
     install_requires=['gravity_comp_ros'],
     entry_points={
-        'gravity_comp_ros.effects': ['seal_drag = custom_effect.seal:SEAL_DRAG'],
+        'gravity_comp_ros.effects': ['seal_drag = custom_effect.seal:SealDrag'],
     },
 )

@@ -8,24 +8,14 @@ the effect, the effect is not named, though it may help.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.candidates import Candidate, Trial
 from gravity_comp_ros.diagnosis.criteria import Criteria
-from gravity_comp_ros.effects.effect import always_plausible, Effect
+from gravity_comp_ros.effects.effect import AlternativeModel
 from gravity_comp_ros.evaluation.gain import Gain, gain
-
-FAMILY = 'other law'
-
-
-def alternatives_of(effects: Mapping[str, Effect]) -> dict[str, Effect]:
-    """Return the alternative model, never to be named, of each effect that has one."""
-    return {f'other than {name}': replace(
-        effect, name=f'other than {name}', family=FAMILY, columns=effect.otherwise.columns,
-        implausible=always_plausible, confounders=(name,))
-        for name, effect in effects.items() if effect.otherwise is not None}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,38 +23,38 @@ class Alternative:
     """
     An alternative model that explains more than its effect does.
 
-    `effect` is the name of the effect, `words` say what the alternative means, `without` are the
-    chosen effects without it; `before` and `after` (B, N) are the held-out errors of what was
-    chosen and of the alternative in its place.
+    `without` are the chosen effects without that effect; `before` and `after` (B, N) are the
+    held-out errors of what was chosen and of the alternative in its place.
     """
 
-    candidate: Candidate
-    effect: str
-    words: str
+    trial: Trial[AlternativeModel]
     without: tuple[Candidate, ...]
     before: FloatArray
     after: FloatArray
     gain: Gain
 
+    @property
+    def model(self) -> AlternativeModel:
+        return self.trial.regressor
 
-def best_alternative(criteria: Criteria, candidates: Sequence[Candidate],
+
+def best_alternative(criteria: Criteria, trials: Sequence[Trial[AlternativeModel]],
                      chosen: Sequence[Candidate]) -> Alternative | None:
     """Return the alternative model that explains most beyond all that was chosen, if any."""
-    found = [one for c in candidates
-             if (one := _alternative(criteria, c, chosen, len(candidates))) is not None]
+    found = [one for trial in trials
+             if (one := _alternative(criteria, trial, chosen, len(trials))) is not None]
     return max(found, key=lambda one: one.gain.mean, default=None)
 
 
-def _alternative(criteria: Criteria, candidate: Candidate, chosen: Sequence[Candidate],
-                 tests: int) -> Alternative | None:
-    effect, = candidate.effect.confounders
-    without = tuple(c for c in chosen if c.key != (effect, candidate.joint))
+def _alternative(criteria: Criteria, trial: Trial[AlternativeModel],
+                 chosen: Sequence[Candidate], tests: int) -> Alternative | None:
+    effect = trial.regressor.effect.name
+    without = tuple(c for c in chosen if c.key != (effect, trial.joint))
     before = criteria.fits.errors(None, chosen)
-    after, = criteria.fits.errors_with_each(None, without, [candidate])
+    after, = criteria.fits.errors_with_each(None, without, [trial])
     more = gain(before, after, tests)
-    if more.p >= criteria.options.alpha or more.share <= criteria.least_share(candidate):
+    if more.p >= criteria.options.alpha or more.share <= criteria.least_share(trial):
         return None
-    if not criteria.is_more_than_motion(candidate, chosen):
+    if not criteria.is_more_than_motion(trial, chosen):
         return None
-    words = candidate.effect.otherwise.words if candidate.effect.otherwise else ''
-    return Alternative(candidate, effect, words, without, before, after, more)
+    return Alternative(trial, without, before, after, more)

@@ -17,10 +17,8 @@ from functools import partial
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
-from gravity_comp_ros.diagnosis.torque_of_motion import (
-    beside, beside_on_axes, left_beside, on_joint)
-from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.diagnosis.torque_of_motion import beside, beside_on_axes, left_beside
+from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level, levelled
@@ -206,14 +204,9 @@ def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples,
 
 def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
     """Return the columns (M, N, K) of each effect that the model has."""
-    parts = []
-    for applied in model.applied.effects:
-        effect, joint = installed(applied), joint_number(model, applied)
-        columns = effect.columns(motion, joint, applied.setting)
-        if effect.scope != 'arm':
-            columns = on_joint(joint, motion.samples.n_joints, columns)
-        parts.append(columns)
-    return parts
+    return [installed(applied).columns_of_arm(motion, joint_number(model, applied),
+                                              applied.setting)
+            for applied in model.applied.effects]
 
 
 def _chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:

@@ -11,41 +11,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Generic, TypeVar
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.diagnosis.laws import StructureTest
+from gravity_comp_ros.diagnosis.nonparametric import UnknownTorque
 from gravity_comp_ros.diagnosis.nuisance import nuisance
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import AlternativeModel, Effect, Regressor, Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _SETTINGS_KEPT = 3
-# What a moving joint usually has.
-USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
-# What an arm has because it moves, what a joint may well have, and all the rest: each has the
-# same part of the chance of a false alarm.
-MOTION, COMMON, RARE = 'motion', 'common', 'rare'
-_DYNAMICS = 'dynamics'
 # Directions of scaled columns below this are rounding.
 _RANK = 1e-9
 _SCAN_ROWS = 2500
+R = TypeVar('R', bound=Regressor)
+R_co = TypeVar('R_co', bound=Regressor, covariant=True)
+T = TypeVar('T', bound='AnyTrial')
 
 
-def expectation(effect: Effect) -> str:
-    """Return whether an effect comes with motion, is common in joints, or is rare."""
-    if effect.family == _DYNAMICS:
-        return MOTION
-    return COMMON if effect.name in (*USUAL, 'joint_spring') else RARE
-
-
-@dataclass(frozen=True)
-class Candidate:
+@dataclass(frozen=True, eq=False)
+class Trial(Generic[R_co]):
     """
-    One effect with one setting: where its columns are.
+    One regressor with one setting: where its columns are.
 
-    `joint` is the joint that the effect is about, None for the whole arm; `shared` says whether
-    the columns are shared ones; `tried` how many settings the scan compared.
+    `joint` is the joint that it is about, None for the whole arm; `shared` says whether the
+    columns are shared ones; `tried` how many settings the scan compared.
     """
 
-    effect: Effect
+    regressor: R_co
     joint: int | None
     setting: Setting
     columns: IntArray
@@ -54,18 +48,39 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, int | None]:
-        """Return effect name and joint: settings of one effect exclude each other."""
-        return self.effect.name, self.joint
+        """Return name and joint: settings of one effect exclude each other."""
+        return self.regressor.name, self.joint
 
     @property
-    def expectation(self) -> str:
-        """Return `MOTION`, `COMMON` or `RARE`."""
-        return expectation(self.effect)
+    def place(self) -> int:
+        """Return the joint number that the regressor's methods are given."""
+        return self.joint or 0
+
+    @property
+    def acts_on(self) -> int | None:
+        """Return the joint on whose torque alone it acts, None if on several."""
+        return None if self.shared else self.joint
+
+
+AnyTrial = Trial[Regressor]
+
+
+class Candidate(Trial[Effect]):
+    """One effect with one setting, which a diagnosis may name."""
+
+    @property
+    def effect(self) -> Effect:
+        return self.regressor
 
     @property
     def complexity(self) -> int:
         """Return how many numbers the effect spends: coefficients and scanned settings."""
         return len(self.columns) + self.effect.n_scanned(self.setting)
+
+    def n_free(self, motion: Motion) -> int:
+        """Return how many coefficients nothing is known of before any data."""
+        usual = self.effect.spread(motion, self.place, self.setting)
+        return len(self.columns) if usual is None else int(np.isinf(usual).sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,25 +89,32 @@ class Layout:
     Where columns are: those of gravity first, then shared ones, then those of each joint.
 
     `n_base` columns are of gravity; `untestable` says of an effect and a joint why this motion
-    does not show it. Columns of a joint from number `n_core` (N,) on belong to tests that are
-    made beside the final choice alone.
+    does not show it. `alternatives` to effects, `shapes` of unknown torque and `laws` have no
+    name to find. Columns of a joint from number `n_core` (N,) on belong to tests that are made
+    beside the final choice alone.
     """
 
     n_base: int
     candidates: tuple[Candidate, ...]
+    alternatives: tuple[Trial[AlternativeModel], ...] = ()
+    shapes: tuple[Trial[UnknownTorque], ...] = ()
+    laws: tuple[Trial[StructureTest], ...] = ()
     untestable: Mapping[tuple[str, int | None], str] = field(default_factory=dict)
     n_core: tuple[int, ...] = ()
-
-    def of_family(self, family: str) -> list[Candidate]:
-        """Return the candidates of one family of effects."""
-        return [c for c in self.candidates if c.effect.family == family]
 
     def with_base(self, n_base: int) -> Layout:
         """Return where columns are beside another gravity of `n_base` columns."""
         shift = n_base - self.n_base
         return replace(self, n_base=n_base, n_core=tuple(n + shift for n in self.n_core),
-                       candidates=tuple(replace(c, columns=c.columns + shift)
-                                        for c in self.candidates))
+                       candidates=_shifted(self.candidates, shift, shift),
+                       alternatives=_shifted(self.alternatives, shift, shift),
+                       shapes=_shifted(self.shapes, shift, shift),
+                       laws=_shifted(self.laws, shift, shift))
+
+
+def _shifted(trials: Sequence[T], shared: int, own: int) -> tuple[T, ...]:
+    """Return trials with their columns moved, by so many if they are shared, or are not."""
+    return tuple(replace(t, columns=t.columns + (shared if t.shared else own)) for t in trials)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,75 +127,68 @@ class Columns:
 
 
 def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
-          tests: Sequence[Effect] = ()) -> Columns:
+          alternatives: Sequence[AlternativeModel] = (), shapes: Sequence[UnknownTorque] = (),
+          laws: Sequence[StructureTest] = ()) -> Columns:
     """
-    Compute the columns of every testable effect, beside those of gravity, (M, N, K).
+    Compute the columns of everything testable, beside those of gravity, (M, N, K).
 
-    :param tests: what is tried beside the final choice alone.
+    :param shapes: these and laws are tried beside the final choice alone.
     """
     builder = _Builder(motion, base)
-    for effect in effects:
-        builder.add(effect)
+    named = [Candidate(t.regressor, t.joint, t.setting, t.columns, t.shared, t.tried)
+             for t in builder.added(effects)]
+    untestable = dict(builder.untestable)
+    others = builder.added(alternatives)
     core = list(builder.own_counts)
-    for effect in tests:
-        builder.add(effect)
-    counts = builder.n_shared
-    candidates = tuple(
-        Candidate(p.effect, p.joint, p.setting,
-                  np.arange(p.at, p.at + p.count) + (0 if p.effect.scope == 'arm' else counts),
-                  p.effect.scope == 'arm', p.tried) for p in builder.placed)
-    layout = Layout(base.shape[2], candidates, builder.untestable,
-                    tuple(counts + n for n in core))
+    unknown, broken = builder.added(shapes), builder.added(laws)
+    first = builder.n_shared
+    layout = Layout(base.shape[2], _shifted(named, 0, first), _shifted(others, 0, first),
+                    _shifted(unknown, 0, first), _shifted(broken, 0, first), untestable,
+                    tuple(first + n for n in core))
     return Columns(layout, np.concatenate(builder.shared, axis=2), tuple(builder.own))
 
 
-@dataclass(frozen=True)
-class _Placed:
-    """An effect with a setting, whose `count` columns begin at `at`."""
-
-    effect: Effect
-    joint: int | None
-    setting: Setting
-    at: int
-    count: int
-    tried: int
-
-
 class _Builder:
-    """Columns so far, and which effect each belongs to."""
+    """
+    Columns so far, and what each belongs to.
+
+    A joint's own columns are counted from its first one until all shared ones are known.
+    """
 
     def __init__(self, motion: Motion, base: FloatArray) -> None:
         self.motion, self.scan = motion, _Scan(motion, base)
         self.shared, self.n_shared = [base], base.shape[2]
         self.own: list[list[FloatArray]] = [[] for _ in range(motion.samples.n_joints)]
         self.own_counts = [0] * motion.samples.n_joints
-        self.placed: list[_Placed] = []
         self.untestable: dict[tuple[str, int | None], str] = {}
 
-    def add(self, effect: Effect) -> None:
-        """Add the columns of an effect on every joint that it may act on."""
-        for joint in _joints(effect, self.motion):
-            place = joint or 0
-            reason = effect.untestable(self.motion, place)
-            settings = [] if reason else effect.settings(self.motion, place)
-            if not settings:
-                self.untestable[effect.name, joint] = reason or 'this motion does not reach it'
-                continue
-            for setting, columns in self.scan.best(effect, place, settings):
-                k = columns.shape[-1]
-                at = self.n_shared if effect.scope == 'arm' else self.own_counts[place]
-                self.placed.append(_Placed(effect, joint, setting, at, k, len(settings)))
-                if effect.scope == 'arm':
-                    self.shared.append(columns)
-                    self.n_shared += k
-                else:
-                    self.own[place].append(columns)
-                    self.own_counts[place] += k
+    def added(self, regressors: Sequence[R]) -> list[Trial[R]]:
+        """Add the columns of regressors on every joint that each may act on."""
+        joints: Sequence[int | None] = range(self.motion.samples.n_joints)
+        return [trial for regressor in regressors
+                for joint in (joints if regressor.per_joint else [None])
+                for trial in self._added(regressor, joint)]
 
-
-def _joints(effect: Effect, motion: Motion) -> list[int | None]:
-    whole_arm = effect.scope == 'arm' and not effect.per_joint
-    return [None] if whole_arm else list(range(motion.samples.n_joints))
+    def _added(self, regressor: R, joint: int | None) -> list[Trial[R]]:
+        place = joint or 0
+        reason = regressor.untestable(self.motion, place)
+        settings = [] if reason else regressor.settings(self.motion, place)
+        if not settings:
+            self.untestable[regressor.name, joint] = reason or 'this motion does not reach it'
+            return []
+        shared, trials = regressor.scope == 'arm', []
+        for setting, columns in self.scan.best(regressor, place, settings):
+            k = columns.shape[-1]
+            at = self.n_shared if shared else self.own_counts[place]
+            trials.append(Trial(regressor, joint, setting, np.arange(at, at + k), shared,
+                                len(settings)))
+            if shared:
+                self.shared.append(columns)
+                self.n_shared += k
+            else:
+                self.own[place].append(columns)
+                self.own_counts[place] += k
+        return trials
 
 
 class _Scan:
@@ -192,33 +207,34 @@ class _Scan:
             self.known.append(basis)
             self.residual.append(y - basis @ (basis.T @ y))
 
-    def best(self, effect: Effect, joint: int,
+    def best(self, regressor: Regressor, joint: int,
              settings: list[dict[str, float]]) -> list[tuple[Setting, FloatArray]]:
         """Return the most promising settings with their columns."""
         ranked = settings
         if len(settings) > _SETTINGS_KEPT:
-            ranked = self._ranked(effect, joint, settings)
-            finer = [s for setting in ranked for s in effect.refine(self.motion, joint, setting)]
+            ranked = self._ranked(regressor, joint, settings)
+            finer = [s for setting in ranked
+                     for s in regressor.refine(self.motion, joint, setting)]
             if finer:
-                ranked = self._ranked(effect, joint, ranked + finer)
-        return [(s, effect.columns(self.motion, joint, s)) for s in ranked]
+                ranked = self._ranked(regressor, joint, ranked + finer)
+        return [(s, regressor.columns(self.motion, joint, s)) for s in ranked]
 
-    def _ranked(self, effect: Effect, joint: int,
+    def _ranked(self, regressor: Regressor, joint: int,
                 settings: list[dict[str, float]]) -> list[dict[str, float]]:
-        columns = [self._columns(effect, joint, s) for s in settings]
+        columns = [self._columns(regressor, joint, s) for s in settings]
         gains = np.zeros(len(settings))
         for n in range(self.motion.samples.n_joints):
-            if effect.scope == 'arm':
+            if regressor.scope == 'arm':
                 gains += self._gains([part[:, n] for part in columns], n)
             elif n == joint:
                 gains += self._gains(columns, n)
         order = np.argsort(-gains, kind='stable')[:_SETTINGS_KEPT]
         return [settings[k] for k in order]
 
-    def _columns(self, effect: Effect, joint: int, setting: Setting) -> FloatArray:
-        if effect.pointwise:
-            return effect.columns(self.part, joint, setting)
-        return effect.columns(self.motion, joint, setting)[self.rows]
+    def _columns(self, regressor: Regressor, joint: int, setting: Setting) -> FloatArray:
+        if regressor.pointwise:
+            return regressor.columns(self.part, joint, setting)
+        return regressor.columns(self.motion, joint, setting)[self.rows]
 
     def _gains(self, parts: list[FloatArray], n: int) -> FloatArray:
         """Return the share of a joint's residual that each of the columns (M, K) explains."""

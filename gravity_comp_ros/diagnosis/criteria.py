@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, MOTION, RARE, USUAL
+from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate
 from gravity_comp_ros.diagnosis.estimates import p_of_size
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
+from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
 
 Key = tuple[str, int | None]
+# What a moving joint usually has.
+_USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 # A candidate that takes less than this part of what is asked for off the fit to all data does
 # not take that off the held-out error, or off that of a typical block.
 _PROMISING = 0.25
@@ -40,14 +43,14 @@ class Criteria:
 
     @cached_property
     def _tried(self) -> Counter[str]:
-        return Counter({c.key: c.expectation for c in self.candidates}.values())
+        return Counter({c.key: c.effect.expectation for c in self.candidates}.values())
 
     @cached_property
     def _dynamics(self) -> list[Candidate]:
         # The last form of an effect of motion has the most columns.
-        return list({c.key: c for c in self.candidates if c.expectation == MOTION}.values())
+        return list({c.key: c for c in self.candidates if _moves(c)}.values())
 
-    def tests(self, candidate: Candidate) -> float:
+    def tests(self, trial: AnyTrial) -> float:
         """
         Return the factor by which a p-value is corrected for what was tried.
 
@@ -55,10 +58,10 @@ class Criteria:
         the rest get the same part of the chance of a false alarm (Genovese et al., Biometrika
         93, 2006).
         """
-        return len(self._tried) * self._tried[candidate.expectation] * candidate.tried
+        return len(self._tried) * self._tried[trial.regressor.expectation] * trial.tried
 
     def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray,
-                rest: Sequence[Candidate]) -> Gain:
+                rest: Sequence[AnyTrial]) -> Gain:
         """
         Return the gain beside others; what fast motion needs shows in the few blocks that have it.
 
@@ -66,9 +69,9 @@ class Criteria:
         well: blocks gain as much as each of them moves, and a short recording has few, so that
         their gains differ widely while the coefficient is certain.
         """
-        how = gain_of_motion if candidate.expectation == MOTION else gain
+        how = gain_of_motion if _moves(candidate) else gain
         found = how(before, after, self.tests(candidate))
-        if candidate.effect.name in USUAL and found.share >= self.options.evident_share:
+        if candidate.effect.name in _USUAL and found.share >= self.options.evident_share:
             tests = float(len(self._tried))
             found = how(before, after, tests)
             if found.p >= self.options.alpha and len(candidate.columns) == 1:
@@ -76,13 +79,13 @@ class Criteria:
                 found = replace(found, p=min(found.p, 2.0 * tests * p))
         return found
 
-    def least_share(self, candidate: Candidate) -> float:
+    def least_share(self, trial: AnyTrial) -> float:
         """Return the share of the error that must go; shared effects count on all joints."""
-        return self.options.least_share / (self.fits.n_joints if candidate.shared else 1)
+        return self.options.least_share / (self.fits.n_joints if trial.shared else 1)
 
-    def gain_beside(self, candidate: Candidate, rest: Sequence[Candidate]) -> Gain:
+    def gain_beside(self, candidate: Candidate, rest: Sequence[AnyTrial]) -> Gain:
         """Return the gain of an effect beside others."""
-        joint = None if candidate.shared else candidate.joint
+        joint = candidate.acts_on
         after, = self.fits.errors_with_each(joint, rest, [candidate])
         return self.gain_of(candidate, self.fits.errors(joint, rest), after, rest)
 
@@ -94,34 +97,34 @@ class Criteria:
         errors = self.fits.errors(None, chosen).sum(axis=0)
         each = self.fits.explained_by_each(chosen, candidates)
         return [c for c, part in zip(candidates, each) if part >= _PROMISING * self.least_share(c)
-                * float(errors.sum() if c.shared else errors[c.joint or 0])]
+                * float(errors.sum() if c.shared else errors[c.place])]
 
-    def is_needed(self, candidate: Candidate, rest: Sequence[Candidate]) -> bool:
+    def is_needed(self, candidate: Candidate, rest: Sequence[AnyTrial]) -> bool:
         """Return whether an effect pays beside the rest of what is chosen."""
         return self.need(candidate, rest) < self.options.alpha
 
-    def need(self, candidate: Candidate, rest: Sequence[Candidate]) -> float:
+    def need(self, candidate: Candidate, rest: Sequence[AnyTrial]) -> float:
         """Return the p-value of an effect beside the rest; 1 if it takes next to nothing off."""
         kept = self.gain_beside(candidate, rest)
         return kept.p if kept.share >= 0.5 * self.least_share(candidate) else 1.0
 
-    def is_more_than_motion(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
+    def is_more_than_motion(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> bool:
         """
-        Return whether a rare effect explains much that no inertia or Coriolis torque does.
+        Return whether something rare explains much that no inertia or Coriolis torque does.
 
         Every arm that moves has those, named or not, and no few columns describe all of them;
-        what a rare effect explains of them is not its own. What is expected in every joint needs
+        what it explains of them is not its own. What is expected in every joint needs
         no such proof.
         """
-        if candidate.expectation != RARE:
+        if trial.regressor.expectation != Expectation.RARE:
             return True
         moving = [c for c in self._dynamics
-                  if c not in chosen and (candidate.shared or c.joint == candidate.joint)]
-        joint = None if candidate.shared else candidate.joint
+                  if c not in chosen and (trial.shared or c.joint == trial.joint)]
+        joint = trial.acts_on
         beside = [*chosen, *moving]
         before = self.fits.errors(joint, beside)
-        after, = self.fits.errors_with_each(joint, beside, [candidate])
-        if gain(before, after, self.tests(candidate)).p >= self.options.alpha:
+        after, = self.fits.errors_with_each(joint, beside, [trial])
+        if gain(before, after, self.tests(trial)).p >= self.options.alpha:
             return False
         shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
         return max(shares) >= self.options.least_rare_share
@@ -142,7 +145,7 @@ class Criteria:
         """
         every = {c.key: c for c in self.candidates if c.key not in refused}
         certain = [c for c in every.values() if c.effect.certain]
-        return [*certain, *(c for c in every.values() if c.effect.name in USUAL)] \
+        return [*certain, *(c for c in every.values() if c.effect.name in _USUAL)] \
             if certain else []
 
     def open(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:
@@ -150,7 +153,7 @@ class Criteria:
         taken = {c.key for c in chosen}
         moves = any(c.effect.certain for c in chosen)
         return [c for c in self.candidates if c.key not in taken and c.key not in refused
-                and self._has_parent(c, taken) and not (moves and c.expectation == MOTION)]
+                and self._has_parent(c, taken) and not (moves and _moves(c))]
 
     def open_on(self, joint: int, chosen: Sequence[Candidate],
                 refused: Collection[Key]) -> list[Candidate]:
@@ -179,8 +182,7 @@ class Criteria:
         rest = [c for c in chosen if c is not candidate]
         own, *each = self.fits.explained_by_each(rest, [candidate, *others])
         others = [c for c, part in zip(others, each) if part >= _COMPARABLE * own]
-        joints = {id(c): None if candidate.shared or c.shared else candidate.joint
-                  for c in others}
+        joints = {id(c): None if c.shared else candidate.acts_on for c in others}
         then: dict[int, FloatArray] = {}
         for joint in set(joints.values()):
             here = [c for c in others if joints[id(c)] == joint]
@@ -190,3 +192,7 @@ class Criteria:
     def _has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
         corrects, there = candidate.effect.corrects, taken | self.given
         return not corrects or any((name, candidate.joint) in there for name in corrects)
+
+
+def _moves(candidate: Candidate) -> bool:
+    return candidate.effect.expectation == Expectation.MOTION

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.diagnosis import (
-    alternative_models, nonparametric as unknown_torque, structure_tests)
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.criteria import Criteria
@@ -15,9 +13,12 @@ from gravity_comp_ros.diagnosis.evidence import joint_rows
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.judge import judge
+from gravity_comp_ros.diagnosis.laws import LAWS
+from gravity_comp_ros.diagnosis.nonparametric import PRIOR_BLOCKS, UnknownTorque
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.selection import select
-from gravity_comp_ros.effects.effect import Effect, Motion
+from gravity_comp_ros.diagnosis.structure_tests import check_laws
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.estimation.nuisance_columns import white_noise
@@ -61,8 +62,10 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     base = choose_base(samples, model, rows)
     motion = base.motion
     tell('columns', 0.2)
-    known, tests = _effects(options)
-    fits = _fits(base, build(motion, base.columns, known, tests))
+    known = all_effects()
+    effects = [known[name] for name in (known if options.effects is None else options.effects)]
+    others = [other for effect in effects if (other := effect.alternative()) is not None]
+    fits = _fits(base, build(motion, base.columns, effects, others, [UnknownTorque()], LAWS))
     tell('selection', 0.5)
     selection = select(_criteria(base, fits, options))
     better = refined(base, selection.effect_torque()) if selection.chosen else None
@@ -72,31 +75,18 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         selection = select(_criteria(base, fits, options))
     tell('verdicts', 0.8)
     judged = judge(selection, motion, span, noise, options.verdict)
-    laws = structure_tests.check_laws(
-        fits, judged.chosen, fits.layout.of_family(structure_tests.FAMILY), samples.names)
+    laws = check_laws(fits, judged.chosen, samples.names)
     tell('verdicts', 1.0)
     return replace(judged.diagnosis, laws=laws)
 
 
-def _effects(options: DiagnosisOptions) -> tuple[list[Effect], list[Effect]]:
-    """Return the effects to look for, and what is tried beside the final choice."""
-    known = all_effects()
-    if options.effects is not None:
-        known = {name: known[name] for name in options.effects}
-    others = alternative_models.alternatives_of(known)
-    return [*known.values(), *others.values()], [unknown_torque.UNKNOWN, *structure_tests.LAWS]
-
-
 def _criteria(base: Base, fits: Fits, options: DiagnosisOptions) -> Criteria:
     """Return what an effect with a name must pass."""
-    layout, motion = fits.layout, base.motion
-    nameless = (unknown_torque.FAMILY, structure_tests.FAMILY, alternative_models.FAMILY)
-    effects = tuple(c for c in layout.candidates
-                    if c.effect.family not in nameless and c.key not in base.given)
+    effects = tuple(c for c in fits.layout.candidates if c.key not in base.given)
 
     def implausible(candidate: Candidate, values: FloatArray) -> str | None:
-        return candidate.effect.implausible(values, candidate.setting, motion,
-                                            candidate.joint or 0)
+        return candidate.effect.implausible(values, candidate.setting, base.motion,
+                                            candidate.place)
 
     return Criteria(fits, effects, implausible, options.selection, base.given)
 
@@ -108,7 +98,7 @@ def _fits(base: Base, columns: Columns) -> Fits:
     blocks = cut(motion.samples, base.left)
     sigma = np.maximum(base.left.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
     common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
-    known, rows, usual = all_effects(), [], _information(columns, motion)
+    rows, usual = [], _information(columns, motion)
     for joint, own in enumerate(columns.own):
         x = np.column_stack([columns.shared[:, joint], *own])
         own.clear()
@@ -117,18 +107,17 @@ def _fits(base: Base, columns: Columns) -> Fits:
         prior = usual * (float(sigma[joint]) ** 2 * len(x) / blocks.count)
         prior = np.concatenate([prior, np.zeros(x.shape[1] - len(prior))])
         # A prior keeps columns near 0 that are many, and of no known effect.
-        prior[layout.n_core[joint]:] = unknown_torque.PRIOR_BLOCKS * len(x) / blocks.count
+        prior[layout.n_core[joint]:] = PRIOR_BLOCKS * len(x) / blocks.count
         rows.append(joint_rows(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior,
                                layout.n_core[joint]))
-    reasons = {key: why for key, why in layout.untestable.items() if key[0] in known}
-    return Fits(tuple(rows), replace(layout, untestable=reasons), blocks)
+    return Fits(tuple(rows), layout, blocks)
 
 
 def _information(columns: Columns, motion: Motion) -> FloatArray:
     """Return what is known of the shared coefficients (S,) before any data, by each joint."""
     known = np.zeros(columns.shared.shape[2])
     for c in columns.layout.candidates:
-        if c.shared and c.effect.spread is not None:
-            usual = c.effect.spread(motion, c.joint or 0, c.setting)
+        usual = c.effect.spread(motion, c.place, c.setting) if c.shared else None
+        if usual is not None:
             known[c.columns] = usual ** -2 / motion.samples.n_joints
     return known

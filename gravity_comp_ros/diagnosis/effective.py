@@ -16,7 +16,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.evidence import regularised_solve
 from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
@@ -37,7 +37,7 @@ def effective_of(fits: Fits, motion: Motion, joint: int, chosen: Sequence[Candid
     Of an effect with several free coefficients the samples of the residual count: a product of
     their sum with it says nothing of the one that is known worst.
     """
-    if len(candidate.columns) > 1 and candidate.effect.spread is None:
+    if candidate.n_free(motion) > 1:
         return effective(fits, motion, joint, chosen)
     rows, fit = fits.rows[joint], fits.fit(joint, chosen)
     here = np.isin(fit.columns, candidate.columns)

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate
 from gravity_comp_ros.diagnosis.evidence import covariance, Fit, largest_part
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 from scipy import special
 
@@ -24,7 +24,7 @@ _SPEEDS = 5
 def estimates(fits: Fits, chosen: Sequence[Candidate], motion: Motion,
               candidate: Candidate) -> dict[str, Estimate]:
     """Return the coefficients of a chosen effect by their symbols."""
-    joint = candidate.joint or 0
+    joint = candidate.place
     gram, fit = fits.rows[joint], fits.fit(joint, chosen)
     here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
     scale = gram.scale[fit.columns[here]]
@@ -51,7 +51,7 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     Where several can stand for each other, each may be 0 and yet not all: that is Hotelling's
     test, with the spread over blocks.
     """
-    joint = candidate.joint or 0
+    joint = candidate.place
     groups = fits.rows[joint].group_of_rows(np.arange(fits.blocks.count))
     fit = fits.fit(joint, chosen)
     here = np.isin(fit.columns, candidate.columns)
@@ -64,9 +64,9 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 
-def p_of_size(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate) -> float:
+def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: Candidate) -> float:
     """Return the p-value of a chosen effect's one coefficient, by the jackknife over blocks."""
-    joint = candidate.joint or 0
+    joint = candidate.place
     fit = fits.fit(joint, chosen)
     groups = fits.rows[joint].group_of_rows(np.arange(fits.blocks.count))
     here = int(np.flatnonzero(np.isin(fit.columns, candidate.columns))[0])
@@ -102,7 +102,7 @@ def _by_speed(speed: FloatArray) -> IntArray:
     return groups
 
 
-def _covariance(fits: Fits, chosen: Sequence[Candidate], joint: int, fit: Fit,
+def _covariance(fits: Fits, chosen: Sequence[AnyTrial], joint: int, fit: Fit,
                 groups: IntArray) -> FloatArray:
     return covariance(fits.rows[joint], fit, len(fits.shared(chosen)),
                       fits.prior(joint, chosen), groups)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from gravity_comp_ros.diagnosis.structure_tests import StructureTest
+from gravity_comp_ros.diagnosis.structure_tests import BrokenLaw
 
 
 class Verdict(StrEnum):
@@ -22,6 +22,8 @@ class Verdict(StrEnum):
 
 
 VERDICTS = tuple(Verdict)
+# What is sure enough to be added.
+FOUND = (Verdict.ESTABLISHED, Verdict.LIKELY)
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class Diagnosis:
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
-    laws: tuple[StructureTest, ...] = ()
+    laws: tuple[BrokenLaw, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `diagnose --json` prints."""

@@ -10,7 +10,7 @@ from operator import add
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.bordered import (
     Border, border, errors_with, explained, Stem, stem)
-from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
+from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate, Layout
 from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_errors, held_out_residual, joint_rows, JointRows, Prior, rebased,
     shared_information, solve)
@@ -43,17 +43,17 @@ class Fits:
     def n_joints(self) -> int:
         return len(self.rows)
 
-    def shared(self, chosen: Sequence[Candidate]) -> IntArray:
+    def shared(self, chosen: Sequence[AnyTrial]) -> IntArray:
         """Return the shared columns in use: the base and chosen effects of the arm."""
         extra = [c.columns for c in chosen if c.shared]
         return np.concatenate([np.arange(self.layout.n_base), *extra]).astype(np.int64)
 
-    def own(self, joint: int, chosen: Sequence[Candidate]) -> IntArray:
+    def own(self, joint: int, chosen: Sequence[AnyTrial]) -> IntArray:
         """Return a joint's own columns in use."""
         parts = [c.columns for c in chosen if not c.shared and c.joint == joint]
         return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
 
-    def prior(self, joint: int, chosen: Sequence[Candidate]) -> Prior:
+    def prior(self, joint: int, chosen: Sequence[AnyTrial]) -> Prior:
         """Return the information of the other joints about the shared columns."""
         shared = self.shared(chosen)
         others = [self._informed(n, shared, self.own(n, chosen))
@@ -69,34 +69,34 @@ class Fits:
                 self.rows[n], np.concatenate([shared, own]), len(shared))
         return self._information[key]
 
-    def fit(self, joint: int, chosen: Sequence[Candidate]) -> Fit:
+    def fit(self, joint: int, chosen: Sequence[AnyTrial]) -> Fit:
         """Return the fit of one joint with these effects."""
         return solve(self.rows[joint], *self._asked(joint, chosen))
 
-    def _asked(self, joint: int, chosen: Sequence[Candidate]) -> tuple[IntArray, int, Prior]:
+    def _asked(self, joint: int, chosen: Sequence[AnyTrial]) -> tuple[IntArray, int, Prior]:
         """Return the columns of a fit, how many of them are shared, and the prior on those."""
         shared = self.shared(chosen)
         columns = np.concatenate([shared, self.own(joint, chosen)])
         return columns, len(shared), self.prior(joint, chosen)
 
-    def errors(self, joint: int | None, chosen: Sequence[Candidate]) -> FloatArray:
+    def errors(self, joint: int | None, chosen: Sequence[AnyTrial]) -> FloatArray:
         """Return held-out errors block by block, of one joint or of all: (B, J)."""
         ordered, key = _in_one_order(chosen), self._key(chosen)
         return np.column_stack([self._errors_of(n, ordered, key) for n in self._joints(joint)])
 
-    def _errors_of(self, joint: int, chosen: Sequence[Candidate], key: bytes) -> FloatArray:
+    def _errors_of(self, joint: int, chosen: Sequence[AnyTrial], key: bytes) -> FloatArray:
         place = (joint, key)
         if place not in self._errors:
             self._errors[place] = held_out_errors(self.rows[joint], self.fit(joint, chosen))
         return self._errors[place]
 
-    def _key(self, chosen: Sequence[Candidate]) -> bytes:
+    def _key(self, chosen: Sequence[AnyTrial]) -> bytes:
         """Return what tells one set of effects from another."""
         return b'|'.join(sorted(b'%d:' % (-1 if c.shared or c.joint is None else c.joint)
                                 + c.columns.tobytes() for c in chosen))
 
-    def errors_with_each(self, joint: int | None, chosen: Sequence[Candidate],
-                         effects: Sequence[Candidate]) -> list[FloatArray]:
+    def errors_with_each(self, joint: int | None, chosen: Sequence[AnyTrial],
+                         effects: Sequence[AnyTrial]) -> list[FloatArray]:
         """Return `errors(joint, [*chosen, effect])` for each effect."""
         ordered = _in_one_order(chosen)
         keys = [(joint, self._key(chosen), self._key([c])) for c in effects]
@@ -115,13 +115,13 @@ class Fits:
         return [self._with[key] if key in self._with else self.errors(joint, [*chosen, c])
                 for key, c in zip(keys, effects)]
 
-    def explained_by_each(self, chosen: Sequence[Candidate],
-                          effects: Sequence[Candidate]) -> list[float]:
+    def explained_by_each(self, chosen: Sequence[AnyTrial],
+                          effects: Sequence[AnyTrial]) -> list[float]:
         """Return the sum of squares that each effect takes off the fits of all joints."""
         ordered = _in_one_order(chosen)
         found: dict[int, float] = {}
-        for place in {None if c.shared else c.joint for c in effects}:
-            here = [c for c in effects if (None if c.shared else c.joint) == place]
+        for place in {c.acts_on for c in effects}:
+            here = [c for c in effects if c.acts_on == place]
             others = None
             if place is None and self.n_joints > 1:
                 others = reduce(add, self._borders(ordered, here)[1:])
@@ -129,24 +129,24 @@ class Fits:
             found.update(zip(map(id, here), values))
         return [found[id(c)] for c in effects]
 
-    def _with_each(self, joint: int, chosen: Sequence[Candidate], effects: Sequence[Candidate],
+    def _with_each(self, joint: int, chosen: Sequence[AnyTrial], effects: Sequence[AnyTrial],
                    borders: list[Border] | None) -> list[FloatArray]:
         others = None
         if borders is not None and self.n_joints > 1:
             others = reduce(add, (b for n, b in enumerate(borders) if n != joint))
         return errors_with(self._stem(joint, chosen), [c.columns for c in effects], others)
 
-    def _borders(self, chosen: Sequence[Candidate], effects: Sequence[Candidate]
-                 ) -> list[Border]:
+    def _borders(self, chosen: Sequence[AnyTrial],
+                 effects: Sequence[AnyTrial]) -> list[Border]:
         """Return the information of each joint about the columns of shared effects."""
         columns = np.concatenate([c.columns for c in effects])
         return [border(self.rows[n], self.shared(chosen), self.own(n, chosen), columns)
                 for n in range(self.n_joints)]
 
-    def _stem(self, joint: int, chosen: Sequence[Candidate]) -> Stem:
+    def _stem(self, joint: int, chosen: Sequence[AnyTrial]) -> Stem:
         return stem(self.rows[joint], *self._asked(joint, chosen))
 
-    def residual(self, joint: int, chosen: Sequence[Candidate]) -> FloatArray:
+    def residual(self, joint: int, chosen: Sequence[AnyTrial]) -> FloatArray:
         """Return a joint's held-out residual (M,) in N·m, in the order of the samples."""
         rows = self.rows[joint]
         residual = np.empty(len(rows.y))
@@ -156,14 +156,14 @@ class Fits:
     def _joints(self, joint: int | None) -> Sequence[int]:
         return range(self.n_joints) if joint is None else [joint]
 
-    def coefficients(self, candidate: Candidate, chosen: Sequence[Candidate]) -> FloatArray:
+    def coefficients(self, trial: AnyTrial, chosen: Sequence[AnyTrial]) -> FloatArray:
         """Return a chosen effect's coefficients in its own units, from all data."""
-        joint = candidate.joint or 0
+        joint = trial.place
         fit = self.fit(joint, chosen)
-        here = np.isin(fit.columns, candidate.columns)
+        here = np.isin(fit.columns, trial.columns)
         return np.asarray(fit.all_data[here] / self.rows[joint].scale[fit.columns[here]])
 
-    def torque(self, joint: int, chosen: Sequence[Candidate]) -> FloatArray:
+    def torque(self, joint: int, chosen: Sequence[AnyTrial]) -> FloatArray:
         """Return the torque (M,) in N·m of effects on a joint, from all data."""
         rows, fit = self.rows[joint], self.fit(joint, chosen)
         here = fit.columns >= self.layout.n_base
@@ -201,10 +201,11 @@ class Fits:
             rows.append(replace(joint_rows(x, y, blocks, np.ones(len(used)), 1.0,
                                            old.ridge[used]),
                                 scale=old.scale[used], sigma=old.sigma))
-        layout = replace(self.layout, candidates=tuple(moved.values()))
+        layout = replace(self.layout, candidates=tuple(moved.values()), alternatives=(),
+                         shapes=(), laws=())
         return Fits(tuple(rows), layout, blocks), [moved[id(c)] for c in chosen]
 
 
-def _in_one_order(chosen: Sequence[Candidate]) -> list[Candidate]:
+def _in_one_order(chosen: Sequence[AnyTrial]) -> list[AnyTrial]:
     return sorted(chosen, key=lambda c: (not c.shared, -1 if c.joint is None else c.joint,
                                          int(c.columns[0])))

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis import alternative_models, nonparametric
+from gravity_comp_ros.diagnosis.alternative_models import best_alternative
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.effective import effective, effective_of
 from gravity_comp_ros.diagnosis.estimates import estimates
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport, Verdict
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.diagnosis.pose_folds import pose_folds
@@ -19,7 +19,7 @@ from gravity_comp_ros.diagnosis.selection import alternatives, Selection
 from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_shape
 from gravity_comp_ros.diagnosis.verdict import Proof, rest_angles, untestable_twins, verdict
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 # A remaining error this many times the white noise, and of this share of the range of the torque,
@@ -49,22 +49,20 @@ def judge(selection: Selection, motion: Motion, span: FloatArray, noise: FloatAr
     layout, chosen = criteria.fits.layout, selection.chosen
     refused = dict(selection.refused)
     findings: list[Finding] = []
-    other = alternative_models.best_alternative(
-        criteria, layout.of_family(alternative_models.FAMILY), chosen)
+    other = best_alternative(criteria, layout.alternatives, chosen)
     if other is not None:
         outcome = by_another_law(scale, other, chosen)
         findings, chosen = list(outcome.findings), outcome.chosen
-        refused[other.effect, other.candidate.joint] = other.words
+        refused[other.model.effect.name, other.trial.joint] = other.model.meaning
     taken = {finding.joint for finding in findings}
-    shapes = layout.of_family(nonparametric.FAMILY)
     for joint, name in enumerate(scale.names):
         if name not in taken:
-            outcome = of_unknown_shape(scale, joint, chosen, shapes, refused)
+            outcome = of_unknown_shape(scale, joint, chosen, layout.shapes, refused)
             findings += outcome.findings
             chosen = outcome.chosen
     final = Selection(chosen, refused, criteria)
     findings += _Findings(final, scale, options).all()
-    findings.sort(key=lambda f: f.verdict not in (Verdict.ESTABLISHED, Verdict.LIKELY))
+    findings.sort(key=lambda f: f.verdict not in FOUND)
     arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
            if joint is None}
     reports = {name: _report(scale, n, float(noise[n]), chosen, findings)
@@ -105,8 +103,7 @@ class _Findings:
         proof = Proof(kept, kept.p < self.selection.criteria.options.alpha,
                       scale.runs_better(kept), before, after,
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
-                      found, twins,
-                      sizes, 1 if candidate.effect.spread else len(sizes),
+                      found, twins, sizes, candidate.n_free(scale.motion),
                       self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
         name = None if candidate.joint is None else scale.names[candidate.joint]
@@ -123,14 +120,14 @@ class _Findings:
             return None
         fits, chosen = self._elsewhere
         candidate = chosen[place]
-        joint = None if candidate.shared else candidate.joint
+        joint = candidate.acts_on
         rest = [c for c in chosen if c is not candidate]
         return fits.errors(joint, rest), fits.errors(joint, chosen)
 
     def _most_affected(self, candidate: Candidate, rest: Sequence[Candidate]) -> int:
         """Return the joint on which an effect is judged: its own, or where it helps most."""
         if not candidate.shared:
-            return candidate.joint or 0
+            return candidate.place
         with_it, = self.fits.errors_with_each(None, rest, [candidate])
         return int(np.argmax((self.fits.errors(None, rest) - with_it).sum(axis=0)))
 
@@ -141,8 +138,8 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
     remaining = list(chosen)
     while remaining:
         gains = []
-        for place in {None if c.shared else c.joint for c in remaining}:
-            here = [c for c in remaining if (None if c.shared else c.joint) == place]
+        for place in {c.acts_on for c in remaining}:
+            here = [c for c in remaining if c.acts_on == place]
             now = fits.errors(place, ordered)
             for c, after in zip(here, fits.errors_with_each(place, ordered, here)):
                 gains.append((float((now - after).sum()), -remaining.index(c), c))
@@ -154,7 +151,7 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
 
 def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
     """Return the motion that settles what is open; what is found is to be added."""
-    if level in (Verdict.ESTABLISHED, Verdict.LIKELY):
+    if level in FOUND:
         return ''
     return candidate.effect.experiment.replace('{joint}', name or 'the arm')
 

@@ -9,10 +9,10 @@ the library finds it, "none of these" is the answer, with the angle at which it 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Regressor, Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
-NAME = FAMILY = 'unknown'
 # Coarse bumps find what is wide with little spent, fine ones a detent of a few degrees.
 _RESOLUTIONS = (15, 60)
 _BUMPS_BY_DIRECTION = 10
@@ -27,22 +27,6 @@ def bumps(q: FloatArray, low: float, high: float, count: int) -> FloatArray:
     return np.asarray(np.exp(-0.5 * ((q[:, None] - centres) / width) ** 2))
 
 
-def _columns(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    q = motion.samples.q[:, joint]
-    low, high = float(q.min()), float(q.max())
-    return np.column_stack([
-        bumps(q, low, high, int(setting['bumps'])),
-        bumps(q, low, high, _BUMPS_BY_DIRECTION) * motion.direction(joint)[:, None]])
-
-
-def _untestable(motion: Motion, joint: int) -> str | None:
-    return 'the joint hardly moves' if np.ptp(motion.samples.q[:, joint]) < 0.05 else None
-
-
-def _settings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    return [{'bumps': float(count)} for count in _RESOLUTIONS]
-
-
 def largest_angle(q: FloatArray, coefficients: FloatArray, count: int) -> float:
     """Return the angle in rad at which the direction-free part is farthest from its median."""
     low, high = float(q.min()), float(q.max())
@@ -51,11 +35,20 @@ def largest_angle(q: FloatArray, coefficients: FloatArray, count: int) -> float:
     return float(grid[np.argmax(np.abs(shape - np.median(shape)))])
 
 
-UNKNOWN = Effect(
-    name=NAME, title='Unknown torque', family=FAMILY,
-    equation='sum_k a_k bump_k(q) + sign(qd) sum_k b_k bump_k(q)',
-    description='Any torque that depends on the joint angle and the direction of motion.',
-    coefficients=(Coefficient('a', 'N·m', 'heights of the bumps'),), columns=_columns,
-    confounders=(), experiment='Move slowly to and fro through the angle.',
-    signature='position', source='nonparametric regression', settings=_settings,
-    untestable=_untestable)
+class UnknownTorque(Regressor):
+    """Any torque that depends on the joint angle and the direction of motion."""
+
+    name = 'unknown'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = motion.samples.q[:, joint]
+        low, high = float(q.min()), float(q.max())
+        return np.column_stack([
+            bumps(q, low, high, int(setting['bumps'])),
+            bumps(q, low, high, _BUMPS_BY_DIRECTION) * motion.direction(joint)[:, None]])
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return [{'bumps': float(count)} for count in _RESOLUTIONS]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return 'the joint hardly moves' if np.ptp(motion.samples.q[:, joint]) < 0.05 else None

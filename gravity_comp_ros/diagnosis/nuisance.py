@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 

@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.criteria import Criteria
 from gravity_comp_ros.diagnosis.evidence import absorbed
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.evaluation.gain import Gain
 import numpy as np
 
@@ -52,5 +52,5 @@ class Scale:
     def absorbed(self, candidate: Candidate) -> float:
         """Return the share of an effect that the gravity model imitates."""
         fits = self.criteria.fits
-        return absorbed(fits.rows[candidate.joint or 0], np.arange(fits.layout.n_base),
+        return absorbed(fits.rows[candidate.place], np.arange(fits.layout.n_base),
                         candidate.columns)

@@ -12,9 +12,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, RARE
+from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.criteria import Criteria
 from gravity_comp_ros.diagnosis.fits import Fits
+from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.evaluation.gain import Gain, not_worse
 import numpy as np
 
@@ -51,7 +52,7 @@ def select(criteria: Criteria) -> Selection:
     """
     found = _searched(criteria, {})
     for candidate in found.chosen:
-        if candidate.expectation == RARE and len(candidate.columns) > _MANY:
+        if candidate.effect.expectation == Expectation.RARE and len(candidate.columns) > _MANY:
             without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
             if not (criteria.is_needed(candidate, without.chosen)
                     and criteria.is_more_than_motion(candidate, without.chosen)):
@@ -200,7 +201,7 @@ class _Search:
         """Work out gains beside what is chosen now."""
         places: list[int | None] = [None, *range(self.fits.n_joints)]
         for place in places:
-            here = [c for c in candidates if (None if c.shared else c.joint) == place]
+            here = [c for c in candidates if c.acts_on == place]
             if not here:
                 continue
             before = self.fits.errors(place, self.chosen)

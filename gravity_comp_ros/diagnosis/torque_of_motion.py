@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.gravity_on_axes import independent
 from gravity_comp_ros.diagnosis.nuisance import friction, nuisance
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
@@ -59,7 +59,7 @@ def beside_on_axes(gravity: FloatArray, motion: Motion, model: GravityModel) -> 
     m, n = samples.q.shape
     k = gravity.shape[2]
     x = np.concatenate([gravity, columns_of(dynamics, samples.q, samples.qd, motion.qdd),
-                        *(on_joint(j, n, friction(motion, j)) for j in range(n))], axis=2)
+                        *(_on_joint(j, n, friction(motion, j)) for j in range(n))], axis=2)
     usual = np.full(x.shape[2], np.inf)
     usual[:2], usual[2:k] = _TILT, float(np.abs(samples.tau).max())
     usual[k:k + len(dynamics.usual)] = dynamics.usual
@@ -76,7 +76,7 @@ def beside_on_axes(gravity: FloatArray, motion: Motion, model: GravityModel) -> 
     return np.asarray(x[:, :, k:] @ found[k:])
 
 
-def on_joint(joint: int, n: int, columns: FloatArray) -> FloatArray:
+def _on_joint(joint: int, n: int, columns: FloatArray) -> FloatArray:
     """Return columns (M, K) of one joint among those of all, (M, N, K)."""
     whole = np.zeros((len(columns), n, columns.shape[1]))
     whole[:, joint] = columns

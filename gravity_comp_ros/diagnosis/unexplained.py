@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis import nonparametric
 from gravity_comp_ros.diagnosis.alternative_models import Alternative
-from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.candidates import Candidate, Trial
 from gravity_comp_ros.diagnosis.findings import Finding, Verdict
+from gravity_comp_ros.diagnosis.nonparametric import largest_angle, UnknownTorque
 from gravity_comp_ros.diagnosis.scale import Scale
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
 from gravity_comp_ros.evaluation.gain import gain, gain_in_places
@@ -36,28 +36,28 @@ def by_another_law(scale: Scale, alternative: Alternative,
                    chosen: Sequence[Candidate]) -> Outcome:
     """Return the finding of a cause that follows another law than its effect."""
     helped = (alternative.before - alternative.after).sum(axis=0)
-    joint, place = int(np.argmax(helped)), alternative.candidate.joint or 0
+    joint, trial = int(np.argmax(helped)), alternative.trial
+    effect = alternative.model.effect
     was_chosen = len(alternative.without) < len(chosen)
     criteria = scale.criteria
     rest = tuple(
-        c for c in alternative.without if c.joint != alternative.candidate.joint
-        or criteria.is_needed(c, [*(o for o in alternative.without if o is not c),
-                                  alternative.candidate]))
+        c for c in alternative.without if c.joint != trial.joint
+        or criteria.is_needed(c, [*(o for o in alternative.without if o is not c), trial]))
     before, after = (scale.nrmse_of(errors[:, joint], joint)
                      for errors in (alternative.before, alternative.after))
-    name = scale.names[place]
+    name = scale.names[trial.place]
     finding = Finding(
-        name, None, Verdict.UNEXPLAINED, (alternative.effect,) if was_chosen else (), {},
+        name, None, Verdict.UNEXPLAINED, (effect.name,) if was_chosen else (), {},
         before, after, 0.0, scale.runs_better(alternative.gain),
-        f'it resembles {alternative.effect}, but another law explains '
-        f'{alternative.gain.share:.1%} more of the held-out error: {alternative.words}',
-        alternative.candidate.effect.experiment.replace('{joint}', name), alternative.gain.p)
+        f'it resembles {effect.name}, but another law explains '
+        f'{alternative.gain.share:.1%} more of the held-out error: {alternative.model.meaning}',
+        effect.experiment.replace('{joint}', name), alternative.gain.p)
     return Outcome((finding,), rest)
 
 
 def of_unknown_shape(scale: Scale, joint: int, chosen: tuple[Candidate, ...],
-                     shapes: Sequence[Candidate], refused: dict[tuple[str, int | None], str]
-                     ) -> Outcome:
+                     shapes: Sequence[Trial[UnknownTorque]],
+                     refused: dict[tuple[str, int | None], str]) -> Outcome:
     """Return a finding where bumps explain what effects do not; drop effects that pose."""
     nothing = Outcome((), chosen)
     here = [c for c in shapes if c.joint == joint]
@@ -78,7 +78,7 @@ def of_unknown_shape(scale: Scale, joint: int, chosen: tuple[Candidate, ...],
     hint = _hint(scale, joint, chosen, refused, some, float(every.sum()))
     if hint is not None:
         return Outcome((hint,), chosen)
-    angle = nonparametric.largest_angle(
+    angle = largest_angle(
         scale.motion.samples.q[:, joint], fits.coefficients(unknown, [*chosen, unknown]),
         int(unknown.setting['bumps']))
     name = scale.names[joint]

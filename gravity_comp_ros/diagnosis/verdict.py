@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.candidates import Candidate, expectation, RARE
+from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing
 from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.effect import Expectation
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.evaluation.gain import Gain, not_worse
 from gravity_comp_ros.printable import counted
@@ -67,7 +68,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
                               else 'the interval of every coefficient covers 0')
     if proof.alternatives:
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
-    many = options.many_rare if candidate.expectation == RARE else options.many
+    many = options.many_rare if candidate.effect.expectation == Expectation.RARE else options.many
     if proof.free > many and proof.n_effective < _asked(proof, options):
         return Verdict.WEAK, _too_few(proof, options)
     doubt = _doubt(fits, chosen, candidate, proof, options)
@@ -79,7 +80,7 @@ def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof:
     """Return why an effect is likely at most, '' if nothing speaks against more."""
     if proof.n_effective < _asked(proof, options):
         return _too_few(proof, options)
-    fit = fits.fit(candidate.joint or 0, chosen)
+    fit = fits.fit(candidate.place, chosen)
     here = np.isin(fit.columns, candidate.columns)
     if not (np.sign(fit.without[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
         return 'its sign changes with the part of the recording that is left out'
@@ -130,7 +131,7 @@ def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
         if other is None or other.scope != 'joint':
             continue
         # A rarer effect that looks the same does not make a common one doubtful.
-        if candidate.expectation != RARE and expectation(other) == RARE:
+        if other.expectation == Expectation.RARE != candidate.effect.expectation:
             continue
         if (name, candidate.joint) not in fits.layout.untestable:
             continue

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 import math
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, FOUND
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.applied_effects import target
 
-FOUND = ('established', 'likely')
 _MOST_COEFFICIENTS = 2
 
 

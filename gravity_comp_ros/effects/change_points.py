@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import one_clock, run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Motion, Setting
+from gravity_comp_ros.effects.effect import Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 # Into how many parts a run is cut: a single one finely, several only coarsely, many not at all.
@@ -61,7 +62,7 @@ def change_points(motion: Motion) -> list[dict[str, float]]:
     return [point for point in points if change(motion, point).any()]
 
 
-def finer_points(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+def finer_points(motion: Motion, setting: Setting) -> list[dict[str, float]]:
     """Return points between a change point and its neighbours."""
     if 'clock' not in setting:
         return []

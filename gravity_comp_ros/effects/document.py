@@ -50,7 +50,7 @@ def document() -> str:
 
 
 def _section(effect: Effect) -> list[str]:
-    many = ' (and others of their kinds)' if effect.symbols else ''
+    many = '' if effect.has_fixed_coefficients else ' (and others of their kinds)'
     lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
              f'    {effect.equation}', '']
     lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}: {c.meaning}'

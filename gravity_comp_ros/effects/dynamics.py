@@ -6,8 +6,8 @@ from itertools import product
 
 from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import not_negative, within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _LEAST_ACCELERATION = 1e-3
@@ -16,20 +16,80 @@ _LEAST_SPEED_SQUARED = 1e-3
 _SECONDS_EACH = 10.0
 # Joints as far apart as this couple by way of the angles between them.
 _NEAR = 2
+# The joint that accelerates, and the angles whose sines and cosines its torque is multiplied by.
+_Coupling = tuple[int, tuple[tuple[int, np.ufunc], ...]]
 _INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor included, in the '
                                       'middle of the motion')
 
 
-def _inertia(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the joint's own acceleration, and after it what `_couplings` names."""
-    parts = [motion.qdd[:, joint]]
-    for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
-        factor = _factor(motion, turned)
-        if other == joint:
-            # The first coefficient is then the inertia in the middle of the motion.
-            factor = factor - setting.get(_mean_of(turned), 0.0)
-        parts.append(motion.qdd[:, other] * factor)
-    return np.stack(parts, axis=1)
+class Inertia(Effect):
+    """The columns are the joint's own acceleration, and after it what `_couplings` names."""
+
+    name = 'inertia'
+    title = 'Inertia'
+    family = 'dynamics'
+    equation = ('tau_n = J qdd_n; or, coupled, J qdd_n + sum_j m_j qdd_j, m_j constant or a sum '
+                'over the sines and cosines of the angles between joints n and j')
+    description = ('The torque that accelerates the arm and the rotor behind its gear; where the '
+                   'motion shows it, also the part of the other joints, and how it changes with '
+                   'the pose.')
+    coefficients = (_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint j, '
+                                                           'and per factor of angles'))
+    confounders = ('joint_spring', 'coriolis', 'rigid_body_dynamics')
+    experiment = ('move joint {joint} to and fro over the same short way at two speeds; inertia '
+                  'grows with the square of the speed')
+    signature = 'acceleration'
+    source = 'Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6'
+    setting_units = {'coupled': '', 'mean_s': '', 'mean_c': ''}
+    not_scanned = ('coupled', 'mean_s', 'mean_c')
+    pointwise = True
+    expectation = Expectation.MOTION
+    needs_speed = True
+    why_not_negative = 'a mass resists acceleration'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        parts = [motion.qdd[:, joint]]
+        for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
+            factor = _factor(motion, turned)
+            if other == joint:
+                # The first coefficient is then the inertia in the middle of the motion.
+                factor = factor - setting.get(_mean_of(turned), 0.0)
+            parts.append(motion.qdd[:, other] * factor)
+        return np.stack(parts, axis=1)
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return own inertia, a row of the mass matrix, and one that turns with poses."""
+        n, seconds = motion.qdd.shape[1], recorded_time(motion.samples)
+        found: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
+        weights = motion.qdd[:, joint] ** 2
+        for other, turned in _couplings(n, joint, found[2]):
+            if other == joint:
+                found[2][_mean_of(turned)] = float(
+                    weights @ _factor(motion, turned) / max(float(weights.sum()), 1e-300))
+        counts = [1 + len(_couplings(n, joint, setting)) for setting in found]
+        return [setting for setting, count, fewer in zip(found, counts, [0, *counts])
+                if count == 1 or (count > fewer and seconds >= _SECONDS_EACH * count)]
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        found = [_INERTIA]
+        for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
+            factors = ' '.join(f'{"s" if wave is np.sin else "c"}{k + 1}' for k, wave in turned)
+            found.append(Coefficient(
+                f'm_{other + 1}' + (f'[{factors}]' if factors else ''), 'kg·m^2',
+                f'torque per acceleration of joint number {other + 1}'
+                + (f', times {factors}' if factors else '')))
+        return tuple(found)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        largest = float(np.abs(motion.qdd[:, joint]).max(initial=0.0))
+        if largest < _LEAST_ACCELERATION:
+            return f'the joint hardly accelerates (at most {largest:.2g} rad/s^2)'
+        return None
+
+    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
+                    joint: int) -> str | None:
+        # The joint's own inertia alone: a coupling has either sign.
+        return super().implausible(values[:1], {}, motion, joint)
 
 
 def _factor(motion: Motion, turned: tuple[tuple[int, np.ufunc], ...]) -> FloatArray:
@@ -45,8 +105,7 @@ def _mean_of(turned: tuple[tuple[int, np.ufunc], ...]) -> str:
     return 'mean_' + ''.join('s' if wave is np.sin else 'c' for _, wave in turned)
 
 
-def _couplings(n_joints: int, joint: int,
-               setting: Setting) -> list[tuple[int, tuple[tuple[int, np.ufunc], ...]]]:
+def _couplings(n_joints: int, joint: int, setting: Setting) -> list[_Coupling]:
     """
     Return what else a row of the mass matrix has: (joint that accelerates, factors of angles).
 
@@ -57,7 +116,7 @@ def _couplings(n_joints: int, joint: int,
     reach = setting.get('coupled', 0.0)
     if not reach:
         return []
-    found: list[tuple[int, tuple[tuple[int, np.ufunc], ...]]] = []
+    found: list[_Coupling] = []
     for other in range(n_joints):
         near, far = min(joint, other), max(joint, other)
         between = range(near + 1, far + 1) if other != joint else range(joint + 1, joint + 2)
@@ -71,45 +130,46 @@ def _couplings(n_joints: int, joint: int,
     return found
 
 
-def _inertia_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return a joint's own inertia, a row of the mass matrix, and one that turns with poses."""
-    n, seconds = motion.qdd.shape[1], recorded_time(motion.samples)
-    settings: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
-    weights = motion.qdd[:, joint] ** 2
-    for other, turned in _couplings(n, joint, settings[2]):
-        if other == joint:
-            settings[2][_mean_of(turned)] = float(
-                weights @ _factor(motion, turned) / max(float(weights.sum()), 1e-300))
-    counts = [1 + len(_couplings(n, joint, setting)) for setting in settings]
-    return [setting for setting, count, fewer in zip(settings, counts, [0, *counts])
-            if count == 1 or (count > fewer and seconds >= _SECONDS_EACH * count)]
+class Coriolis(Effect):
+    name = 'coriolis'
+    title = 'Centrifugal and Coriolis torque'
+    family = 'dynamics'
+    equation = 'tau_n = sum_jk h_jk qd_j qd_k over the joint and its neighbours, without qd_n^2'
+    description = ('The torque that comes with products of speeds; constants stand for mean '
+                   'values over the poses, so that it holds in a narrow range only.')
+    coefficients = (Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),)
+    confounders = ('inertia', 'rigid_body_dynamics')
+    experiment = ('move joint {joint} and its neighbours together at two speeds; this torque '
+                  'grows with the square of the speed and does not turn with direction')
+    signature = 'speed'
+    source = 'Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6'
+    pointwise = True
+    expectation = Expectation.MOTION
+    needs_speed = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        qd = motion.samples.qd
+        pairs = _speed_products(qd.shape[1], joint)
+        # An arm of one joint has no such torque; its column is empty.
+        return np.stack([qd[:, a] * qd[:, b] for a, b in pairs] or [np.zeros(len(qd))], axis=1)
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        pairs = _speed_products(motion.samples.n_joints, joint)
+        if not pairs:
+            return (Coefficient('h', 'kg·m^2', 'none: the arm has one joint'),)
+        return tuple(_speed_coefficient(a, b) for a, b in pairs)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.samples.n_joints < 2:
+            return 'an arm of one joint has no such torque'
+        largest = float(np.abs(self.columns(motion, joint, {})).max(initial=0.0))
+        if largest < _LEAST_SPEED_SQUARED:
+            return (f'products of speeds stay below {_LEAST_SPEED_SQUARED:g} (rad/s)^2, too slow '
+                    f'for this torque to show')
+        return None
 
 
-def _inertia_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    symbols = [_INERTIA]
-    for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
-        factors = ''.join(f' {"s" if wave is np.sin else "c"}{k + 1}' for k, wave in turned)
-        symbols.append(Coefficient(
-            f'm_{other + 1}{f"[{factors.strip()}]" if factors else ""}', 'kg·m^2',
-            f'torque per acceleration of joint number {other + 1}'
-            f'{f", times {factors.strip()}" if factors else ""}'))
-    return tuple(symbols)
-
-
-def _inertia_implausible(values: FloatArray, setting: Setting, motion: Motion,
-                         joint: int) -> str | None:
-    """Judge the joint's own inertia; a coupling has either sign."""
-    return _RESISTS(values[:1], {}, motion, joint)
-
-
-def _inertia_untestable(motion: Motion, joint: int) -> str | None:
-    largest = float(np.abs(motion.qdd[:, joint]).max(initial=0.0))
-    if largest < _LEAST_ACCELERATION:
-        return f'the joint hardly accelerates (at most {largest:.2g} rad/s^2)'
-    return None
-
-
-def speed_products(n_joints: int, joint: int) -> list[tuple[int, int]]:
+def _speed_products(n_joints: int, joint: int) -> list[tuple[int, int]]:
     """
     Return the pairs of joints whose speeds' product may act on a joint.
 
@@ -120,80 +180,10 @@ def speed_products(n_joints: int, joint: int) -> list[tuple[int, int]]:
     return [(a, b) for k, a in enumerate(near) for b in near[k:] if not a == b == joint]
 
 
-def _coriolis(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    qd = motion.samples.qd
-    pairs = speed_products(qd.shape[1], joint)
-    # An arm of one joint has no such torque; its column is empty.
-    return np.stack([qd[:, a] * qd[:, b] for a, b in pairs] or [np.zeros(len(qd))], axis=1)
-
-
-def _coriolis_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    pairs = speed_products(motion.samples.n_joints, joint)
-    if not pairs:
-        return (Coefficient('h', 'kg·m^2', 'none: the arm has one joint'),)
-    return tuple(_speed_coefficient(a, b) for a, b in pairs)
-
-
 def _speed_coefficient(a: int, b: int) -> Coefficient:
     meaning = (f'torque per squared speed of joint number {a + 1}' if a == b else
                f'torque per product of the speeds of joints number {a + 1} and {b + 1}')
     return Coefficient(f'h_{a + 1}_{b + 1}', 'kg·m^2', meaning)
 
 
-def _coriolis_untestable(motion: Motion, joint: int) -> str | None:
-    if motion.samples.n_joints < 2:
-        return 'an arm of one joint has no such torque'
-    largest = float(np.abs(_coriolis(motion, joint, {})).max(initial=0.0))
-    if largest < _LEAST_SPEED_SQUARED:
-        return (f'products of speeds stay below {_LEAST_SPEED_SQUARED:g} (rad/s)^2, too slow '
-                f'for this torque to show')
-    return None
-
-
-_RESISTS = not_negative(_inertia, 'a mass resists acceleration')
-
-EFFECTS = (
-    Effect(
-        name='inertia',
-        title='Inertia',
-        family='dynamics',
-        equation='tau_n = J qdd_n; or, coupled, J qdd_n + sum_j m_j qdd_j, m_j constant or a '
-                 'sum over the sines and cosines of the angles between joints n and j',
-        description='The torque that accelerates the arm and the rotor behind its gear; where '
-                    'the motion shows it, also the part of the other joints, and how it changes '
-                    'with the pose.',
-        coefficients=(_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint '
-                                                             'j, and per factor of angles')),
-        columns=_inertia,
-        pointwise=True,
-        confounders=('joint_spring', 'coriolis', 'rigid_body_dynamics'),
-        experiment='move joint {joint} to and fro over the same short way at two speeds; '
-                   'inertia grows with the square of the speed',
-        signature='acceleration',
-        source='Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6',
-        untestable=_inertia_untestable,
-        settings=_inertia_settings,
-        symbols=_inertia_symbols,
-        implausible=_inertia_implausible,
-        setting_units={'coupled': '', 'mean_s': '', 'mean_c': ''},
-        taken=('coupled', 'mean_s', 'mean_c')),
-    Effect(
-        name='coriolis',
-        title='Centrifugal and Coriolis torque',
-        family='dynamics',
-        equation='tau_n = sum_jk h_jk qd_j qd_k over the joint and its neighbours, without '
-                 'qd_n^2',
-        description='The torque that comes with products of speeds; constants stand for mean '
-                    'values over the poses, so that it holds in a narrow range only.',
-        coefficients=(Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),),
-        columns=_coriolis,
-        pointwise=True,
-        confounders=('inertia', 'rigid_body_dynamics'),
-        experiment='move joint {joint} and its neighbours together at two speeds; this torque '
-                   'grows with the square of the speed and does not turn with direction',
-        signature='speed',
-        source='Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6',
-        symbols=_coriolis_symbols,
-        untestable=_coriolis_untestable,
-        implausible=within_torque(_coriolis)),
-)
+EFFECTS = (Inertia(), Coriolis())

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import AlternativeModel, ATTRIBUTES, Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.printable import printable
 import numpy as np
@@ -13,36 +12,54 @@ import numpy as np
 
 def effects_of(loaded: object) -> tuple[Effect, ...]:
     """
-    Return the effects that an entry point names: one, or a list or tuple of them.
+    Return the effects that an entry point names, guarded: one, or a list or tuple of them.
 
-    :raises OptionError: if it names something else.
+    A class stands for the effect that it makes.
+
+    :raises OptionError: if it names something else, or an effect lacks something.
     """
-    found = loaded if isinstance(loaded, (list, tuple)) else (loaded,)
-    for effect in found:
+    found = []
+    for named in loaded if isinstance(loaded, (list, tuple)) else (loaded,):
+        effect = named() if isinstance(named, type) and issubclass(named, Effect) else named
         if not isinstance(effect, Effect):
             raise OptionError(f'it names a {type(effect).__name__}, not an Effect')
         if not isinstance(effect.name, str) or not effect.name.isidentifier():
             raise OptionError(f'its name {effect.name!r} must be letters, digits and _')
+        found.append(GuardedEffect(effect))
     return tuple(found)
 
 
-def guarded(effect: Effect) -> Effect:
-    """Return the effect, but untestable on motions on which its own functions fail."""
-    def untestable(motion: Motion, joint: int) -> str | None:
+class GuardedEffect(Effect):
+    """An effect of another package, untestable on motions on which its own methods fail."""
+
+    def __init__(self, effect: Effect) -> None:
+        self.effect = effect
+        # All but `untestable` is the effect's own.
+        vars(self).update({name: getattr(effect, name) for name in (
+            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread', 'implausible')})
+        super().__init__()
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return self.effect.columns(motion, joint, setting)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
         try:
-            reason = effect.untestable(motion, joint)
-            return reason if reason else _trial(effect, motion, joint)
+            return self.effect.untestable(motion, joint) or _fault(self.effect, motion, joint)
         except Exception as error:  # noqa: B902
             words = printable(error) or type(error).__name__
-            return f'the plug-in that brings {effect.name} fails: {words}'
-    return replace(effect, untestable=untestable)
+            return f'the plug-in that brings {self.name} fails: {words}'
+
+    def alternative(self) -> AlternativeModel | None:
+        other = self.effect.alternative()
+        if other is not None:
+            other.effect = self
+        return other
 
 
-def _trial(effect: Effect, motion: Motion, joint: int) -> str | None:
+def _fault(effect: Effect, motion: Motion, joint: int) -> str | None:
     """Return what is wrong with an effect's columns on a motion, or None."""
     m, n = motion.samples.q.shape
-    settings: Sequence[Setting] = effect.settings(motion, joint)
-    for setting in settings:
+    for setting in effect.settings(motion, joint):
         columns = np.asarray(effect.columns(motion, joint, setting))
         k = len(effect.coefficients_of(motion, joint, setting))
         shape = (m, k) if effect.scope == 'joint' else (m, n, k)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 # A joint that travels less than this, in rad, stands for our purposes.

@@ -9,13 +9,16 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
-from gravity_comp_ros.effects.plausibility import all_of, not_negative, smaller_than, within_torque
 import numpy as np
 
 _TO_AND_FRO = ('move joint {joint} to and fro through its range with the others still, once '
                'each at three speeds')
+# What friction at creeping speed corrects.
+DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
+_PUSHES = 'friction takes energy from the motion, it never adds any'
 # A Stribeck speed must be this many sign widths, or it only corrects the width.
 _ABOVE_WIDTH = 4.0
 # ... and lie below this share of the top speed, or it is viscous friction upside down.
@@ -25,31 +28,215 @@ _STRIBECK_SPEEDS = 5
 _OWN_DIRECTION = 0.2
 
 
-def _coulomb(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.direction(joint)[:, None]
+class CoulombFriction(Effect):
+    name = 'coulomb_friction'
+    title = 'Coulomb friction'
+    family = 'friction'
+    equation = 'tau_n = F_c d_n'
+    description = ('A constant torque against the motion; the prediction jumps where the joint '
+                   'turns back.')
+    coefficients = (Coefficient('F_c', 'N·m', 'Coulomb friction torque'),)
+    confounders = ('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
+                   'presliding_hysteresis', 'asymmetric_friction', 'torque_offset',
+                   'coupled_friction', 'friction_drift')
+    experiment = _TO_AND_FRO
+    signature = 'speed'
+    source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
+              'models and friction compensation, European Journal of Control 4, 1998')
+    pointwise = True
+    expectation = Expectation.COMMON
+    why_not_negative = _PUSHES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return motion.direction(joint)[:, None]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return facts.lacks_both_ways(motion, joint)
 
 
-def _viscous(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.samples.qd[:, [joint]]
+class ViscousFriction(Effect):
+    name = 'viscous_friction'
+    title = 'Viscous friction'
+    family = 'friction'
+    equation = 'tau_n = F_v qd_n'
+    description = 'A torque against the motion that grows in proportion to speed.'
+    coefficients = (Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),)
+    confounders = ('coulomb_friction', 'stribeck_friction', 'time_delay', 'coupled_friction',
+                   'friction_drift')
+    experiment = _TO_AND_FRO
+    signature = 'speed'
+    source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
+              'Control 4, 1998')
+    pointwise = True
+    expectation = Expectation.COMMON
+    why_not_negative = _PUSHES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return motion.samples.qd[:, [joint]]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return facts.lacks_speeds(motion, joint)
 
 
-def _stribeck(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
-    return (motion.direction(joint) * fall)[:, None]
+class StribeckFriction(Effect):
+    """Speeds are tried between the sign width and the speeds that occur."""
+
+    name = 'stribeck_friction'
+    title = 'Stribeck friction'
+    family = 'friction'
+    equation = 'tau_n = F_s d_n exp(-(qd_n / v_s)^2)'
+    description = ('Extra friction at creeping speed that falls off as the joint moves faster; '
+                   'it comes on top of Coulomb friction.')
+    coefficients = (Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),)
+    confounders = ('coulomb_friction', 'viscous_friction', 'presliding_hysteresis')
+    experiment = ('move joint {joint} to and fro through the same range at five speeds, from '
+                  'the slowest that the drive holds steady to ten times that')
+    signature = 'speed'
+    source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
+              'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
+    setting_units = {'speed': 'rad/s'}
+    corrects = DRY
+    pointwise = True
+    why_not_negative = 'friction that rises from creeping speed is viscous, not Stribeck'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
+        return (motion.direction(joint) * fall)[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        low, high = _stribeck_range(motion, joint)
+        if high <= low:
+            return []
+        count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
+        return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        low, high = _stribeck_range(motion, joint)
+        return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if reason := facts.lacks_speeds(motion, joint):
+            return reason
+        low, high = _stribeck_range(motion, joint)
+        if high <= low:
+            return (f'a Stribeck speed could be told only from {low:.2g} to {high:.2g} rad/s: '
+                    f'the joint is too slow, or its speed too noisy')
+        speeds = np.abs(motion.samples.qd[:, joint])
+        if np.count_nonzero(speeds < 0.5 * high) < 20:
+            return 'too few samples at creeping speed'
+        return None
 
 
-def _asymmetric(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return np.abs(motion.direction(joint))[:, None]
+def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
+    return (_ABOVE_WIDTH * float(motion.sign_width[joint]),
+            _BELOW_TOP * facts.top_speed(motion, joint))
 
 
-def _load_dependent(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
+class AsymmetricFriction(Effect):
+    name = 'asymmetric_friction'
+    title = 'Friction that differs by direction'
+    family = 'friction'
+    equation = 'tau_n = F_a |d_n|'
+    description = ('Friction that is stronger one way than the other; in motion it looks like an '
+                   'offset, which is gone when the joint stands.')
+    coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
+                                              'downwards'),)
+    confounders = ('torque_offset', 'coulomb_friction')
+    experiment = ('move joint {joint} to and fro and let it stand for some seconds in several '
+                  'places on the way')
+    signature = 'speed'
+    source = ('B. Armstrong-Hélouvry et al., A survey of models, analysis tools and compensation '
+              'methods for the control of machines with friction, Automatica 30, 1994')
+    corrects = DRY
+    pointwise = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return np.abs(motion.direction(joint))[:, None]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return facts.lacks_holds(motion, joint)
 
 
-def _coupled(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the direction of q_n + s q_m, m the joint number `partner` (from 1)."""
-    q, qd = _shared(motion, joint, setting)
-    return direction(motion.samples, q, qd, Shape(setting['width'], setting['hold']))[:, None]
+class LoadDependentFriction(Effect):
+    name = 'load_dependent_friction'
+    title = 'Friction that grows with load'
+    family = 'friction'
+    equation = 'tau_n = mu |g_n(q)| d_n'
+    description = 'Friction in proportion to the gravity torque that the gear carries.'
+    coefficients = (Coefficient('mu', '', 'friction torque per torque carried'),)
+    confounders = ('coulomb_friction', 'torque_gain')
+    experiment = ('move joint {joint} to and fro over a short way in a pose with much load and '
+                  'in one with none')
+    signature = 'load'
+    source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
+              'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
+              'Measurement and Control 134, 2012')
+    pointwise = True
+    why_not_negative = _PUSHES
+    largest = 0.5
+    why_not_larger = 'no gear that can be driven loses half its load'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        reason = facts.lacks_both_ways(motion, joint) or facts.lacks_load(motion, joint)
+        if reason:
+            return reason
+        d, load = motion.direction(joint), np.abs(motion.gravity[:, joint])
+        mean = float(d @ (load * d)) / max(float(d @ d), 1e-300)
+        if np.sqrt(np.mean(((load - mean) * d) ** 2)) < 0.05 * max(mean, 0.1):
+            return 'the load is nearly the same wherever the joint moves'
+        return None
+
+
+class CoupledFriction(Effect):
+    """The column is the direction of q_n + s q_m, m the joint number `partner` (from 1)."""
+
+    name = 'coupled_friction'
+    title = 'Friction of a coupled gear'
+    family = 'friction'
+    equation = 'tau_n = F_k d(q_n + s q_m), m a neighbour of n, s = ±1'
+    description = ('Friction that turns with the sum or difference of two joint speeds, as in a '
+                   'wrist whose motors drive two joints together.')
+    coefficients = (Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),)
+    confounders = ('coulomb_friction', 'viscous_friction')
+    experiment = ('move joint {joint} and its neighbour to and fro together, first the same way '
+                  'at one speed, then against each other, then each alone')
+    signature = 'speed'
+    source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
+              'Penton, 2002 (kinematic coupling between wrist motors)')
+    setting_units = {'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad'}
+    not_scanned = ('width', 'hold')
+    pointwise = True
+    why_not_negative = _PUSHES
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q, qd = _shared(motion, joint, setting)
+        return direction(motion.samples, q, qd, Shape(setting['width'], setting['hold']))[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        """Return the neighbours and signs whose sum of speeds has a direction of its own."""
+        partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
+        found = [_shaped(motion, joint, {'partner': m + 1.0, 'sign': s})
+                 for m in partners for s in (1.0, -1.0)]
+        return [setting for setting in found if self._differs(motion, joint, setting)]
+
+    def _differs(self, motion: Motion, joint: int, setting: Setting) -> bool:
+        partner = int(setting['partner']) - 1
+        known = np.column_stack([
+            np.ones(motion.samples.n_samples), motion.direction(joint),
+            motion.direction(partner), motion.samples.qd[:, [joint, partner]]])
+        column = self.columns(motion, joint, setting)[:, 0]
+        rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        return float(rest.std()) > _OWN_DIRECTION
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        reason = facts.lacks_both_ways(motion, joint)
+        if reason or self.settings(motion, joint):
+            return reason
+        return ('neither neighbour moves together with this joint in such a way that the sum of '
+                'their speeds turns at other times than they do')
 
 
 def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, FloatArray]:
@@ -57,14 +244,6 @@ def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, F
     partner, sign = int(setting['partner']) - 1, setting['sign']
     q, qd = motion.samples.q, motion.samples.qd
     return q[:, joint] + sign * q[:, partner], qd[:, joint] + sign * qd[:, partner]
-
-
-def couplings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return the neighbours and signs whose sum of speeds has a direction of its own."""
-    partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
-    settings = [_shaped(motion, joint, {'partner': m + 1.0, 'sign': s})
-                for m in partners for s in (1.0, -1.0)]
-    return [setting for setting in settings if _differs(motion, joint, setting)]
 
 
 def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, float]:
@@ -77,190 +256,5 @@ def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, 
     return {**setting, 'width': shape.width, 'hold': shape.hold}
 
 
-def _differs(motion: Motion, joint: int, setting: Setting) -> bool:
-    partner = int(setting['partner']) - 1
-    known = np.column_stack([
-        np.ones(motion.samples.n_samples), motion.direction(joint), motion.direction(partner),
-        motion.samples.qd[:, [joint, partner]]])
-    column = _coupled(motion, joint, setting)[:, 0]
-    rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
-    return float(rest.std()) > _OWN_DIRECTION
-
-
-def _coupled_untestable(motion: Motion, joint: int) -> str | None:
-    reason = facts.lacks_both_ways(motion, joint)
-    if reason or couplings(motion, joint):
-        return reason
-    return ('neither neighbour moves together with this joint in such a way that the sum of '
-            'their speeds turns at other times than they do')
-
-
-def stribeck_speeds(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return Stribeck speeds between the sign width and the speeds that occur."""
-    low, high = _stribeck_range(motion, joint)
-    if high <= low:
-        return []
-    count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
-    return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
-
-
-def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
-    return (_ABOVE_WIDTH * float(motion.sign_width[joint]),
-            _BELOW_TOP * facts.top_speed(motion, joint))
-
-
-def _finer_speeds(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    low, high = _stribeck_range(motion, joint)
-    return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
-
-
-def _stribeck_untestable(motion: Motion, joint: int) -> str | None:
-    if facts.lacks_speeds(motion, joint):
-        return facts.lacks_speeds(motion, joint)
-    low, high = _stribeck_range(motion, joint)
-    if high <= low:
-        return (f'a Stribeck speed could be told only from {low:.2g} to {high:.2g} rad/s: the '
-                f'joint is too slow, or its speed too noisy')
-    speeds = np.abs(motion.samples.qd[:, joint])
-    if np.count_nonzero(speeds < 0.5 * high) < 20:
-        return 'too few samples at creeping speed'
-    return None
-
-
-def _load_untestable(motion: Motion, joint: int) -> str | None:
-    reason = facts.lacks_both_ways(motion, joint) or facts.lacks_load(motion, joint)
-    if reason:
-        return reason
-    d, load = motion.direction(joint), np.abs(motion.gravity[:, joint])
-    mean = float(d @ (load * d)) / max(float(d @ d), 1e-300)
-    if np.sqrt(np.mean(((load - mean) * d) ** 2)) < 0.05 * max(mean, 0.1):
-        return 'the load is nearly the same wherever the joint moves'
-    return None
-
-
-_PUSHES = 'friction takes energy from the motion, it never adds any'
-
-EFFECTS = (
-    Effect(
-        name='coulomb_friction',
-        title='Coulomb friction',
-        family='friction',
-        equation='tau_n = F_c d_n',
-        description='A constant torque against the motion; the prediction jumps where the '
-                    'joint turns back.',
-        coefficients=(Coefficient('F_c', 'N·m', 'Coulomb friction torque'),),
-        columns=_coulomb,
-        pointwise=True,
-        confounders=('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
-                     'presliding_hysteresis', 'asymmetric_friction', 'torque_offset',
-                     'coupled_friction', 'friction_drift'),
-        experiment=_TO_AND_FRO,
-        signature='speed',
-        source='C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
-               'models and friction compensation, European Journal of Control 4, 1998',
-        untestable=facts.lacks_both_ways,
-        implausible=not_negative(_coulomb, _PUSHES)),
-    Effect(
-        name='viscous_friction',
-        title='Viscous friction',
-        family='friction',
-        equation='tau_n = F_v qd_n',
-        description='A torque against the motion that grows in proportion to speed.',
-        coefficients=(Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),),
-        columns=_viscous,
-        pointwise=True,
-        confounders=('coulomb_friction', 'stribeck_friction', 'time_delay', 'coupled_friction',
-                     'friction_drift'),
-        experiment=_TO_AND_FRO,
-        signature='speed',
-        source='H. Olsson et al., Friction models and friction compensation, European Journal '
-               'of Control 4, 1998',
-        untestable=facts.lacks_speeds,
-        implausible=not_negative(_viscous, _PUSHES)),
-    Effect(
-        name='stribeck_friction',
-        title='Stribeck friction',
-        family='friction',
-        equation='tau_n = F_s d_n exp(-(qd_n / v_s)^2)',
-        description='Extra friction at creeping speed that falls off as the joint moves '
-                    'faster; it comes on top of Coulomb friction.',
-        coefficients=(Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),),
-        columns=_stribeck,
-        pointwise=True,
-        confounders=('coulomb_friction', 'viscous_friction', 'presliding_hysteresis'),
-        experiment='move joint {joint} to and fro through the same range at five speeds, from '
-                   'the slowest that the drive holds steady to ten times that',
-        signature='speed',
-        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
-        source='R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
-               'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC '
-               '2005',
-        settings=stribeck_speeds,
-        refine=_finer_speeds,
-        untestable=_stribeck_untestable,
-        implausible=not_negative(_stribeck, 'friction that rises from creeping speed is '
-                                            'viscous, not Stribeck'),
-        setting_units={'speed': 'rad/s'}),
-    Effect(
-        name='asymmetric_friction',
-        title='Friction that differs by direction',
-        family='friction',
-        equation='tau_n = F_a |d_n|',
-        description='Friction that is stronger one way than the other; in motion it looks like '
-                    'an offset, which is gone when the joint stands.',
-        coefficients=(Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
-                                                'downwards'),),
-        columns=_asymmetric,
-        pointwise=True,
-        confounders=('torque_offset', 'coulomb_friction'),
-        experiment='move joint {joint} to and fro and let it stand for some seconds in several '
-                   'places on the way',
-        signature='speed',
-        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
-        source='B. Armstrong-Hélouvry et al., A survey of models, analysis tools and '
-               'compensation methods for the control of machines with friction, Automatica '
-               '30, 1994',
-        untestable=facts.lacks_holds,
-        implausible=within_torque(_asymmetric)),
-    Effect(
-        name='load_dependent_friction',
-        title='Friction that grows with load',
-        family='friction',
-        equation='tau_n = mu |g_n(q)| d_n',
-        description='Friction in proportion to the gravity torque that the gear carries.',
-        coefficients=(Coefficient('mu', '', 'friction torque per torque carried'),),
-        columns=_load_dependent,
-        pointwise=True,
-        confounders=('coulomb_friction', 'torque_gain'),
-        experiment='move joint {joint} to and fro over a short way in a pose with much load '
-                   'and in one with none',
-        signature='load',
-        source='A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling '
-               'and identification of load and temperature effects, ASME Journal of Dynamic '
-               'Systems, Measurement and Control 134, 2012',
-        untestable=_load_untestable,
-        implausible=all_of(not_negative(_load_dependent, _PUSHES),
-                           smaller_than(_load_dependent, 0.5, '',
-                                        'no gear that can be driven loses half its load'))),
-    Effect(
-        name='coupled_friction',
-        title='Friction of a coupled gear',
-        family='friction',
-        equation='tau_n = F_k d(q_n + s q_m), m a neighbour of n, s = ±1',
-        description='Friction that turns with the sum or difference of two joint speeds, as in '
-                    'a wrist whose motors drive two joints together.',
-        coefficients=(Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),),
-        columns=_coupled,
-        pointwise=True,
-        confounders=('coulomb_friction', 'viscous_friction'),
-        experiment='move joint {joint} and its neighbour to and fro together, first the same '
-                   'way at one speed, then against each other, then each alone',
-        signature='speed',
-        source='W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
-               'Penton, 2002 (kinematic coupling between wrist motors)',
-        settings=couplings,
-        untestable=_coupled_untestable,
-        implausible=not_negative(_coupled, _PUSHES),
-        setting_units={'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad'},
-        taken=('width', 'hold')),
-)
+EFFECTS = (CoulombFriction(), ViscousFriction(), StribeckFriction(), AsymmetricFriction(),
+           LoadDependentFriction(), CoupledFriction())

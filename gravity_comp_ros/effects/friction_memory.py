@@ -10,8 +10,9 @@ from __future__ import annotations
 from gravity_comp_ros.data.runs import clock_time, run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import not_negative, within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.friction import DRY
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.presliding import presliding_state, steady_path
 import numpy as np
 
@@ -28,121 +29,107 @@ _LEAST_REVERSALS = 4
 _SEEN = 0.02
 
 
-def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    warmth = np.exp(-clock_time(motion.samples) / setting['time'])
-    return (motion.direction(joint) * warmth)[:, None]
+class FrictionDrift(Effect):
+    """Time constants are tried from a tenth of the longest session to one and a half times it."""
 
+    name = 'friction_drift'
+    title = 'Friction that warms up'
+    family = 'friction'
+    equation = 'tau_n = F_w d_n exp(-t / T), t from the start of the session'
+    description = ('Friction that falls (or, if negative, rises) with time as the gear warms up. '
+                   'Recordings with stamps on one clock are one session.')
+    coefficients = (Coefficient('F_w', 'N·m', 'friction at the start beyond that of a warm '
+                                              'gear'),)
+    confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction')
+    experiment = ('move joint {joint} to and fro in the same way for 20 minutes from cold, and '
+                  'again when warm')
+    signature = 'time'
+    source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
+              'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
+              'Measurement and Control 134, 2012')
+    setting_units = {'time': 's'}
+    corrects = ('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
+                'load_dependent_friction', 'coupled_friction')
 
-def drift_times(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return time constants from a tenth of the longest session to one and a half times it."""
-    longest = _longest(motion)
-    return [{'time': float(t)} for t in np.geomspace(
-        max(0.1 * longest, _SHORTEST_TIME), 1.5 * longest, _TIMES)]
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        warmth = np.exp(-clock_time(motion.samples) / setting['time'])
+        return (motion.direction(joint) * warmth)[:, None]
 
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        longest = _longest(motion)
+        return [{'time': float(t)} for t in np.geomspace(
+            max(0.1 * longest, _SHORTEST_TIME), 1.5 * longest, _TIMES)]
 
-def _finer_times(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    return [{'time': setting['time'] * factor} for factor in (0.75, 1.33)]
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        return [{'time': setting['time'] * factor} for factor in (0.75, 1.33)]
 
-
-def _drift_untestable(motion: Motion, joint: int) -> str | None:
-    reason = facts.lacks_both_ways(motion, joint)
-    longest = _longest(motion)
-    if reason is None and longest < _SHORTEST_RUN:
-        return f'the longest recording takes {longest:.3g} s, too short for friction to change'
-    return reason
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        reason = facts.lacks_both_ways(motion, joint)
+        longest = _longest(motion)
+        if reason is None and longest < _SHORTEST_RUN:
+            return (f'the longest recording takes {longest:.3g} s, too short for friction to '
+                    f'change')
+        return reason
 
 
 def _longest(motion: Motion) -> float:
     return float(clock_time(motion.samples).max(initial=0.0))
 
 
-def _presliding(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    runs = run_slices(motion.samples)
-    key = f'path {joint}'
-    if key not in motion.memo:
-        motion.memo[key] = np.concatenate(
-            [steady_path(motion.samples.q[run, joint], motion.samples.t[run]) for run in runs])
-    column = -motion.direction(joint)
-    for run in runs:
-        column[run] += presliding_state(motion.memo[key][run], setting['distance'])
-    return column[:, None]
+class PreslidingHysteresis(Effect):
+    """Distances are tried that the joint passes often and that leave a trace."""
+
+    name = 'presliding_hysteresis'
+    title = 'Friction that builds up after a reversal'
+    family = 'friction'
+    equation = 'tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance'
+    description = ('Friction that does not jump when the joint turns back, but builds up over '
+                   'some way; it corrects Coulomb friction near reversals.')
+    coefficients = (Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),)
+    confounders = ('coulomb_friction', 'stribeck_friction', 'joint_spring', 'time_delay')
+    experiment = ('move joint {joint} to and fro over ways of 0.2, 1 and 5 degrees at creeping '
+                  'speed, several times each')
+    signature = 'position'
+    source = ('P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, '
+              '1968; P. Dupont et al., Single state elastoplastic friction models, IEEE '
+              'Transactions on Automatic Control 47, 2002')
+    setting_units = {'distance': 'rad'}
+    corrects = DRY
+    why_not_negative = 'friction would come before the motion'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        runs = run_slices(motion.samples)
+        key = f'path {joint}'
+        if key not in motion.memo:
+            motion.memo[key] = np.concatenate([
+                steady_path(motion.samples.q[run, joint], motion.samples.t[run])
+                for run in runs])
+        column = -motion.direction(joint)
+        for run in runs:
+            column[run] += presliding_state(motion.memo[key][run], setting['distance'])
+        return column[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        longest = min(_DISTANCES[1], 0.2 * facts.travel(motion, joint))
+        if longest <= _DISTANCES[0]:
+            return []
+        grid = np.geomspace(_DISTANCES[0], longest, _DISTANCE_COUNT)
+        found = [{'distance': float(d)} for d in grid]
+        return [s for s in found
+                if float(np.sqrt(np.mean(self.columns(motion, joint, s) ** 2))) > _SEEN]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
+                for factor in (0.6, 1.6)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if reason := facts.lacks_both_ways(motion, joint):
+            return reason
+        turns = facts.reversals(motion, joint)
+        if turns < _LEAST_REVERSALS:
+            return (f'the joint turns back {turns} times; friction that builds up after a '
+                    f'reversal needs at least {_LEAST_REVERSALS}')
+        return None
 
 
-def presliding_distances(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return distances that the joint passes often and that leave a trace."""
-    longest = min(_DISTANCES[1], 0.2 * facts.travel(motion, joint))
-    if longest <= _DISTANCES[0]:
-        return []
-    grid = np.geomspace(_DISTANCES[0], longest, _DISTANCE_COUNT)
-    settings = [{'distance': float(d)} for d in grid]
-    return [s for s in settings if _rms(_presliding(motion, joint, s)) > _SEEN]
-
-
-def _rms(column: FloatArray) -> float:
-    return float(np.sqrt(np.mean(column ** 2)))
-
-
-def _finer_distances(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
-            for factor in (0.6, 1.6)]
-
-
-def _presliding_untestable(motion: Motion, joint: int) -> str | None:
-    reason = facts.lacks_both_ways(motion, joint)
-    if reason:
-        return reason
-    turns = facts.reversals(motion, joint)
-    if turns < _LEAST_REVERSALS:
-        return (f'the joint turns back {turns} times; friction that builds up after a reversal '
-                f'needs at least {_LEAST_REVERSALS}')
-    return None
-
-
-EFFECTS = (
-    Effect(
-        name='friction_drift',
-        title='Friction that warms up',
-        family='friction',
-        equation='tau_n = F_w d_n exp(-t / T), t from the start of the session',
-        description='Friction that falls (or, if negative, rises) with time as the gear '
-                    'warms up. Recordings with stamps on one clock are one session.',
-        coefficients=(Coefficient('F_w', 'N·m', 'friction at the start beyond that of '
-                                                'a warm gear'),),
-        columns=_drift,
-        confounders=('torque_drift', 'coulomb_friction', 'viscous_friction'),
-        experiment='move joint {joint} to and fro in the same way for 20 minutes from cold, and '
-                   'again when warm',
-        signature='time',
-        source='A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling '
-               'and identification of load and temperature effects, ASME Journal of Dynamic '
-               'Systems, Measurement and Control 134, 2012',
-        settings=drift_times,
-        refine=_finer_times,
-        corrects=('coulomb_friction', 'viscous_friction', 'asymmetric_friction',
-                  'load_dependent_friction', 'coupled_friction'),
-        untestable=_drift_untestable,
-        implausible=within_torque(_drift),
-        setting_units={'time': 's'}),
-    Effect(
-        name='presliding_hysteresis',
-        title='Friction that builds up after a reversal',
-        family='friction',
-        equation='tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance',
-        description='Friction that does not jump when the joint turns back, but builds up over '
-                    'some way; it corrects Coulomb friction near reversals.',
-        coefficients=(Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),),
-        columns=_presliding,
-        confounders=('coulomb_friction', 'stribeck_friction', 'joint_spring', 'time_delay'),
-        experiment='move joint {joint} to and fro over ways of 0.2, 1 and 5 degrees at creeping '
-                   'speed, several times each',
-        signature='position',
-        source='P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, '
-               '1968; P. Dupont et al., Single state elastoplastic friction models, IEEE '
-               'Transactions on Automatic Control 47, 2002',
-        settings=presliding_distances,
-        refine=_finer_distances,
-        corrects=('coulomb_friction', 'load_dependent_friction', 'coupled_friction'),
-        untestable=_presliding_untestable,
-        implausible=not_negative(_presliding, 'friction would come before the motion'),
-        setting_units={'distance': 'rad'}),
-)
+EFFECTS = (FrictionDrift(), PreslidingHysteresis())

@@ -8,16 +8,77 @@ comes from the model in closed form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.data.runs import run_slices
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion_direction import find_shape, least_widths
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
 from gravity_comp_ros.errors import DataError, OptionError
+from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    What effect columns are computed from.
+
+    `samples` are the measured q, qd, tau of all runs; `qdd` (M, N) in rad/s^2 is estimated from
+    them; `gravity` (M, N) in N·m is the torque that the gravity model predicts; `slopes` its
+    `gradient` where that is known without the model; `sign_width` (N,) in rad/s is the speed
+    over which a joint's friction turns its sign, as far as the data tells.
+    `model` is the gravity model itself, for effects that are made of its terms. `hold` (N,) in
+    rad is the way over which the direction of a joint turns whose friction holds on at rest, 0
+    (as for all, if not given) for a joint whose friction lets go.
+    """
+
+    samples: JointSamples
+    qdd: FloatArray
+    gravity: FloatArray
+    slopes: FloatArray | None
+    sign_width: FloatArray
+    model: GravityModel | None = None
+    hold: FloatArray | None = None
+    # What is the same for all settings of an effect, kept while the motion lives.
+    memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
+                                        compare=False)
+
+    @property
+    def gradient(self) -> FloatArray:
+        """
+        Return d gravity_n / d q_j (M, N, N) in N·m/rad, the model's stiffness.
+
+        It is computed for the effects that ask for it: few do, and it costs more than the rest.
+        """
+        if self.slopes is not None:
+            return self.slopes
+        if 'gradient' not in self.memo:
+            if self.model is None:
+                raise ValueError('a motion without a model has no gradient of its gravity')
+            self.memo['gradient'] = gravity_gradient(self.model, self.samples.q)
+        return self.memo['gradient']
+
+    def direction(self, joint: int) -> FloatArray:
+        """Return which way a joint moves as its friction sees it, (M,), -1 to 1."""
+        key = f'direction {joint}'
+        if key not in self.memo:
+            hold = 0.0 if self.hold is None else float(self.hold[joint])
+            self.memo[key] = direction(
+                self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
+                Shape(float(self.sign_width[joint]), hold))
+        return self.memo[key]
+
+    def at(self, rows: IntArray) -> Motion:
+        """Return the motion at some samples, (K,) rising numbers, for pointwise effects."""
+        for joint in range(self.samples.n_joints):
+            self.direction(joint)
+        slopes = None if self.slopes is None else self.slopes[rows]
+        part = replace(self, samples=self.samples.select(rows), qdd=self.qdd[rows],
+                       gravity=self.gravity[rows], slopes=slopes)
+        part.memo.update({key: value[rows] for key, value in self.memo.items()})
+        return part
 
 
 @dataclass(frozen=True)

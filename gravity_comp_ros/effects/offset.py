@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.runs import clock_time
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import all_of, at_least, smaller_than, within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _SHORTEST = 10.0
@@ -13,97 +13,94 @@ _SHORTEST = 10.0
 _LEAST_GAIN = 0.02
 
 
-def _offset(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return np.ones((motion.samples.n_samples, 1))
+class TorqueOffset(Effect):
+    name = 'torque_offset'
+    title = 'Torque offset'
+    family = 'offset'
+    equation = 'tau_n = b'
+    description = 'A torque signal that is not zero when the torque is.'
+    coefficients = (Coefficient('b', 'N·m', 'torque signal at no torque'),)
+    confounders = ('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
+                   'coulomb_friction', 'cable_stiffness')
+    experiment = 'let joint {joint} stand in ten poses, each reached from below and from above'
+    signature = 'time'
+    source = ('M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method for '
+              'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
+              'Technology 21, 2013')
+    pointwise = True
+    expectation = Expectation.COMMON
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return np.ones((motion.samples.n_samples, 1))
 
 
-def _gain(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return motion.gravity[:, [joint]]
+class TorqueGain(Effect):
+    name = 'torque_gain'
+    title = 'Torque scale'
+    family = 'offset'
+    equation = 'tau_n = k g_n(q)'
+    description = ('A torque signal of the wrong scale: a torque constant or gear ratio that is '
+                   'off.')
+    coefficients = (Coefficient('k', '', 'relative error of the torque scale'),)
+    confounders = ('payload_change', 'load_dependent_friction')
+    experiment = ('hang a known mass on the arm and compare the change of torque of joint '
+                  '{joint} with the one that its weight and lever arm give')
+    signature = 'load'
+    source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
+              'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
+              '136, 2014')
+    pointwise = True
+    largest = 1.0
+    why_not_larger = 'the scale is off by more than the torque itself; check --effort-scale'
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return motion.gravity[:, [joint]]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if float(motion.gravity[:, joint].std()) < 0.02:
+            return 'gravity hardly varies here, so that a scale of it is the same as an offset'
+        return None
+
+    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
+                    joint: int) -> str | None:
+        gain = float(np.abs(values).max())
+        if gain < _LEAST_GAIN:
+            return (f'{gain:.2g} is too little: friction that grows with the load looks like a '
+                    f'scale that is off by as little')
+        return super().implausible(values, setting, motion, joint)
 
 
-def _drift(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the time of the session from `centre` s on."""
-    return (clock_time(motion.samples) - setting['centre'])[:, None]
+class TorqueDrift(Effect):
+    """The column is the time of the session from `centre` s on."""
+
+    name = 'torque_drift'
+    title = 'Torque drift'
+    family = 'offset'
+    equation = 'tau_n = r (t - t_0), t from the start of the session, t_0 its mean'
+    description = ('A torque signal whose zero moves with time, as strain gauges do when they '
+                   'warm up. Recordings with stamps on one clock are one session.')
+    coefficients = (Coefficient('r', 'N·m/s', 'change of the torque signal per second'),)
+    confounders = ('friction_drift', 'torque_offset', 'payload_change')
+    experiment = ('let joint {joint} stand in one pose for as long as a run takes, before and '
+                  'after moving it')
+    signature = 'time'
+    source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
+              'Strain Gauges, HBM, 2012')
+    setting_units = {'centre': 's'}
+    not_scanned = ('centre',)
+    pointwise = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return (clock_time(motion.samples) - setting['centre'])[:, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        return [{'centre': float(clock_time(motion.samples).mean())}]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        longest = float(clock_time(motion.samples).max(initial=0.0))
+        if longest < _SHORTEST:
+            return f'the longest recording takes {longest:.3g} s, too short to drift'
+        return None
 
 
-def _mean_time(motion: Motion, joint: int) -> list[dict[str, float]]:
-    return [{'centre': float(clock_time(motion.samples).mean())}]
-
-
-def _gain_untestable(motion: Motion, joint: int) -> str | None:
-    if float(motion.gravity[:, joint].std()) < 0.02:
-        return 'gravity hardly varies here, so that a scale of it is the same as an offset'
-    return None
-
-
-def _drift_untestable(motion: Motion, joint: int) -> str | None:
-    longest = float(clock_time(motion.samples).max(initial=0.0))
-    if longest < _SHORTEST:
-        return f'the longest recording takes {longest:.3g} s, too short to drift'
-    return None
-
-
-EFFECTS = (
-    Effect(
-        name='torque_offset',
-        title='Torque offset',
-        family='offset',
-        equation='tau_n = b',
-        description='A torque signal that is not zero when the torque is.',
-        coefficients=(Coefficient('b', 'N·m', 'torque signal at no torque'),),
-        columns=_offset,
-        pointwise=True,
-        confounders=('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
-                     'coulomb_friction', 'cable_stiffness'),
-        experiment='let joint {joint} stand in ten poses, each reached from below and from '
-                   'above',
-        signature='time',
-        source='M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method '
-               'for parameter identification of robot dynamics, IEEE Transactions on Control '
-               'Systems Technology 21, 2013',
-        implausible=within_torque(_offset)),
-    Effect(
-        name='torque_gain',
-        title='Torque scale',
-        family='offset',
-        equation='tau_n = k g_n(q)',
-        description='A torque signal of the wrong scale: a torque constant or gear ratio that '
-                    'is off.',
-        coefficients=(Coefficient('k', '', 'relative error of the torque scale'),),
-        columns=_gain,
-        pointwise=True,
-        confounders=('payload_change', 'load_dependent_friction'),
-        experiment='hang a known mass on the arm and compare the change of torque of joint '
-                   '{joint} with the one that its weight and lever arm give',
-        signature='load',
-        source='M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
-               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
-               '136, 2014',
-        untestable=_gain_untestable,
-        implausible=all_of(
-            at_least(_LEAST_GAIN, 'friction that grows with the load looks like a scale that is '
-                                  'off by as little'),
-            smaller_than(_gain, 1.0, '', 'the scale is off by more than the torque itself; check '
-                                         '--effort-scale'))),
-    Effect(
-        name='torque_drift',
-        title='Torque drift',
-        family='offset',
-        equation='tau_n = r (t - t_0), t from the start of the session, t_0 its mean',
-        description='A torque signal whose zero moves with time, as strain gauges do when they '
-                    'warm up. Recordings with stamps on one clock are one session.',
-        coefficients=(Coefficient('r', 'N·m/s', 'change of the torque signal per second'),),
-        columns=_drift,
-        pointwise=True,
-        confounders=('friction_drift', 'torque_offset', 'payload_change'),
-        experiment='let joint {joint} stand in one pose for as long as a run takes, before and '
-                   'after moving it',
-        signature='time',
-        source='K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
-               'Strain Gauges, HBM, 2012',
-        settings=_mean_time,
-        setting_units={'centre': 's'},
-        taken=('centre',),
-        untestable=_drift_untestable,
-        implausible=within_torque(_drift)),
-)
+EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

@@ -12,14 +12,15 @@ which no gravity torque does. It does no honest work along a closed path.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
 from gravity_comp_ros.effects.change_points import (
     change, change_points, finer_points, UNITS)
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import all_of, within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -36,7 +37,74 @@ _REACHES, _WRIST = 0.5, 2
 _COUNTS = 0.02
 
 
-def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
+def _share(name: str) -> Coefficient:
+    kind, _, place = name.partition('_')
+    if kind == 'm':
+        return Coefficient(name, '', f'change of the first moment that joint number {place} '
+                                     'turns, relative to that after it')
+    return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
+                                 'joint before it')
+
+
+class PayloadChange(Effect):
+    """The columns are the torque of each energy, negative before the change and 0 after it."""
+
+    name = 'payload_change'
+    title = 'Payload that changes on the way'
+    family = 'payload'
+    equation = ('tau = -sum_i m_i dU_i(q)/dq before the change, U_i the part of the energy that '
+                'joint i turns last')
+    description = ('A tool or load that is taken up or set down during the recording. Gravity is '
+                   'that of the end: later recordings are predicted with the last payload.')
+    coefficients = (_share('m_i'), _share('e_s'))
+    confounders = ('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt')
+    experiment = ('record one run with the load and one without it, and learn the change with '
+                  '`gravity_comp update`')
+    signature = 'time'
+    source = 'Yu 2022 (updates after a change of payload); derived in effects/payload.py'
+    scope = 'arm'
+    per_joint = False
+    setting_units = UNITS
+    not_scanned = ('clock',)
+    pointwise = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        if 'payload' not in motion.memo and motion.model is not None:
+            energies = [energy for _, energy in _payload_energies(motion.model)]
+            motion.memo['payload'] = terms.torques(energies, motion.samples.q)
+        return motion.memo['payload'] * change(motion, setting)[:, None, None]
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        if motion.model is None or not _payload_energies(motion.model):
+            return []
+        return change_points(motion)
+
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        return finer_points(motion, setting)
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        model = motion.model
+        return () if model is None else tuple(_share(name) for name, _ in _payload_energies(model))
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.model is None or motion.model.energy is None:
+            return "payload changes are told from a model with an energy: fit with 'potential'"
+        if not motion.model.energy.indices.any():
+            return 'the model knows no gravity that a payload could add to'
+        if not change_points(motion):
+            return 'there is no time before and after'
+        return None
+
+    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
+                    joint: int) -> str | None:
+        columns = self.columns(motion, joint, setting)
+        torque = np.abs(values) * np.sqrt((columns ** 2).mean(axis=(0, 1)))
+        symbols = [c.symbol for c in self.coefficients_of(motion, joint, setting)]
+        return (super().implausible(values, setting, motion, joint)
+                or _not_further_out(symbols, values, torque))
+
+
+def _payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
     """Return named energies in J that a payload at the last link adds to."""
     n = model.n_joints
     if model.energy is None:
@@ -59,37 +127,8 @@ def payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
     return found
 
 
-def _change(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the torque of each energy, negative before the change and 0 after it, (M, N, K)."""
-    if 'payload' not in motion.memo and motion.model is not None:
-        energies = [energy for _, energy in payload_energies(motion.model)]
-        motion.memo['payload'] = terms.torques(energies, motion.samples.q)
-    return motion.memo['payload'] * change(motion, setting)[:, None, None]
-
-
-def _change_points(motion: Motion, joint: int) -> list[dict[str, float]]:
-    if motion.model is None or not payload_energies(motion.model):
-        return []
-    return change_points(motion)
-
-
-def _change_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    model = motion.model
-    names = [name for name, _ in payload_energies(model)] if model is not None else []
-    return tuple(_share(name) for name in names)
-
-
-def _share(name: str) -> Coefficient:
-    kind, _, place = name.partition('_')
-    if kind == 'm':
-        return Coefficient(name, '', f'change of the first moment that joint number {place} '
-                                     'turns, relative to that after it')
-    return Coefficient(name, '', 'first moment beside the last axis, relative to that of the '
-                                 'joint before it')
-
-
-def _not_further_out(values: FloatArray, setting: Setting, motion: Motion,
-                     joint: int) -> str | None:
+def _not_further_out(symbols: Sequence[str], values: FloatArray,
+                     torque: FloatArray) -> str | None:
     """
     Check that a change reaches the links further out.
 
@@ -97,15 +136,14 @@ def _not_further_out(values: FloatArray, setting: Setting, motion: Motion,
     a_i times the mass that the link carries, and that is less the further out the link is. So
     the share grows outwards, where links have a length at all. Shares of moments too small to
     turn a joint are noise and do not count.
+
+    :param torque: (K,) the root mean square of the torque that each of the values makes.
     """
-    torque = np.abs(values) * np.sqrt((_change(motion, joint, setting) ** 2).mean(axis=(0, 1)))
-    shares = {c.symbol: abs(float(value)) for c, value, size in zip(
-        _change_symbols(motion, joint, setting), values, torque)
-        if c.symbol.startswith('m_') and size >= _COUNTS * torque.max()}
+    places = [symbol for symbol in symbols if symbol.startswith('m_')]
+    shares = {symbol: abs(float(value)) for symbol, value, size in zip(symbols, values, torque)
+              if symbol in places and size >= _COUNTS * torque.max()}
     largest = max(shares, key=lambda name: shares[name], default='')
-    every = [c.symbol for c in _change_symbols(motion, joint, setting)
-             if c.symbol.startswith('m_')]
-    beyond = every[every.index(largest) + 1:] if largest else []
+    beyond = places[places.index(largest) + 1:] if largest else []
     reached = max((shares.get(name, 0.0) for name in beyond), default=0.0)
     if len(beyond) > _WRIST and reached < _REACHES * shares[largest]:
         return (f'the first moment that joint number {largest[2:]} turns changes and none beyond '
@@ -113,17 +151,51 @@ def _not_further_out(values: FloatArray, setting: Setting, motion: Motion,
     return None
 
 
-def _change_untestable(motion: Motion, joint: int) -> str | None:
-    if motion.model is None or motion.model.energy is None:
-        return "payload changes are told from a model with an energy: fit with 'potential'"
-    if not motion.model.energy.indices.any():
-        return 'the model knows no gravity that a payload could add to'
-    if not change_points(motion):
-        return 'there is no time before and after'
-    return None
+class ToolForce(Effect):
+    """One column for each feature, which acts on its joint alone, (M, N, K)."""
+
+    name = 'tool_force'
+    title = 'Force fixed in the tool'
+    family = 'payload'
+    equation = 'tau_n = sum_k f_nk phi_k(q_n+1 ... q_N)'
+    description = ('A force that turns with the tool, such as the pull of a hose: no weight makes '
+                   'a torque that does not depend on the own angle of its joint.')
+    coefficients = (Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),)
+    confounders = ('torque_offset',)
+    experiment = 'take hoses and cables off the tool and record the same motion again'
+    signature = 'position of the last joints'
+    source = ('R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
+              'in effects/payload.py')
+    scope = 'arm'
+    per_joint = False
+    pointwise = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = motion.samples.q
+        pairs = _tool_features(q.shape[1])
+        values = dictionary.columns(q, np.array([feature for _, feature in pairs]))
+        out = np.zeros((*q.shape, len(pairs)))
+        for k, (place, _) in enumerate(pairs):
+            out[:, place, k] = values[:, k]
+        return out
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        n = motion.samples.n_joints
+        return tuple(Coefficient(f'f_{place + 1}[{dictionary.feature_name(feature, n)}]', 'N·m',
+                                 f'torque on joint number {place + 1}')
+                     for place, feature in _tool_features(n))
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        n = motion.samples.n_joints
+        if n < 2:
+            return 'on one joint a tool force is the same as an offset'
+        if facts.travel(motion, n - 1) < _LEAST_TRAVEL and (
+                n < 3 or facts.travel(motion, n - 2) < _LEAST_TRAVEL):
+            return 'the last joints hardly move, so a tool force is the same as offsets'
+        return None
 
 
-def tool_features(n_joints: int) -> list[tuple[int, int]]:
+def _tool_features(n_joints: int) -> list[tuple[int, int]]:
     """
     Return (joint, feature) pairs that a tool force may have.
 
@@ -142,78 +214,4 @@ def tool_features(n_joints: int) -> list[tuple[int, int]]:
     return found
 
 
-def _tool_force(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return one column for each feature, which acts on its joint alone, (M, N, K)."""
-    q = motion.samples.q
-    pairs = tool_features(q.shape[1])
-    values = dictionary.columns(q, np.array([feature for _, feature in pairs]))
-    out = np.zeros((*q.shape, len(pairs)))
-    for k, (place, _) in enumerate(pairs):
-        out[:, place, k] = values[:, k]
-    return out
-
-
-def _tool_symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    n = motion.samples.n_joints
-    return tuple(
-        Coefficient(f'f_{place + 1}[{dictionary.feature_name(feature, n)}]', 'N·m',
-                    f'torque on joint number {place + 1}') for place, feature in tool_features(n))
-
-
-def _tool_untestable(motion: Motion, joint: int) -> str | None:
-    n = motion.samples.n_joints
-    if n < 2:
-        return 'on one joint a tool force is the same as an offset'
-    if facts.travel(motion, n - 1) < _LEAST_TRAVEL and (
-            n < 3 or facts.travel(motion, n - 2) < _LEAST_TRAVEL):
-        return 'the last joints hardly move, so a tool force is the same as offsets'
-    return None
-
-
-EFFECTS = (
-    Effect(
-        name='payload_change',
-        title='Payload that changes on the way',
-        family='payload',
-        equation='tau = -sum_i m_i dU_i(q)/dq before the change, U_i the part of the energy that '
-                 'joint i turns last',
-        description='A tool or load that is taken up or set down during the recording. Gravity '
-                    'is that of the end: later recordings are predicted with the last payload.',
-        coefficients=(_share('m_i'), _share('e_s')),
-        columns=_change,
-        pointwise=True,
-        confounders=('torque_gain', 'torque_drift', 'encoder_offset', 'base_tilt'),
-        experiment='record one run with the load and one without it, and learn the change with '
-                   '`gravity_comp update`',
-        signature='time',
-        source='Yu 2022 (updates after a change of payload); derived in effects/payload.py',
-        scope='arm',
-        per_joint=False,
-        settings=_change_points,
-        refine=finer_points,
-        untestable=_change_untestable,
-        implausible=all_of(within_torque(_change), _not_further_out),
-        symbols=_change_symbols,
-        setting_units=UNITS,
-        taken=('clock',)),
-    Effect(
-        name='tool_force',
-        title='Force fixed in the tool',
-        family='payload',
-        equation='tau_n = sum_k f_nk phi_k(q_n+1 ... q_N)',
-        description='A force that turns with the tool, such as the pull of a hose: no weight '
-                    'makes a torque that does not depend on the own angle of its joint.',
-        coefficients=(Coefficient('f_n[phi]', 'N·m', 'torque on joint n'),),
-        columns=_tool_force,
-        pointwise=True,
-        confounders=('torque_offset',),
-        experiment='take hoses and cables off the tool and record the same motion again',
-        signature='position of the last joints',
-        source='R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008 (J^T f); derived '
-               'in effects/payload.py',
-        scope='arm',
-        per_joint=False,
-        untestable=_tool_untestable,
-        implausible=within_torque(_tool_force),
-        symbols=_tool_symbols),
-)
+EFFECTS = (PayloadChange(), ToolForce())

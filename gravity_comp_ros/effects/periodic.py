@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 # Gravity itself goes once a turn, and springs on cranks two or three times.
@@ -14,12 +14,50 @@ _HIGHEST = 320
 _LEAST_TRAVEL = 0.1
 
 
-def _ripple(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    angle = setting['k'] * motion.samples.q[:, joint]
-    return np.column_stack([np.sin(angle), np.cos(angle)])
+class TorqueRipple(Effect):
+    """The setting k is a whole number at first: as far apart as the travel tells neighbours."""
+
+    name = 'torque_ripple'
+    title = 'Torque ripple'
+    family = 'periodic'
+    equation = 'tau_n = a sin(k q_n) + b cos(k q_n)'
+    description = ('A torque that repeats k times a turn: teeth of a gear, poles of a motor, a '
+                   'shaft out of true.')
+    coefficients = (Coefficient('a', 'N·m', 'sine part'), Coefficient('b', 'N·m', 'cosine part'))
+    confounders = ('cable_stiffness', 'joint_spring', 'end_stop')
+    experiment = ('move joint {joint} slowly through its whole range with the others still, '
+                  'at a speed that leaves ten samples for each period')
+    signature = 'position'
+    source = ('P. S. Gandhi, F. H. Ghorbel, J. Dabney, Modeling, identification, and '
+              'compensation of friction in harmonic drives, CDC 2002')
+    setting_units = {'k': '1/rad'}
+    pointwise = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        angle = setting['k'] * motion.samples.q[:, joint]
+        return np.column_stack([np.sin(angle), np.cos(angle)])
+
+    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
+        lowest, highest = _range(motion, joint)
+        if highest < lowest:
+            return []
+        step = max(1, int(0.5 * np.pi / facts.travel(motion, joint)))
+        return [{'k': float(k)} for k in range(lowest, highest + 1, step)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        # The ratio of a gear need not be a whole number.
+        width = np.pi / facts.travel(motion, joint)
+        return [{'k': setting['k'] + part * width} for part in (-0.5, -0.25, 0.25, 0.5)]
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        lowest, highest = _range(motion, joint)
+        if highest < lowest:
+            return (f'with {facts.travel(motion, joint):.2g} rad of travel and samples this far '
+                    f'apart no period can be told')
+        return None
 
 
-def ripple_range(motion: Motion, joint: int) -> tuple[int, int]:
+def _range(motion: Motion, joint: int) -> tuple[int, int]:
     """
     Return the lowest and the highest k that the motion can tell.
 
@@ -35,50 +73,4 @@ def ripple_range(motion: Motion, joint: int) -> tuple[int, int]:
     return lowest, min(_HIGHEST, int(np.pi / float(np.quantile(steps, 0.75))))
 
 
-def ripple_settings(motion: Motion, joint: int) -> list[dict[str, float]]:
-    """Return whole numbers k, as far apart as the travel tells neighbours from each other."""
-    lowest, highest = ripple_range(motion, joint)
-    if highest < lowest:
-        return []
-    step = max(1, int(0.5 * np.pi / facts.travel(motion, joint)))
-    return [{'k': float(k)} for k in range(lowest, highest + 1, step)]
-
-
-def _finer(motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-    """Return k a little off: the ratio of a gear need not be a whole number."""
-    width = np.pi / facts.travel(motion, joint)
-    return [{'k': setting['k'] + part * width} for part in (-0.5, -0.25, 0.25, 0.5)]
-
-
-def _untestable(motion: Motion, joint: int) -> str | None:
-    lowest, highest = ripple_range(motion, joint)
-    if highest < lowest:
-        return (f'with {facts.travel(motion, joint):.2g} rad of travel and samples this far '
-                f'apart no period can be told')
-    return None
-
-
-EFFECTS = (
-    Effect(
-        name='torque_ripple',
-        title='Torque ripple',
-        family='periodic',
-        equation='tau_n = a sin(k q_n) + b cos(k q_n)',
-        description='A torque that repeats k times a turn: teeth of a gear, poles of a motor, a '
-                    'shaft out of true.',
-        coefficients=(Coefficient('a', 'N·m', 'sine part'),
-                      Coefficient('b', 'N·m', 'cosine part')),
-        columns=_ripple,
-        pointwise=True,
-        confounders=('cable_stiffness', 'joint_spring', 'end_stop'),
-        experiment='move joint {joint} slowly through its whole range with the others still, '
-                   'at a speed that leaves ten samples for each period',
-        signature='position',
-        source='P. S. Gandhi, F. H. Ghorbel, J. Dabney, Modeling, identification, and '
-               'compensation of friction in harmonic drives, CDC 2002',
-        settings=ripple_settings,
-        refine=_finer,
-        untestable=_untestable,
-        implausible=within_torque(_ripple),
-        setting_units={'k': '1/rad'}),
-)
+EFFECTS = (TorqueRipple(),)

@@ -10,8 +10,8 @@ friction that builds up), so samples come as they were recorded; thin them out a
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
-from gravity_comp_ros.effects.effect import Effect, Motion
-from gravity_comp_ros.effects.motion import accelerations
+from gravity_comp_ros.effects.effect import Effect
+from gravity_comp_ros.effects.motion import accelerations, Motion
 from gravity_comp_ros.effects.registry import all_effects, broken_plug_ins
 from gravity_comp_ros.errors import Hint, ModelMismatchError
 from gravity_comp_ros.models.applied_effects import AppliedEffect

@@ -1,9 +1,9 @@
 """
 All effects by name: our own, and those that other packages bring.
 
-A package adds effects by an entry point of the group `gravity_comp_ros.effects` that names an
-`Effect`, or a list or tuple of them. What cannot be loaded is left out with one line in
-`broken_plug_ins`; what fails later, on a motion, is untestable there.
+A package adds effects by an entry point of the group `gravity_comp_ros.effects` that names a
+class of `Effect`, an object of one, or a list or tuple of them. What cannot be loaded is left out
+with one line in `broken_plug_ins`; what fails later, on a motion, is untestable there.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from gravity_comp_ros.effects import (
     dynamics, elastic, friction, friction_memory, geometry, offset, payload, periodic,
     rigid_body, timing)
 from gravity_comp_ros.effects.effect import Effect
-from gravity_comp_ros.effects.entry_points import effects_of, guarded
-from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.effects.entry_points import effects_of
 from gravity_comp_ros.printable import printable
 
 GROUP = 'gravity_comp_ros.effects'
@@ -39,18 +38,6 @@ def broken_plug_ins() -> tuple[str, ...]:
     return _load()[1]
 
 
-def find_effect(name: str) -> Effect:
-    """
-    Return the effect of that name.
-
-    :raises OptionError: if there is none.
-    """
-    effects = all_effects()
-    if name not in effects:
-        raise OptionError(f'no effect {printable(name)}; known are {", ".join(effects)}')
-    return effects[name]
-
-
 @cache
 def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
     effects = library_effects()
@@ -68,5 +55,5 @@ def _load() -> tuple[dict[str, Effect], tuple[str, ...]]:
             if effect.name in effects:
                 complaints.append(f'{where} is left out: there is an effect {effect.name} already')
             else:
-                effects[effect.name] = guarded(effect)
+                effects[effect.name] = effect
     return effects, tuple(complaints)

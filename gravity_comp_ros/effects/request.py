@@ -68,10 +68,9 @@ def known_effect(name: str) -> Effect:
 def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
     name, colon, joint = text.partition(':')
     effect = known_effect(name)
-    whole_arm = effect.scope == 'arm' and not effect.per_joint
-    if whole_arm and colon:
-        raise OptionError(f'{name} is about the whole arm: give it without a joint')
-    if whole_arm:
+    if not effect.per_joint:
+        if colon:
+            raise OptionError(f'{name} is about the whole arm: give it without a joint')
         return [Request(effect, None, True)]
     if not colon:
         return [Request(effect, each, False) for each in joints]

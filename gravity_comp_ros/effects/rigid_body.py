@@ -17,8 +17,8 @@ from functools import lru_cache
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.effects.effect import Coefficient, Effect, Motion, Setting
-from gravity_comp_ros.effects.plausibility import all_of, within_torque
+from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
@@ -93,20 +93,6 @@ def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
     return np.asarray(found.reshape(-1, 2) / STANDARD_GRAVITY)
 
 
-def _dynamics(motion: Motion) -> Dynamics:
-    assert motion.model is not None
-    return dynamics_of(motion.model)
-
-
-def _columns(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return the torque of the nominal arm, of inertias and of rotors: (M, N, 1 + K + R)."""
-    if 'rigid_body' not in motion.memo:
-        samples = motion.samples
-        motion.memo['rigid_body'] = columns_of(_dynamics(motion), samples.q, samples.qd,
-                                               motion.qdd)
-    return motion.memo['rigid_body']
-
-
 def columns_of(dynamics: Dynamics, q: FloatArray, qd: FloatArray,
                qdd: FloatArray) -> FloatArray:
     """Return the columns (M, N, 1 + K + R) for angles, speeds and accelerations (M, N)."""
@@ -122,14 +108,68 @@ def columns_of(dynamics: Dynamics, q: FloatArray, qd: FloatArray,
     return found
 
 
-def _symbols(motion: Motion, joint: int, setting: Setting) -> tuple[Coefficient, ...]:
-    if motion.model is None or motion.model.geometry is None:
-        return (_NOMINAL,)
-    dynamics = _dynamics(motion)
-    return (_NOMINAL, *(_inertia(int(k)) for k in dynamics.inertias),
-            *(Coefficient(f'J_{n + 1}', 'kg·m^2', f'inertia of the rotor of joint number {n + 1}, '
-                                                  f'behind its gear')
-              for n in dynamics.rotors))
+class RigidBodyDynamics(Effect):
+    """The columns are the torque of the nominal arm, of inertias and of rotors."""
+
+    name = 'rigid_body_dynamics'
+    title = 'Rigid-body dynamics'
+    family = 'dynamics'
+    equation = ('tau = s Y(q, qd, qdd) p(h) + sum_k Y_k(q, qd, qdd) I_k + J_n qdd_n, Y the '
+                'regressor of a serial arm with known axes, p(h) the nominal arm with the first '
+                'moments h of gravity')
+    description = ('The torque that accelerates the links, with centrifugal and Coriolis torque: '
+                   'one set of inertial parameters for all joints, the first moments shared with '
+                   'gravity. It needs a description of the robot.')
+    coefficients = (_NOMINAL, Coefficient('I_k', 'kg·m^2', 'moment or product of inertia'))
+    confounders = ('inertia', 'coriolis')
+    experiment = 'move several joints at once, at two speeds'
+    signature = 'acceleration'
+    source = ('M. Gautier, W. Khalil, IEEE Trans. Robotics and Automation 6, 1990; '
+              'B. Siciliano, O. Khatib, Springer Handbook of Robotics, ch. 6')
+    scope = 'arm'
+    per_joint = False
+    pointwise = True
+    expectation = Expectation.MOTION
+    certain = True
+    needs_speed = True
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        if 'rigid_body' not in motion.memo:
+            samples = motion.samples
+            motion.memo['rigid_body'] = columns_of(_dynamics(motion), samples.q, samples.qd,
+                                                   motion.qdd)
+        return motion.memo['rigid_body']
+
+    def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
+        if motion.model is None or motion.model.geometry is None:
+            return (_NOMINAL,)
+        dynamics = _dynamics(motion)
+        return (_NOMINAL, *(_inertia(int(k)) for k in dynamics.inertias),
+                *(Coefficient(f'J_{n + 1}', 'kg·m^2',
+                              f'inertia of the rotor of joint number {n + 1}, behind its gear')
+                  for n in dynamics.rotors))
+
+    def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return _dynamics(motion).usual
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.model is None or motion.model.geometry is None:
+            return ('where the axes of the arm are is unknown: fit the model with a description '
+                    'of the robot')
+        largest = float(np.abs(motion.qdd).max(initial=0.0))
+        if largest < _LEAST_ACCELERATION:
+            return f'the arm hardly accelerates (at most {largest:.2g} rad/s^2)'
+        return None
+
+    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
+                    joint: int) -> str | None:
+        return (_not_positive(_dynamics(motion), values, motion.samples.q)
+                or super().implausible(values, setting, motion, joint))
+
+
+def _dynamics(motion: Motion) -> Dynamics:
+    assert motion.model is not None
+    return dynamics_of(motion.model)
 
 
 def _inertia(parameter: int) -> Coefficient:
@@ -138,28 +178,12 @@ def _inertia(parameter: int) -> Coefficient:
                                                    f'the nominal arm, what it carries included')
 
 
-def _spread(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    return _dynamics(motion).usual
-
-
-def _untestable(motion: Motion, joint: int) -> str | None:
-    if motion.model is None or motion.model.geometry is None:
-        return ('where the axes of the arm are is unknown: fit the model with a description of '
-                'the robot')
-    largest = float(np.abs(motion.qdd).max(initial=0.0))
-    if largest < _LEAST_ACCELERATION:
-        return f'the arm hardly accelerates (at most {largest:.2g} rad/s^2)'
-    return None
-
-
-def _not_positive(values: FloatArray, setting: Setting, motion: Motion,
-                  joint: int) -> str | None:
-    """Check that kinetic energy is positive, at poses of the motion."""
-    q, n = motion.samples.q, motion.samples.n_joints
+def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:
+    """Check that kinetic energy is positive, at poses of q (M, N)."""
+    n = q.shape[1]
     few = q[np.linspace(0, len(q) - 1, _CHECKED).astype(int)] if len(q) else q
     rows = np.repeat(few, n, axis=0)
-    unit = np.tile(np.eye(n), (len(few), 1))
-    columns = columns_of(_dynamics(motion), rows, 0.0 * rows, unit)
+    columns = columns_of(dynamics, rows, 0.0 * rows, np.tile(np.eye(n), (len(few), 1)))
     masses = np.linalg.eigvalsh((columns @ np.asarray(values)).reshape(-1, n, n))
     if len(few) and masses.min() < -_NEGATIVE * masses.max():
         return (f'the mass matrix has an eigenvalue of {masses.min():.2g} kg·m^2: kinetic energy '
@@ -167,30 +191,4 @@ def _not_positive(values: FloatArray, setting: Setting, motion: Motion,
     return None
 
 
-EFFECTS = (
-    Effect(
-        name='rigid_body_dynamics',
-        title='Rigid-body dynamics',
-        family='dynamics',
-        equation='tau = s Y(q, qd, qdd) p(h) + sum_k Y_k(q, qd, qdd) I_k + J_n qdd_n, Y the '
-                 'regressor of a serial arm with known axes, p(h) the nominal arm with the first '
-                 'moments h of gravity',
-        description='The torque that accelerates the links, with centrifugal and Coriolis torque: '
-                    'one set of inertial parameters for all joints, the first moments shared with '
-                    'gravity. It needs a description of the robot.',
-        coefficients=(_NOMINAL, Coefficient('I_k', 'kg·m^2', 'moment or product of inertia')),
-        columns=_columns,
-        pointwise=True,
-        certain=True,
-        confounders=('inertia', 'coriolis'),
-        experiment='move several joints at once, at two speeds',
-        signature='acceleration',
-        source='M. Gautier, W. Khalil, IEEE Trans. Robotics and Automation 6, 1990; '
-               'B. Siciliano, O. Khatib, Springer Handbook of Robotics, ch. 6',
-        scope='arm',
-        per_joint=False,
-        untestable=_untestable,
-        symbols=_symbols,
-        spread=_spread,
-        implausible=all_of(_not_positive, within_torque(_columns))),
-)
+EFFECTS = (RigidBodyDynamics(),)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import condense
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import (
     direction_of, effect_torque, installed, predict_torque)
 from gravity_comp_ros.estimation.clustered import clustered_std
@@ -136,14 +136,15 @@ def _usual(motion: Motion, terms: Sequence[Term], columns: FloatArray,
     :param columns: (K, R, N), theirs.
     :param noise: (N,) N·m, what a model leaves beside nuisance terms; neighbours of it are alike.
     """
-    if all(term.effect.spread is None for term in terms):
-        return None
-    parts = []
+    parts, known = [np.zeros(0)], False
     for term in terms:
         joint = 0 if term.joint is None else motion.samples.names.index(term.joint)
+        usual = term.effect.spread(motion, joint, term.setting)
         count = len(term.effect.coefficients_of(motion, joint, term.setting))
-        parts.append(np.full(count, np.inf) if term.effect.spread is None
-                     else term.effect.spread(motion, joint, term.setting))
+        parts.append(np.full(count, np.inf) if usual is None else usual)
+        known = known or usual is not None
+    if not known:
+        return None
     noise = np.sqrt(_ALIKE) * np.maximum(noise, 1e-3 * max(float(noise.max()), 1e-9))
     lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
     weighted = np.sqrt(((columns / noise) ** 2).sum(axis=(1, 2)))
@@ -175,7 +176,7 @@ def of_gravity(gravity: GravityModel, motion: Motion,
 
     Some are shares of parts of gravity. What a model lacks has none, and a new part has share 0.
     """
-    if all(installed(applied).symbols is None for applied in effects):
+    if all(installed(applied).has_fixed_coefficients for applied in effects):
         return effects
     beside = replace(motion, model=gravity, gravity=gravity.predict(motion.samples.q),
                      slopes=None)

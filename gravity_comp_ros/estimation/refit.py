@@ -13,8 +13,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import (
     BoolArray, evenly_picked, FloatArray, IntArray, JointSamples)
-from gravity_comp_ros.effects.effect import Motion
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.predict import effect_torque, installed, predict_torque
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
@@ -42,9 +41,8 @@ _MOST_FOLDS = 4
 _WORSE, _SHARE = 1.1, 0.1
 # Effects whose coefficients belong to a run or to the time within it.
 _BETWEEN_RUNS = ('payload_change', 'torque_drift', 'friction_drift')
-# What these families add shows in fast motion; the others are as plain in slow motion, where
-# what they lack (inertia above all) does not bend gravity.
-_FAST = ('dynamics', 'timing')
+# What needs no speed is as plain in slow motion, where what it lacks (inertia above all) does not
+# bend gravity.
 _ENOUGH_SLOW = 0.2
 _TILT = 'base_tilt'
 
@@ -230,8 +228,8 @@ def _problem(motion: Motion, model: GravityModel, kept: tuple[AppliedEffect, ...
     samples = motion.samples
     allowed = np.ones(samples.n_samples, dtype=bool) if use is None else use
     rows, all_speeds = np.flatnonzero(allowed), True
-    needs_fast = any(t.effect.family in _FAST for t in terms)
-    if options.slow is not None and (options.force or not needs_fast):
+    needs_speed = any(t.effect.needs_speed for t in terms)
+    if options.slow is not None and (options.force or not needs_speed):
         slow = allowed & (np.abs(samples.qd) <= options.slow).all(axis=1)
         if options.force or slow.sum() >= _ENOUGH_SLOW * max(len(rows), 1):
             all_speeds, rows = bool(slow.sum() == len(rows)), np.flatnonzero(slow)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.estimation.gravity_step import Part, step_columns, step_from, step_scale
 from gravity_comp_ros.estimation.refit_system import Prior, System
 from gravity_comp_ros.models.applied_effects import AppliedEffect, target
@@ -100,8 +101,8 @@ class RefitProblem:
 
     def _prior(self, term: Term, k: int) -> Prior:
         """Return what is known of a term: its usual size if it has one, or what it was."""
-        if term.effect.spread is not None:
-            usual = term.effect.spread(self.motion, self.place(term), term.setting)
+        usual = term.effect.spread(self.motion, self.place(term), term.setting)
+        if usual is not None:
             return Prior(usual ** -2, np.zeros(k))
         if term.old is None:
             return Prior(np.zeros(k), np.zeros(k))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import ModelMismatchError, OptionError

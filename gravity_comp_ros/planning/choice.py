@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.effect import Motion
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
 from gravity_comp_ros.planning.criterion import Answer, answer
 from gravity_comp_ros.planning.regressors import Question, Situation, width

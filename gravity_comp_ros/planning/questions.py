@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Effect, Expectation, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import GravityCompError, OptionError
@@ -45,7 +46,8 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
     spans = dict(zip(names, np.ptp(motion.samples.tau, axis=0)))
     for finding in diagnosis.findings:
         known = all_effects().get(finding.effect or '')
-        if finding.verdict in OPEN and known is not None and known.family != 'dynamics':
+        if (finding.verdict in OPEN and known is not None
+                and known.expectation != Expectation.MOTION):
             cost = (finding.nrmse_before - finding.nrmse_after) * float(
                 max(spans.values()) if finding.joint is None else spans[finding.joint])
             target = Target(known.name, finding.joint, finding.rivals)

@@ -12,7 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.effect import Effect, Motion, Setting
+from gravity_comp_ros.effects.effect import Effect, Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -102,7 +103,8 @@ class Situation:
         """
         total: FloatArray | None = None
         gravity = self._gravity(motion)
-        effects = [_placed(one, motion) for one in (question.target, *question.alternatives)]
+        effects = [one.effect.columns_of_arm(motion, one.joint or 0, one.setting)
+                   for one in (question.target, *question.alternatives)]
         every = np.concatenate(effects, axis=2)
         for place, n in enumerate(question.joints):
             own = _own(question, motion, n)
@@ -165,16 +167,6 @@ def _own(question: Question, motion: Motion, joint: int) -> FloatArray:
              'torque_offset': np.ones(len(qd))}
     kept = [column for name, column in every.items() if name != question.target.effect.name]
     return np.column_stack([*kept, motion.qdd])
-
-
-def _placed(one: Alternative, motion: Motion) -> FloatArray:
-    """Return an effect's columns (M, N, K), on the torque of every joint."""
-    columns = one.effect.columns(motion, one.joint or 0, one.setting)
-    if one.effect.scope == 'arm':
-        return columns
-    placed = np.zeros((*motion.samples.q.shape, columns.shape[1]))
-    placed[:, one.joint or 0] = columns
-    return placed
 
 
 def width(one: Alternative, motion: Motion) -> int:

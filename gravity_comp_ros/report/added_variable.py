@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.diagnosis.findings import Finding
-from gravity_comp_ros.effects.effect import Motion, Setting
+from gravity_comp_ros.effects.effect import Setting
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary

@@ -1,0 +1,99 @@
+"""
+The laws that the gravity of a serial arm obeys, each with what only its breach could use.
+
+Gravity is the gradient of one energy, the same in all runs; no torque lacks the sine or cosine
+of its own joint's angle, and on a level base none depends on the first.
+"""
+
+from __future__ import annotations
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Regressor, Setting
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+import numpy as np
+
+_MOVES = 0.05
+
+
+class StructureTest(Regressor):
+    """
+    A law of gravity: its columns are what only its breach could use.
+
+    `breach` says what breaks it, `suspects` are effects that do.
+    """
+
+    breach: str
+    suspects: tuple[str, ...]
+
+
+def _features(motion: Motion, joint: int) -> FloatArray:
+    """Return the columns (M, K) that the energy's terms give a joint."""
+    energy = motion.model.energy if motion.model is not None else None
+    m, n = motion.samples.q.shape
+    if energy is None or not energy.indices.size:
+        return np.zeros((m, 0))
+    columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
+    mine = columns.reshape(n, m, -1)[joint]
+    return np.asarray(mine[:, np.ptp(mine, axis=0) > 1e-9])
+
+
+class LevelBase(StructureTest):
+    name = 'level base'
+    breach = 'torque that goes with the angle of the first joint'
+    suspects = ('base_tilt', 'cable_stiffness', 'joint_spring')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q, gravity = motion.samples.q[:, 0], motion.gravity[:, joint]
+        return np.column_stack([np.sin(q), np.cos(q), gravity * np.sin(q), gravity * np.cos(q)])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        moves = np.ptp(motion.samples.q[:, 0]) > _MOVES
+        return None if moves else 'the first joint hardly moves'
+
+
+class OwnJoint(StructureTest):
+    name = 'own joint'
+    breach = 'torque that goes with the angles of other joints alone'
+    suspects = ('tool_force', 'encoder_offset', 'cable_stiffness', 'coupled_friction')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = np.delete(motion.samples.q, joint, axis=1)
+        q = q[:, np.ptp(q, axis=0) > _MOVES]
+        return np.column_stack([np.sin(q), np.cos(q)])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        moving = np.delete(np.ptp(motion.samples.q, axis=0) > _MOVES, joint)
+        return None if moving.any() else 'no other joint moves'
+
+
+class OneEnergy(StructureTest):
+    name = 'one energy'
+    breach = 'gravity of another size than the other joints tell'
+    suspects = ('torque_gain', 'tool_force', 'joint_flexibility')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return _features(motion, joint)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.samples.n_joints < 2:
+            return 'there is one joint only'
+        return None if _features(motion, joint).shape[1] else 'gravity does not act on this joint'
+
+
+class SameInAllRuns(StructureTest):
+    name = 'same in all runs'
+    breach = 'torque that changes from run to run'
+    suspects = ('payload_change', 'base_tilt', 'encoder_offset', 'torque_drift',
+                'friction_drift')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        runs = motion.samples.runs
+        terms = np.column_stack([np.ones(len(runs)), _features(motion, joint)])
+        return np.column_stack([terms * (runs == run)[:, None] for run in np.unique(runs)[1:]])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return None if len(np.unique(motion.samples.runs)) > 1 else 'there is one run only'
+
+
+LAWS = (LevelBase(), OwnJoint(), OneEnergy(), SameInAllRuns())
