@@ -20,13 +20,13 @@ from pathlib import Path
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
-from gravity_comp_ros.api.steps import (
-    add_to_model, compare_model, fit_model, refit_options, update_model)
+from gravity_comp_ros.api.steps import add_to_model, compare_model, fit_model, update_model
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -110,8 +110,8 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
               for effect in effects if isinstance(effect, str) or is_found(effect)]
     if not wanted:
         return model
-    return Model(add_to_model(model.gravity, recording, wanted, refit_options(all_samples),
-                              progress).model)
+    return Model(add_to_model(model.gravity, recording, wanted,
+                              RefitOptions.chosen(all_samples), progress).model)
 
 
 def update(model: Model, recording: Recording, *, urdf: str | Path | None = None) -> Model:

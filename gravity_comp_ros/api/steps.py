@@ -117,13 +117,6 @@ def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[s
     return FitResult(model, report, both.fit.converged), both.joint
 
 
-def refit_options(all_samples: bool, max_speed: float | None = None) -> RefitOptions:
-    """Return which samples a refit uses by a user's choice: all, or below a limit in rad/s."""
-    if all_samples:
-        return RefitOptions(slow=None)
-    return RefitOptions() if max_speed is None else RefitOptions(max_speed, force=True)
-
-
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
                  speeds: RefitOptions = RefitOptions(),
                  progress: Progress | None = None) -> Refit:

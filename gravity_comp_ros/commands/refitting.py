@@ -7,7 +7,6 @@ from pathlib import Path
 
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.results import effect_numbers
-from gravity_comp_ros.api.steps import refit_options
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.diagnosis.wording import percent
@@ -29,7 +28,7 @@ def speeds(args: argparse.Namespace) -> RefitOptions:
     """
     if args.all_samples and args.max_speed is not None:
         raise OptionError('give --all-samples or --max-speed, not both')
-    return refit_options(args.all_samples, args.max_speed)
+    return RefitOptions.chosen(args.all_samples, args.max_speed)
 
 
 def undo(args: argparse.Namespace, model: GravityModel, output: Path) -> GravityModel:

@@ -59,6 +59,13 @@ class RefitOptions:
     slow: float | None = 0.15
     force: bool = False
 
+    @classmethod
+    def chosen(cls, all_samples: bool, max_speed: float | None = None) -> RefitOptions:
+        """Return the options by a user's choice: all samples, or those below a limit in rad/s."""
+        if all_samples:
+            return cls(slow=None)
+        return cls() if max_speed is None else cls(max_speed, force=True)
+
 
 def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
           options: RefitOptions = RefitOptions(), use: BoolArray | None = None,

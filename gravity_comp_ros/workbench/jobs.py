@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.api.recording import read_each, Recording
-from gravity_comp_ros.api.steps import add_to_model, fit_model, refit_options
+from gravity_comp_ros.api.steps import add_to_model, fit_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
+from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
@@ -92,7 +93,7 @@ class Bench:
             return learn(recording, job.choice, progress)
         if isinstance(job, Ask):
             return diagnose(recording.samples, job.model, progress=progress)
-        speeds = refit_options(job.choice.all_samples, job.choice.max_speed)
+        speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
