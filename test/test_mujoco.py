@@ -28,6 +28,7 @@ def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, de
     model = gc.fit(gc.Recording(bare), urdf=description)
     poses = box_poses(bare)
     assert error(model, MujocoArm(BUILD), poses) < 0.15
+    assert not any('settled' in warning for warning in model.report.warnings)
     # Friction of 1 N·m is neither predicted nor hidden.
     assert gc.compare(model, gc.Recording(bare)).joints['joint_1'].rmse > 0.8
     updated = gc.update(model, gc.Recording(loaded), urdf=description)
@@ -40,5 +41,6 @@ def test_a_short_motion_puts_no_gravity_into_friction_and_offset(recordings):
     short = bare.select(bare.t < 20.0)
     model = gc.fit(gc.Recording(short))
     wrong = model.predict(short.q[::50]) - arm.gravity(short.q[::50])
+    assert any('has not settled' in warning for warning in model.report.warnings)
     # Friction and damping that are taken for gravity make no more than their own size.
     assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0

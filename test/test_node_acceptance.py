@@ -10,6 +10,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node.absolute_tests import (
@@ -19,7 +20,6 @@ from gravity_comp_ros.node.fit_job import work
 from gravity_comp_ros.node.outliers import outliers_of_change
 from gravity_comp_ros.node.payload import PayloadLimits
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
-from gravity_comp_ros.node.settled import unsettled
 import numpy as np
 import pytest
 

@@ -15,6 +15,7 @@ from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
+from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.description.joint_order import JointOrder, TORQUES
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
@@ -25,17 +26,21 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.joint_order_search import order_of_torques
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
 from gravity_comp_ros.models.history import with_step
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+import numpy as np
 
 # What was held out of a fit stays so with its margins, s.
 _GUARD = HoldoutOptions().guard
 PAYLOAD = 'payload'
 # Fewer slow samples than this are few poses.
 FEW_SLOW = 100
+# A recording that lasts longer than this, in s, has settled its model.
+SETTLES = 90.0
 
 
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
@@ -59,12 +64,24 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
         result, joint = fit(recording.slow, options, progress), None
+        changing = _still_changes(recording.slow, result, options)
+        result = result.warned(changing) if changing else result
     if recording.ungated:
         result = result.warned(recording.ungated)
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
     return replace(result, model=replace(result.model, provenance=provenance)), joint
+
+
+def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions) -> str:
+    """Return what a short recording has not settled, in words."""
+    if recorded_time(samples) > SETTLES:
+        return ''
+    how = replace(options, formulation=result.model.formulation)
+    noise = np.array([result.report.noise[joint] for joint in result.model.joints])
+    found = unsettled(result.model, samples, noise, lambda early: fit(early, how).model)
+    return '' if found is None else f'{found}. Record more motion'
 
 
 def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:

@@ -14,6 +14,7 @@ from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
+from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
@@ -27,7 +28,6 @@ from gravity_comp_ros.node.model_acceptance import judge, Prediction
 from gravity_comp_ros.node.payload_test import (
     EXPLAINED, objections, objections_to_whole, PayloadEvidence)
 from gravity_comp_ros.node.self_confirmation import echo_objection
-from gravity_comp_ros.node.settled import unsettled
 import numpy as np
 
 # Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
