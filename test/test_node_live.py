@@ -281,6 +281,17 @@ def test_a_gripper_that_speaks_first_does_not_become_the_arm(live):
     assert node.arm.joints == ('a', 'b')
 
 
+def test_joints_by_alphabet_are_warned_of(live):
+    names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
+    node = live()
+    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
+    warnings = [text for is_bad, text in node.news if is_bad]
+    assert len(warnings) == 1 and ', '.join(reversed(names)) in warnings[0]
+    node = live()
+    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
+    assert not any(is_bad for is_bad, _ in node.news)
+
+
 def test_rollback_goes_back_by_payload(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     first = node.models.model

@@ -8,6 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.gate import RATE
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.description.joint_order import joint_order
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import GravityCompError, ModelFileError, OptionError
 from gravity_comp_ros.node import diagnostics
@@ -150,12 +151,21 @@ class NodeCore:
                                   f'most {MOST_JOINTS}; set the parameter joints')
             self._begin(names, None)
             self._guessed = True
+            self._ask_for_order(names)
         except OptionError as problem:
             self.models.problem = str(problem)
             self._unnamed['missing_joint'] += 1
             return None
         self.models.problem = ''
         return self.arm
+
+    def _ask_for_order(self, names: tuple[str, ...]) -> None:
+        """Warn where joints do not come from the base outwards, as a chain needs them."""
+        order = joint_order(names, self._description or None)
+        if order.joints != names:
+            self.news.append((True, f'joints come as {", ".join(names)}; from the base outwards '
+                              f'they are {", ".join(order.joints)} ({order.source}): set the '
+                              'parameter joints, or a chain does not explain this arm'))
 
     def _offer(self, arm: Arm, reading: WholeReading, now: float) -> None:
         reason = arm.gate.offer(reading.t, reading.q, reading.qd)
