@@ -98,7 +98,9 @@ def _without_outliers(job: Job, chain: GravityModel | None
             how, model = next(_wholes(replace(job, effects=())))
         except (FitError, DataError):
             return job, {}, None
-        found = outliers.outliers_of_fit(every.tau - model.predict(every.q), every.tau)
+        said = predicted(model, job)
+        found = outliers.outliers_of_fit(every.tau - np.concatenate(
+            (said.train + said.beside_train, said.held + said.beside_held)), every)
         first = None if job.effects else (how, model)
     if not found.any():
         return job, {}, first

@@ -16,6 +16,7 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.update import change_trust
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
+from gravity_comp_ros.node.live_friction import STANDSTILL
 from gravity_comp_ros.node.self_confirmation import Sent
 import numpy as np
 
@@ -33,9 +34,16 @@ def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     return _unless_many(change_trust(chain, gravity) == 0.0)
 
 
-def outliers_of_fit(residual: FloatArray, tau: FloatArray) -> BoolArray:
-    """Return which torques (M, N) a model that was fitted to them leaves as outliers."""
-    return _unless_many(robust.trust(residual, floor(tau)) == 0.0)
+def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
+    """
+    Return which torques (M, N) a model that was fitted to them leaves as outliers.
+
+    The friction of a joint at rest has any value, so that it is none there.
+
+    :param residual: what gravity, friction and offset leave (M, N), N·m.
+    """
+    far = robust.trust(residual, floor(samples.tau)) == 0.0
+    return _unless_many(far & (np.abs(samples.qd) > STANDSTILL))
 
 
 def counts(names: tuple[str, ...], outliers: BoolArray) -> Mapping[str, int]:
