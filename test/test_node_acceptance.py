@@ -211,19 +211,6 @@ def bent(model, angle):
                                     model.coverage, {}, chain, model.uncertainty)
 
 
-def test_a_wrong_base_does_not_keep_a_real_payload_out(base):
-    wrong = bent(base, 0.1)
-    case = recorded('eq17', 0, 45.0, 80.0, Payload(2.0), 'real', np.random.default_rng(2))
-    found = work(job_of(case, wrong))
-    assert found.verdict.better and found.how.startswith('fit from nothing'), found.verdict.reason
-    assert np.abs(found.model.predict(case.later) - case.truth).max() < 0.5
-    # Links that explain broken effort would be needed for it to pass this way.
-    for name in ('flipped elbow', 'one gain'):
-        spoilt = KINDS[name](case.samples.tau, np.random.default_rng(1))
-        samples = replace(case.samples, tau=spoilt)
-        assert not work(job_of(replace(case, samples=samples), wrong)).verdict.better, name
-
-
 def test_a_model_that_still_changes_has_not_settled(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)

@@ -25,8 +25,7 @@ from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, moving_rms, residual_noise, usual_residual)
 from gravity_comp_ros.node.model_acceptance import judge, Prediction
-from gravity_comp_ros.node.payload_test import (
-    EXPLAINED, objections, objections_to_whole, PayloadEvidence)
+from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 from gravity_comp_ros.node.self_confirmation import echo_objection
 import numpy as np
 
@@ -73,7 +72,7 @@ def work(job: Job) -> Outcome:
             job.base is not None and _targets(model) != _targets(job.base))
         if echo is not None:
             verdict = verdict.refused(echo, is_echo=True)
-        elif (broken := _broken(job, chain, change, model, how)) is not None:
+        elif (broken := _broken(job, chain, change, model)) is not None:
             verdict = verdict.refused(broken)
         elif verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
             verdict = verdict.not_yet(why)
@@ -192,12 +191,11 @@ def _unsettled(model: GravityModel, job: Job) -> str | None:
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
-            model: GravityModel, how: str) -> str | None:
+            model: GravityModel) -> str | None:
     """
     Return why the effort of this job cannot be what the drives supply, None if it can.
 
-    :param change: the change of `chain` where it was fitted already; `model` is the best one,
-        and `how` it was fitted.
+    :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
     here = predicted(model, job)
     residual = np.maximum(
@@ -221,11 +219,6 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                _rms(here.train - predict_torque(base, job.train)))
-    if how != CHANGE and model.chain is not None and (residual < EXPLAINED * noise).all():
-        # Links that were fitted to these samples alone explain every joint: the effort is that of
-        # an arm, and where it contradicts the base, the base is wrong.
-        evidence = PayloadEvidence(chain, model, train, held, noise)
-        return next(objections_to_whole(evidence, job.payload), None)
     evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
                                train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)

@@ -22,8 +22,6 @@ import numpy as np
 # A residual of so many times the noise of earlier epochs is no noise. Real payloads reached 1.6
 # after 100 samples, broken joints 3 and more (bench/node_acceptance.py).
 RESIDUAL = 2.5
-# A chain that leaves less than this explains the effort of a joint.
-EXPLAINED = 1.5
 # A common factor closer to 1 than this may be a payload.
 SAME_FACTOR = 0.1
 # The links beyond the elbow change by at least this part of the most changed one.
@@ -70,22 +68,6 @@ def objections(evidence: PayloadEvidence, limits: PayloadLimits,
         yield from _contradiction(evidence)
         yield from _size(evidence, limits)
         yield from _inner_links_alone(evidence)
-    yield from _common_factor(evidence, before)
-
-
-def objections_to_whole(evidence: PayloadEvidence, limits: PayloadLimits) -> Iterator[str]:
-    """
-    Yield why a chain fitted from nothing, which explains the effort, is no payload's.
-
-    Nothing is asked of single links: the chains before and after may have other frames.
-    """
-    before = evidence.base.predict(evidence.q)
-    change = _rms(evidence.tau - before)
-    worst = int(np.argmax(change))
-    if change[worst] > limits.moment:
-        yield (f'the change at {evidence.names[worst]} is {change[worst]:.3g} N·m; max_payload '
-               f'{limits.mass:g} kg at max_payload_reach {limits.reach:g} m makes '
-               f'{limits.moment:.3g} N·m at most')
     yield from _common_factor(evidence, before)
 
 
