@@ -14,7 +14,7 @@ NOISE = 0.1
 
 def recorded(seconds, first, start, picked_up, seed):
     """Return Eq. (17) from `first` s on; 2 kg are taken up after `picked_up` s."""
-    arm, motion = iiwa7(), eq17(seconds, 5.0, first)
+    arm, motion = iiwa7(), eq17(seconds, 2.5, first)
     after = (motion.t >= picked_up)[:, None]
     tau = np.where(after, gravity_torque(with_payload(arm, Payload(2.0)), motion.q),
                    gravity_torque(arm, motion.q))
