@@ -70,6 +70,11 @@ class Motion:
                 Shape(float(self.sign_width[joint]), hold))
         return self.memo[key]
 
+    def beside(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
+        """Return the motion with another gravity model, and its torque (M, N) if that is known."""
+        known = model.predict(self.samples.q) if gravity is None else gravity
+        return replace(self, model=model, gravity=known, slopes=None)
+
     def at(self, rows: IntArray) -> Motion:
         """Return the motion at some samples, (K,) rising numbers, for pointwise effects."""
         for joint in range(self.samples.n_joints):

@@ -73,7 +73,7 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
             break
         model = found.model
         gravity = model.predict(motion.samples.q)
-        motion = replace(motion, gravity=gravity, model=model, slopes=None)
+        motion = motion.beside(model, gravity)
     assert best is not None
     return best
 
@@ -178,8 +178,7 @@ def of_gravity(gravity: GravityModel, motion: Motion,
     """
     if all(installed(applied).has_fixed_coefficients for applied in effects):
         return effects
-    beside = replace(motion, model=gravity, gravity=gravity.predict(motion.samples.q),
-                     slopes=None)
+    beside = motion.beside(gravity)
     found = []
     for applied in effects:
         joint = 0 if applied.joint is None else motion.samples.names.index(applied.joint)

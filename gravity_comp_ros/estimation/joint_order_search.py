@@ -25,7 +25,7 @@ Order = tuple[int, ...]
 # axes, and a start takes 20 ms.
 _FEW, _STARTS = 60, 8
 _QUICK = SolveOptions(max_steps=20, tolerance=1e-3)
-# Weights are 1 over this part of the largest torque, as for the first steps of any chain.
+# Weights are 1 over this part of the largest torque.
 _FIRST = 0.05
 # An order is better if it leaves this part of the squared residual, and is taken in place of the
 # recorded one if it leaves this part of that one's.
@@ -54,17 +54,14 @@ def order_of_torques(samples: JointSamples) -> tuple[str, ...] | None:
 
 def _improved(problem: ChainProblem, order: Order) -> tuple[Order, float]:
     """Return an order that no move improves, and the squared residual that it leaves."""
-    left, tried, improves = _left(problem, order), 1, True
-    while improves:
-        improves = False
-        for moved in _moves(order):
-            found = _left(problem, moved)
-            tried += 1
-            if found < _BETTER * left:
-                order, left, improves = moved, found, tried < _MOST_TRIED
-                break
-            if tried >= _MOST_TRIED:
-                break
+    left, moves = _left(problem, order), _moves(order)
+    for _ in range(1, _MOST_TRIED):
+        moved = next(moves, None)
+        if moved is None:
+            break
+        found = _left(problem, moved)
+        if found < _BETTER * left:
+            order, left, moves = moved, found, _moves(moved)
     return order, left
 
 

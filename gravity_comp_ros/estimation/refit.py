@@ -283,12 +283,12 @@ def _spread(system: System) -> FloatArray:
 def _implausible(work: RefitProblem, model: GravityModel, terms: Sequence[Term]) -> dict[str, str]:
     """Return which new effects came out with values that physics does not allow, and why."""
     found = {}
-    motion = replace(work.motion, model=model, gravity=model.predict(work.motion.samples.q),
-                     slopes=None)
-    for term in terms:
+    new = [term for term in terms if term.old is None]
+    motion = work.motion.beside(model) if new else work.motion
+    for term in new:
         applied = next(e for e in model.applied.effects if e.target == term.target)
         values = np.array([c.value for c in applied.coefficients.values()])
         reason = term.effect.implausible(values, term.setting, motion, work.place(term))
-        if reason and term.old is None:
+        if reason:
             found[term.target] = reason
     return found
