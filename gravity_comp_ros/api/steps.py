@@ -88,7 +88,8 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
     """
     Return an order of the joints that explains their torques much better, None if there is none.
 
-    It is asked where nothing else tells the order. A chain that leaves white noise has it.
+    It serves where neither a description nor the names give the order. If the residual of the
+    chain is white, no other order is searched.
 
     :param result: of the fit in the order of the recording.
     """

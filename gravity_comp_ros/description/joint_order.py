@@ -20,7 +20,7 @@ DESCRIPTION = 'description'
 NUMBERS = 'numbers in the names'
 WORDS = 'words in the names'
 AS_RECORDED = 'as recorded'
-TORQUES = 'torques, which another order than that of the recording explains better'
+TORQUES = 'torques, which this order explains better than that of the recording'
 
 _NUMBER = re.compile(r'(\d+)')
 # A lone letter before the number: shoulder, elbow, wrist.

@@ -1,9 +1,9 @@
 """
 When something may have changed in the course of a recording, and what that does to a torque.
 
-The gravity of a model is that of the end: what a robot carries now, it carries tomorrow. A change
-is told of what was before it. It is one moment of the clock, so that recordings made later are
-predicted as they are; without a clock it is a run and a time within it.
+The gravity of a model is that of the end of a recording. The effect describes what was different
+before the change. The change is one moment of the clock, so recordings made later are predicted
+without it. Where no clock is known, it is a run and a time within that run.
 """
 
 from __future__ import annotations

@@ -90,7 +90,7 @@ class PayloadChange(Effect):
         if motion.model is None or motion.model.energy is None:
             return "payload changes are told from a model with an energy: fit with 'potential'"
         if not motion.model.energy.indices.any():
-            return 'the model knows no gravity that a payload could add to'
+            return 'the model has no gravity that a payload could add to'
         if not change_points(motion):
             return 'there is no time before and after'
         return None

@@ -1,10 +1,10 @@
 """
 Whether a model fitted to the samples alone has settled.
 
-In the first seconds of motion several arms explain the effort. A fit then predicts its held-out
-samples well and is wrong by many N·m at poses between them, more than its own standard deviation
-says. More samples change such a model; one that has settled stays as it is. So a model is compared
-with the fit to the first part of its samples, over poses drawn from the box that they span.
+After a few seconds of motion, several arms explain the torques. A fit may then predict its
+held-out samples well and be wrong by many N·m at other poses of their range, by more than its
+standard deviation. More samples change such a model. So a model is compared with the fit to the first part
+of its samples, at poses drawn from the range of the samples.
 """
 
 from __future__ import annotations

@@ -160,12 +160,12 @@ class NodeCore:
         return self.arm
 
     def _ask_for_order(self, names: tuple[str, ...]) -> None:
-        """Warn where joints do not come from the base outwards, as a chain needs them."""
+        """Warn if the joints of the messages are not ordered from the base outwards."""
         order = joint_order(names, self._description or None)
         if order.joints != names:
-            self.news.append((True, f'joints come as {", ".join(names)}; from the base outwards '
-                              f'they are {", ".join(order.joints)} ({order.source}): set the '
-                              'parameter joints, or a chain does not explain this arm'))
+            self.news.append((True, f'joints are recorded as {", ".join(names)}; from the base '
+                              f'outwards they are {", ".join(order.joints)} ({order.source}): '
+                              'set the parameter joints, or no chain explains this arm'))
 
     def _offer(self, arm: Arm, reading: WholeReading, now: float) -> None:
         reason = arm.gate.offer(reading.t, reading.q, reading.qd)

@@ -38,7 +38,7 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
     """
     Return which torques (M, N) a model that was fitted to them leaves as outliers.
 
-    The friction of a joint at rest has any value, so that it is none there.
+    At rest friction can have any value, so a joint at rest has no outliers.
 
     :param residual: what gravity, friction and offset leave (M, N), N·m.
     """
