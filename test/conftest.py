@@ -1,6 +1,23 @@
 """What all tests share: nothing of the screen that they were started from, and who runs what."""
 
+from pathlib import Path
+
 import pytest
+
+BAGS = Path(__file__).resolve().parents[1] / 'bags'
+
+
+@pytest.fixture(scope='session')
+def iiwa_model_file(tmp_path_factory) -> Path:
+    """Return the file of the model that most tests of the node begin with: not to be changed."""
+    from gravity_comp_ros.data.gate import slow_samples
+    from gravity_comp_ros.estimation.fit import fit
+    from gravity_comp_ros.models.model_file import save_model
+    from gravity_comp_ros.recordings.bag import read_bag
+    path = tmp_path_factory.mktemp('models') / 'unloaded.json'
+    samples = read_bag(BAGS / 'eq17_unloaded.mcap').samples
+    save_model(path, fit(slow_samples(samples).samples).model)
+    return path
 
 
 @pytest.fixture(autouse=True)
