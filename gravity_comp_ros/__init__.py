@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from gravity_comp_ros.api.model import load as load
     from gravity_comp_ros.api.model import Model as Model
     from gravity_comp_ros.api.model import save as save
-    from gravity_comp_ros.api.recording import read as read
+    from gravity_comp_ros.api.read import read as read
     from gravity_comp_ros.api.recording import Recording as Recording
     from gravity_comp_ros.api.results import Diagnosis as Diagnosis
     from gravity_comp_ros.api.results import MotionPlan as MotionPlan
@@ -48,7 +48,7 @@ __version__ = '0.1.0'
 # Name -> module. A module is imported when one of its names is asked for first, so that
 # `import gravity_comp_ros` costs nothing and the node never loads what it does not use.
 _PLACES = {
-    'read': 'api.recording', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
+    'read': 'api.read', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
     'load': 'api.model', 'save': 'api.model', 'Model': 'api.model', 'FitReport': 'api.model',

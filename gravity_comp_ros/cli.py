@@ -68,6 +68,9 @@ PACKAGES = {
 HINTS = {
     Hint.SLOW_MOTION: 'record slow motion, raise --max-speed, or pass --all-samples',
     Hint.IN_MODEL: '`gravity_comp add --undo` takes back what was added last',
+    Hint.NAME_DESCRIPTION: 'name a file with --urdf',
+    Hint.HELD_JOINT_MOVES: 'learn it as a joint of the arm (--joints), or name where it stands '
+                           '(--fixed JOINT=VALUE)',
     Hint.INSTALL_EFFECT: 'install the package that brings it, or take it back with '
                          '`gravity_comp add --undo`',
 }

@@ -15,6 +15,8 @@ class Hint(Enum):
 
     SLOW_MOTION = 'record slow motion, raise max_speed of the gate, or read with gate=None'
     IN_MODEL = 'undo() takes back what was added last'
+    NAME_DESCRIPTION = 'name a URDF file (urdf)'
+    HELD_JOINT_MOVES = 'learn it as a joint of the arm, or say where it stands (fixed)'
     INSTALL_EFFECT = 'install the package that brings it, or take it back with undo()'
 
 

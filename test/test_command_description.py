@@ -99,7 +99,7 @@ def test_without_a_description_numbers_order_the_joints(bags, capsys):
     some = ','.join(JOINTS[1::-1])
     found, _ = run(capsys, 'fit', bags / 'own', '--urdf', 'none', '--joints', some,
                    '--formulation', 'chain', '--json')
-    assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == '--joints'
+    assert list(found['joints']) == list(JOINTS[1::-1]) and found['joint_order'] == 'as asked'
 
 
 def test_another_robots_description_is_left_aside(bags, tmp_path, capsys):

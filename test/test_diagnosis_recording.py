@@ -88,7 +88,7 @@ def test_slow_samples_that_stand_still_while_the_rest_is_fast():
         fast.names, np.arange(400) / 10, np.concatenate([waiting.q, fast.q]),
         np.concatenate([waiting.qd, fast.qd]), np.concatenate([waiting.tau, fast.tau]))
     (text,) = remarks(whole, 'cover little')
-    assert 'iiwa_joint_1' in text and '°' in text
+    assert 'iiwa_joint_1' in text and ' rad' in text
 
 
 @pytest.mark.parametrize('seed', range(6))

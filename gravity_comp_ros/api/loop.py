@@ -14,47 +14,53 @@ The loop as functions: fit, compare, diagnose, add effects, update.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from gravity_comp_ros.api.axes import AxesOptions, known_axes
+from gravity_comp_ros.api.learn import better_order, known_arm, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
-from gravity_comp_ros.api.steps import add_to_model, compare_model, fit_model, update_model
+from gravity_comp_ros.api.steps import add_to_model, compare_model, update_on_axes
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.request import known_effect, requests
-from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning.options import PlanOptions, Target
 from gravity_comp_ros.planning.plan import plan as plan_motion
 
 
 def fit(recording: Recording, *, formulation: str | None = None,
         effects: Iterable[str] = (), urdf: str | Path | None = None,
-        progress: Progress | None = None) -> Model:
+        fixed: Mapping[str, float] | None = None, progress: Progress | None = None) -> Model:
     """
     Learn the gravity torque of an arm from slow motion.
 
         model = gc.fit(train, effects=['coulomb_friction', 'torque_offset:wrist'])
 
+    With a robot description the joints of the model are in its order (`Model.joints`).
+
     :param formulation: `chain`, `potential`, `per_joint` or `auto`; without, the usual one
-        (with a URDF, the chain).
+        (with a URDF that you name, the chain).
     :param effects: learned together with gravity, as `NAME` (every joint) or `NAME:JOINT`.
-    :param urdf: a robot description; the axes of the chain are taken from it, masses are not.
+    :param urdf: a robot description, `none` for none; without, the one in the recordings, if they
+        hold one that fits. The axes of the chain are taken from it, masses are not.
+    :param fixed: where joints of the description stand that the recordings lack, rad or m.
     :param progress: called with a word and a share from 0 to 1.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises DataError: if no sample is slow, or an effect cannot be seen.
     :raises OptionError: if a formulation, effect or joint is unknown.
     """
-    geometry = None if urdf is None else _geometry(urdf, recording.joints)
-    usual = FitOptions().formulation if geometry is None else 'chain'
-    options = FitOptions(formulation=formulation or usual, geometry=geometry)
-    result, _ = fit_model(recording, options, tuple(effects), progress=progress)
+    options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
+    learned = learn(recording, known_arm(recording, options), options, tuple(effects),
+                    progress=progress)
+    result = learned.result
+    for warning in filter(None, (learned.arm.axes.problem, better_order(learned))):
+        result = result.warned(warning)
     return Model(result.model)
 
 
@@ -80,7 +86,7 @@ def diagnose(recording: Recording, model: Model | None = None, *,
 
     All samples are used, fast motion included: inertia is an effect too.
 
-    :param model: the model to judge; without, one is fitted on the spot.
+    :param model: the model to judge; without, one is fitted first, as `fit` does.
     :param effects: look for these only.
     :raises DataError: if there are too few samples.
     :raises OptionError: if an effect is unknown.
@@ -89,8 +95,8 @@ def diagnose(recording: Recording, model: Model | None = None, *,
     for name in effects or ():
         known_effect(name)
     options = DiagnosisOptions(effects=None if effects is None else tuple(effects))
-    return Diagnosis(diagnose_samples(recording.used, model.gravity if model else None, options,
-                                      progress))
+    gravity = (model or fit(recording, progress=progress)).gravity
+    return Diagnosis(diagnose_samples(recording.used, gravity, options, progress))
 
 
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
@@ -119,14 +125,15 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
     Learn what a new payload changed, from ten seconds of slow motion.
 
     :param recording: the arm with its new payload and nothing else.
-    :param urdf: a robot description; with it mass and centre of mass are in `report.payload`.
-        Without one, the axes that the model was fitted with serve.
+    :param urdf: a robot description, `none` for none; without, the one in the recordings. With
+        one, mass and centre of mass are in `report.payload`; the axes that the model was fitted
+        with serve as well.
     :raises FitError: if there are too few slow samples.
     :raises DataError: if no sample is slow.
     :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
     """
-    geometry = model.gravity.geometry if urdf is None else _geometry(urdf, model.joints)
-    return Model(update_model(model.gravity, recording, geometry).model)
+    axes = known_axes(recording.reports, model.joints, AxesOptions(urdf), model=model.gravity)
+    return Model(update_on_axes(model.gravity, recording, axes)[0].model)
 
 
 def plan(model: Model, recording: Recording, effects: Iterable[str] | None = None, *,
@@ -146,9 +153,3 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
         for request in requests(effects, model.joints)]
     return MotionPlan(plan_motion(recording.used, model.gravity, targets, options,
                                   progress=progress))
-
-
-def _geometry(urdf: str | Path, joints: tuple[str, ...]) -> Geometry:
-    # Only this needs the XML parser.
-    from gravity_comp_ros.description.urdf import read_urdf
-    return read_urdf(Path(urdf), joints)

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from gravity_comp_ros.api.arrays import ArrayOrRuns, samples_from_arrays
-from gravity_comp_ros.api.gated import apply_gate, Gated, passed
+from gravity_comp_ros.api.gated import apply_gate, Gated
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
-from gravity_comp_ros.data.samples import BoolArray, concatenate, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.display import Shown, TextTable
 from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.errors import DataError
@@ -22,14 +20,9 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 if TYPE_CHECKING:
     # Needs the libraries of file formats, which arrays do without.
-    from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
-    from gravity_comp_ros.recordings.bag import Recording as BagRecording
+    from gravity_comp_ros.recordings.bag import ReadReport
 
 Progress = Callable[[str, float], None]
-
-
-def _silent(word: str, share: float) -> None:
-    """Drop a report of progress."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,93 +167,3 @@ class Recording(Shown):
                 used.q[:, n].min(), used.q[:, n].max(), np.abs(used.qd[:, n]).max(),
                 used.tau[:, n].min(), used.tau[:, n].max()))) for n, name in
                 enumerate(self.joints)) if len(used) else ())
-
-
-def read(paths: str | Path | Sequence[str | Path], *, topic: str | None = None,
-         joints: Sequence[str] | None = None, effort_scale: Mapping[str, float] | None = None,
-         differentiate: bool = False, gate: GateOptions | None = GateOptions(),
-         progress: Progress = _silent) -> Recording:
-    """
-    Read recordings: MCAP files, rosbag2 folders or bare .db3 files, each one run.
-
-    :param paths: one path, or several.
-    :param topic: of the joint states; without, the only one there is, or `/joint_states`.
-    :param joints: these joints, in this order; without, all, as recorded.
-    :param effort_scale: N·m per unit of effort by joint, sign included; 1 where not given.
-    :param differentiate: take velocities from the positions although there are some.
-    :param gate: which samples count as slow; None takes all.
-    :param progress: called with a word and a share from 0 to 1.
-    :raises BagError: if a file cannot be read.
-    :raises ModelMismatchError: if two recordings are of different robots.
-    """
-    from gravity_comp_ros.recordings.bag import ReadOptions
-    files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
-    options = ReadOptions(topic, None if joints is None else tuple(joints), effort_scale or {},
-                          differentiate)
-    return read_recording(files, options, gate, progress)
-
-
-def read_recording(paths: Sequence[Path], options: ReadOptions, gate: GateOptions | None,
-                   progress: Progress = _silent) -> Recording:
-    """
-    Return all samples of these files.
-
-    :raises BagError: if a file cannot be read.
-    :raises ModelMismatchError: if two recordings are of different robots.
-    """
-    found = read_each(paths, options, progress)
-    kept, reports = _each_once([one.report for one in found])
-    return Recording(concatenate(found[k].samples for k in kept), gate, reports)
-
-
-def read_each(paths: Sequence[Path], options: ReadOptions,
-              progress: Progress) -> list[BagRecording]:
-    """
-    Return each file as a run of its own.
-
-    :raises BagError: if a file cannot be read.
-    :raises ModelMismatchError: if one lacks a joint that the options name.
-    """
-    from gravity_comp_ros.recordings.bag import read_bag
-    found = []
-    for number, path in enumerate(paths):
-        progress(f'read {path.name}', number / len(paths))
-        found.append(read_bag(path, options))
-    return found
-
-
-def _each_once(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[ReadReport, ...]]:
-    """Return which recordings are no copies, and their reports with a note on the copies."""
-    digests = [report.sha256 for report in reports]
-    kept = [k for k, digest in enumerate(digests) if digest not in digests[:k]]
-    found = []
-    for k in kept:
-        notes = [f'{other.path} is the same recording and counts once'
-                 for other in reports[k + 1:] if other.sha256 == digests[k]]
-        found.append(replace(reports[k], notes=(*reports[k].notes, *notes)))
-    return kept, tuple(found)
-
-
-def read_slow(paths: Sequence[Path], options: ReadOptions, gate: GateOptions | None,
-              progress: Progress = _silent) -> Recording:
-    """
-    Return the slow samples of these files alone, for a fit of gravity without effects.
-
-    The others are never held in memory, and large files are read in parallel processes.
-
-    :raises BagError: if a file cannot be read.
-    :raises ModelMismatchError: if two recordings are of different robots.
-    :raises DataError: if no sample is slow.
-    """
-    if gate is None:
-        return read_recording(paths, options, gate, progress)
-    from gravity_comp_ros.recordings.parallel import read_gated_bags
-    coming, found = read_gated_bags(paths, options, gate), []
-    for number, path in enumerate(paths):
-        progress(f'read {path.name}', number / len(paths))
-        found.append(next(coming))
-    kept, reports = _each_once([one.report for one in found])
-    samples = concatenate(found[k].samples for k in kept)
-    dropped = sum((Counter(found[k].dropped) for k in kept), Counter())
-    total = sum(report.n_samples for report in reports)
-    return Recording(samples, gate, reports, gated_before=passed(samples, total, dropped, gate))

@@ -11,19 +11,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from gravity_comp_ros.api.axes import KnownAxes
 from gravity_comp_ros.api.provenance import held_out_blocks, merged_bags, now
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, within
 from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.description.joint_order import JointOrder, TORQUES
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
-from gravity_comp_ros.estimation.joint_order_search import order_of_torques
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.settled import unsettled
@@ -82,22 +81,6 @@ def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
     found = unsettled(result.model, samples, noise, lambda early: fit(early, how).model)
     return '' if found is None else f'{found}. Record more motion'
-
-
-def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:
-    """
-    Return an order of the joints that explains their torques much better, None if there is none.
-
-    It serves where neither a description nor the names give the order. If the residual of the
-    chain is white, no other order is searched.
-
-    :param result: of the fit in the order of the recording.
-    """
-    chain = result.report.chain
-    if chain is not None and chain.clean:
-        return None
-    joints = order_of_torques(with_enough_motion(recording).slow)
-    return None if joints is None else JointOrder(joints, TORQUES)
 
 
 def with_enough_motion(recording: Recording) -> Recording:
@@ -184,6 +167,22 @@ def update_model(model: GravityModel, recording: Recording,
     changed = with_step(replace(result.model, provenance=provenance), model, (PAYLOAD,), now(),
                         result.report.rmse_before, result.report.rmse, UPDATED)
     return replace(result, model=changed)
+
+
+def update_on_axes(model: GravityModel, recording: Recording,
+                   axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
+    """
+    Return the update, and the axes that it used: a recording's own only if they fit.
+
+    :raises GravityCompError: as `update_model`.
+    """
+    try:
+        return update_model(model, recording, axes.geometry), axes
+    except ModelMismatchError as problem:
+        if axes.geometry is None or axes.asked:
+            raise
+        unused = KnownAxes(problem=f'robot description not used: {problem}')
+        return update_model(model, recording), unused
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:

@@ -12,10 +12,12 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.units import TORQUE_UNITS
 
 if TYPE_CHECKING:
+    from gravity_comp_ros.api.axes import AxesOptions
     from gravity_comp_ros.data.gate import GateOptions
     from gravity_comp_ros.recordings.bag import ReadOptions
 
 
+DRAWN = 'the page shows the arm in three dimensions by this description'
 # Those of `estimation.fit`, the usual one first. It would have to be loaded for --help; a test
 # compares them.
 FORMULATIONS = ('auto', 'per_joint', 'potential', 'chain')
@@ -120,7 +122,7 @@ def _json_target(text: str) -> str:
 
 
 def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
-    """Add --urdf and --fixed; `known_axes` says what they mean."""
+    """Add --urdf and --fixed, for `axes_options`."""
     group = parser.add_argument_group('robot description')
     group.add_argument('--urdf', metavar='FILE.urdf|none', default=None,
                        help=f'{use}; masses in it are not used (default: /robot_description in '
@@ -130,18 +132,33 @@ def add_urdf(parser: argparse.ArgumentParser, use: str) -> None:
                        'stands here, rad or m, e.g. waist=0.3; may be repeated (default: 0)')
 
 
-def add_html(parser: argparse.ArgumentParser) -> None:
-    """Add --html FILE."""
+def axes_options(args: argparse.Namespace) -> AxesOptions:
+    """
+    Return which robot description a verb works with.
+
+    :raises OptionError: if --fixed has no use.
+    """
+    from gravity_comp_ros.api.axes import AxesOptions, NO_DESCRIPTION
+    fixed: dict[str, float] = {}
+    for part in args.fixed:
+        fixed.update(part)
+    if fixed and args.urdf == NO_DESCRIPTION:
+        raise OptionError('--fixed needs a robot description, and --urdf is none')
+    return AxesOptions(args.urdf, fixed)
+
+
+def add_html(parser: argparse.ArgumentParser, description: str = DRAWN) -> None:
+    """Add --html FILE, and --urdf, which is for what `description` says."""
     parser.add_argument('--html', metavar='FILE.html', type=_html_file, default=None,
                         help='write a report to look at, one file with everything in it')
-    add_drawn_arm(parser)
+    add_drawn_arm(parser, description)
 
 
-def add_drawn_arm(parser: argparse.ArgumentParser) -> None:
+def add_drawn_arm(parser: argparse.ArgumentParser, use: str) -> None:
     """Add --urdf of verbs that draw the arm."""
     parser.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                        help='the page shows the arm in three dimensions by this description '
-                        '(default: /robot_description in the recording, if it holds one)')
+                        help=f'{use} (default: /robot_description in the recording, if it '
+                        'holds one)')
 
 
 def _html_file(text: str) -> Path:

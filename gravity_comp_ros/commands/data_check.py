@@ -14,7 +14,7 @@ from gravity_comp_ros.effects.motion_direction import least_widths
 from gravity_comp_ros.evaluation.recording_quality import describe, RecordingFacts
 import numpy as np
 
-_COLUMNS = ('joint', 'range °', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
+_COLUMNS = ('joint', 'range rad', 'max rad/s', 'reversals', 'at rest', 'white noise N·m',
             'effective n')
 
 
@@ -43,8 +43,7 @@ class DataCheck:
         rows = []
         for name, report in self.reports.items():
             joint = self.facts.joints[name]
-            low, high = np.degrees([joint.q_min, joint.q_max])
-            rows.append((name, f'{low:.0f} … {high:.0f}', f'{joint.max_speed:.3f}',
+            rows.append((name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.max_speed:.3f}',
                          '–' if joint.reversals is None else str(joint.reversals),
                          f'{100 * self.rest[name]:.0f} %', f'{report.noise_floor:.3g}',
                          f'{report.n_effective:.0f}'))

@@ -8,9 +8,11 @@ import shlex
 import time
 
 from gravity_comp_ros.api import results
+from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.learn import LearnOptions, model_of
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -19,7 +21,6 @@ from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.effects.registry import broken_plug_ins
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -28,7 +29,6 @@ from gravity_comp_ros.recordings.bag import ReadReport
 
 
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
-_ENOUGH_SLOW = 50
 
 
 def run(args: argparse.Namespace) -> int:
@@ -46,8 +46,9 @@ def _run(args: argparse.Namespace) -> int:
         recording = reading.load_all(args, report)
         if model is not None:
             recording = held_out.without(model, recording)
+        beside = model or _fitted(args, recording, report)
         reports, samples = recording.reports, recording.used
-        diagnosis = diagnose(samples, model, DiagnosisOptions(effects=args.effects), report)
+        diagnosis = diagnose(samples, beside, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
     terminal.warn(*reading.scale_warnings(model, reports) if model else [])
     findings = tuple(replace(f, next_step=f.next_step or _adding(f, args))
@@ -56,7 +57,7 @@ def _run(args: argparse.Namespace) -> int:
     terminal.warn(*broken_plug_ins())
     check = data_check.check(samples, diagnosis)
     if args.html:
-        _write_page(args, samples, model, diagnosis, reports)
+        _write_page(args, samples, beside, diagnosis, reports, fitted=model is None)
     if args.json != '-':
         terminal.show(f'[bold]{terminal.safe(wording.verdict(diagnosis))}[/bold]', '')
         terminal.say(*reading.bag_lines(reports), *reading.fitted_lines(model, reports))
@@ -74,15 +75,16 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
-                diagnosis: Diagnosis, reports: tuple[ReadReport, ...]) -> None:
-    notes: tuple[str, ...] = ()
-    if model is None:
-        # A page needs something to predict with; findings are beside a base of their own.
-        slow = slow_samples(samples).samples
-        model = fit(slow if slow.n_samples >= _ENOUGH_SLOW else samples).model
-        notes = ('Predictions are of a model that was fitted for this report to '
-                 f'{model.coverage.n_samples} samples.',)
+def _fitted(args: argparse.Namespace, recording: Recording,
+            report: terminal.ProgressCallback) -> GravityModel:
+    options = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
+    return model_of(recording, options, report)
+
+
+def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel,
+                diagnosis: Diagnosis, reports: tuple[ReadReport, ...], fitted: bool) -> None:
+    notes = ('Predictions are of a model of gravity that was fitted for this report to '
+             f'{model.coverage.n_samples} samples.',) if fitted else ()
     judged = f'all {samples.n_samples} samples, fast ones too'
     adding = follow_up.adding(args, wording.targets(diagnosis.findings))
     html.write(args, html.contents(args, model, samples, compare(model, samples), judged,

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
-import math
+from dataclasses import asdict
 import time
 
+from gravity_comp_ros.api.learn import known_arm, KnownArm, learn, LearnOptions
 from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import compare_model, fit_model, order_by_torques
-from gravity_comp_ros.commands import next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes, urdf_file
+from gravity_comp_ros.api.steps import compare_model
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder
 from gravity_comp_ros.display import percent, shortened
-from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.estimation.fit import FitOptions, FitResult
+from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.fit_report import FitDetails, nuisance_sentence
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
@@ -26,33 +23,25 @@ from gravity_comp_ros.printable import counted
 
 def run(args: argparse.Namespace) -> int:
     """Fit, judge, save and show."""
-    if urdf_file(args) is not None and args.formulation not in (None, 'chain', 'auto'):
-        raise OptionError(f'--urdf is of no use to {args.formulation}: the axes are those of a '
-                          f'chain (--formulation chain or auto)')
+    options = LearnOptions(args.formulation, arguments.axes_options(args),
+                           args.joints is not None)
     with terminal.progress() as report:
         only_slow = args.holdout is None and args.effects is None
         whole = reading.load_enough(args, report, only_slow)
-        axes = _axes(args, whole)
-        order = _order(args, whole, axes)
-        whole = whole.select_joints(order.joints)
+        arm = known_arm(whole, options)
+        whole = arm.of(whole)
         fitted, held = whole.split(args.holdout) if args.holdout else (whole, None)
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
-        if order.source == AS_RECORDED and (
-                other := order_by_torques(fitted, result)) is not None:
-            order, fitted = other, fitted.select_joints(other.joints)
-            held = held.select_joints(other.joints) if held else None
-            result, joint = fit_model(fitted, _options(args, axes), effects, speeds, report)
+        learned = learn(fitted, arm, options, effects, speeds, report)
         seconds = time.perf_counter() - started
-    model = replace(result.model, provenance={
-        **result.model.provenance, 'description': axes.to_json(), 'joint_order': order.source})
+    result, model, joint, axes = learned.result, learned.model, learned.refit, learned.arm.axes
     judged = compare_model(model, held) if held else None
     document = {
         'model': str(args.output) if args.output else None, **result.to_json(),
         'seconds': seconds, 'holdout': model.provenance['holdout'],
-        'description': axes.to_json(), 'joint_order': order.source, **whole.to_json()}
+        'description': axes.to_json(), 'joint_order': learned.arm.order.source, **whole.to_json()}
     if joint:
         document |= {**joint.to_json(), 'warnings': refitting.warnings(joint)}
     for name, error in judged.joints.items() if judged else ():
@@ -60,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
-        _show(args, fitted, axes, order, result, judged, seconds)
+        _show(args, learned.recording, learned.arm, result, judged, seconds)
         if joint:
             terminal.show('', refitting.fitted_sentence(joint), refitting.error_table(joint),
                           *refitting.effect_lines(joint))
@@ -72,33 +61,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _options(args: argparse.Namespace, axes: KnownAxes) -> FitOptions:
-    usual = FitOptions().formulation
-    if axes.geometry is not None:
-        # Nobody has said that the recording's own description is right: the data decide.
-        usual = 'chain' if axes.asked else 'auto'
-    return FitOptions(formulation=args.formulation or usual, geometry=axes.geometry)
-
-
-def _axes(args: argparse.Namespace, recording: Recording) -> KnownAxes:
-    """Return the axes from a description, unless the formulation has no use for them."""
-    if args.formulation not in (None, 'chain', 'auto'):
-        return KnownAxes()
-    return known_axes(args, recording.joints, choose=args.joints is None)
-
-
-def _order(args: argparse.Namespace, recording: Recording, axes: KnownAxes) -> JointOrder:
-    """Return the order of the arm, as the user, a description or the names tell it."""
-    if axes.geometry is not None:
-        return JointOrder(axes.geometry.joints, 'description')
-    if args.joints is not None:
-        return JointOrder(recording.joints, '--joints')
-    return joint_order(recording.joints)
-
-
-def _show(args: argparse.Namespace, fitted: Recording, axes: KnownAxes, order: JointOrder,
-          result: FitResult, judged: Comparison | None, seconds: float) -> None:
-    terminal.say(*reading.lines(fitted), *axes.notes, f'order of joints: {order.source}')
+def _show(args: argparse.Namespace, fitted: Recording, arm: KnownArm, result: FitResult,
+          judged: Comparison | None, seconds: float) -> None:
+    terminal.say(*reading.lines(fitted), *arm.axes.notes,
+                 f'order of joints: {arm.order.source}')
     if fitted.holdout:
         terminal.say(_holdout_sentence(fitted, fitted.holdout))
     terminal.show('', _joint_table(result, judged), terminal.safe(_solver_sentence(result)))
@@ -145,13 +111,13 @@ def _holdout_sentence(fitted: Recording, holdout: Holdout) -> str:
 
 def _joint_table(result: FitResult, judged: Comparison | None) -> ScreenTable:
     model, report = result.model, result.report
-    columns = ['joint', 'terms', 'range °', 'RMSE N·m', 'remaining N·m']
+    columns = ['joint', 'terms', 'range rad', 'RMSE N·m', 'remaining N·m']
     if judged is not None:
         columns += ['held-out RMSE', 'held-out nRMSE']
     rows = []
     for n, joint in enumerate(model.joints):
-        low, high = (math.degrees(x) for x in (model.coverage.q_min[n], model.coverage.q_max[n]))
-        row = [joint, str(model.n_features()[n]), f'{low:.0f} … {high:.0f}',
+        low, high = model.coverage.q_min[n], model.coverage.q_max[n]
+        row = [joint, str(model.n_features()[n]), f'{low:.2f} … {high:.2f}',
                f'{report.rmse[joint]:.4f}', _remaining(report, joint)]
         if judged is not None:
             held_out = judged.joints[joint]

@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
+from gravity_comp_ros.api.learn import LearnOptions
 from gravity_comp_ros.commands import arguments, terminal
 from gravity_comp_ros.diagnosis.findings import Finding, Verdict
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import BagError, OptionError
-from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.fleet.engine import Engine
 from gravity_comp_ros.fleet.folder import find_robots
 from gravity_comp_ros.fleet.outcome import FittedRobot, Outcome
@@ -30,8 +30,9 @@ def run(args: argparse.Namespace) -> int:
     with terminal.progress() as report:
         fleet = FleetRun(robots, args.output, Engine(args.workers, args.scheduler),
                          arguments.read_options(args), arguments.gate_options(args), report)
-        outcome = (fleet.fit(FitOptions(args.formulation)) if args.what == 'fit'
-                   else fleet.diagnose(args.models, args.effects))
+        options = LearnOptions(args.formulation, ordered=args.joints is not None)
+        outcome = (fleet.fit(options) if args.what == 'fit' else
+                   fleet.diagnose(args.models, args.effects))
     for name, reason in (*outcome.failed_bags.items(), *outcome.failed_robots.items()):
         terminal.warn(f'left out: {name}: {reason}')
     if args.json != '-':

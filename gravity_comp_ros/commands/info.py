@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from gravity_comp_ros.api.recording import read_each
+from gravity_comp_ros.api.read import read_each
 from gravity_comp_ros.api.steps import FEW_SLOW
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import gate_options, read_options
@@ -15,7 +15,6 @@ from gravity_comp_ros.evaluation.recording_quality import (
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 from gravity_comp_ros.recordings.units import TORQUE_UNITS
-import numpy as np
 
 
 def run(args: argparse.Namespace) -> int:
@@ -65,7 +64,8 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
         show(f'dropped {sum(report.dropped.values())} of {counted(report.n_messages, "message")}: '
              f'{safe(dropped)}')
     show(f'slow samples {100 * facts.slow_share:.1f} %, kept by the slow-motion gate {facts.kept}')
-    columns = ('joint', 'range °', 'travel °', 'rms rad/s', 'max rad/s', 'reversals', 'effort N·m')
+    columns = ('joint', 'range rad', 'travel rad', 'rms rad/s', 'max rad/s', 'reversals',
+               'effort N·m')
     show(table('', columns, [_row(name, joint) for name, joint in facts.joints.items()]))
     for line in (*report.notes, *facts.remarks):
         show(f'  [yellow]•[/yellow] {safe(line)}')
@@ -73,7 +73,7 @@ def _show(report: ReadReport, facts: RecordingFacts) -> None:
 
 
 def _row(name: str, joint: JointFacts) -> tuple[str, ...]:
-    low, high, travel = np.degrees([joint.q_min, joint.q_max, joint.travel])
-    return (name, f'{low:.1f} … {high:.1f}', f'{travel:.1f}', f'{joint.rms_speed:.3f}',
-            f'{joint.max_speed:.3f}', '–' if joint.reversals is None else str(joint.reversals),
+    return (name, f'{joint.q_min:.2f} … {joint.q_max:.2f}', f'{joint.travel:.2f}',
+            f'{joint.rms_speed:.3f}', f'{joint.max_speed:.3f}',
+            '–' if joint.reversals is None else str(joint.reversals),
             f'{joint.tau_min:.2f} … {joint.tau_max:.2f}')

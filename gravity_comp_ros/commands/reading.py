@@ -6,7 +6,8 @@ import argparse
 from collections.abc import Sequence
 from contextlib import suppress
 
-from gravity_comp_ros.api.recording import read_recording, read_slow, Recording
+from gravity_comp_ros.api.read import read_recording, read_slow
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import FEW_SLOW, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback

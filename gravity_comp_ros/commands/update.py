@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 import shlex
 
+from gravity_comp_ros.api.axes import known_axes, KnownAxes
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import update_model
-from gravity_comp_ros.commands import next_step, reading, refitting, terminal
-from gravity_comp_ros.commands.known_axes import known_axes, KnownAxes
+from gravity_comp_ros.api.steps import update_on_axes
+from gravity_comp_ros.commands import arguments, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
-from gravity_comp_ros.errors import ModelMismatchError, OptionError
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update import UpdateResult
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
@@ -47,7 +47,7 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        result, axes = _updated(model, loaded, known_axes(args, model.joints, model=model))
+        result, axes = update_on_axes(model, loaded, _axes(args, model, loaded))
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
@@ -63,16 +63,8 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     return 0
 
 
-def _updated(model: GravityModel, loaded: Recording,
-             axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
-    """Return the update, and the axes that it used: a recording's own only if they fit."""
-    try:
-        return update_model(model, loaded, axes.geometry), axes
-    except ModelMismatchError as problem:
-        if axes.geometry is None or axes.asked:
-            raise
-        unused = KnownAxes(problem=f'robot description not used: {problem}')
-        return update_model(model, loaded), unused
+def _axes(args: argparse.Namespace, model: GravityModel, loaded: Recording) -> KnownAxes:
+    return known_axes(loaded.reports, model.joints, arguments.axes_options(args), model=model)
 
 
 def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:

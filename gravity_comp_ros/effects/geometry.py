@@ -126,7 +126,7 @@ class BaseTilt(Effect):
                     joint: int) -> str | None:
         tilt = float(np.hypot(values[0], values[1]))
         if tilt > _STEEPEST:
-            return f'a base that leans by {np.degrees(tilt):.0f} degrees would be seen'
+            return f'a base that leans by {tilt:.2g} rad would be seen'
         return None
 
 

@@ -173,7 +173,7 @@ def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, 
 
 def _slow_remarks(joints: dict[str, JointFacts], slow_share: float) -> list[str]:
     """Tell where the slow samples miss most of what the recording covers."""
-    missed = [f'{name} ({np.degrees(facts.slow_travel):.0f}° of {np.degrees(facts.travel):.0f}°)'
+    missed = [f'{name} ({facts.slow_travel:.2g} of {facts.travel:.2g} rad)'
               for name, facts in joints.items()
               if facts.travel >= STILL and facts.slow_travel < _SLOW_TRAVEL * facts.travel]
     if slow_share < _SLOW_SHARE or not missed:
@@ -184,7 +184,7 @@ def _slow_remarks(joints: dict[str, JointFacts], slow_share: float) -> list[str]
 def _motion_remarks(joints: dict[str, JointFacts], at_rest: bool) -> list[str]:
     remarks = []
     still = [name for name, facts in joints.items() if facts.travel < STILL]
-    narrow = [f'{name} ({np.degrees(facts.travel):.0f}°)' for name, facts in joints.items()
+    narrow = [f'{name} ({facts.travel:.2g} rad)' for name, facts in joints.items()
               if STILL <= facts.travel < NARROW]
     if still:
         remarks.append(f'never moves: {", ".join(still)}; what gravity does there along that '

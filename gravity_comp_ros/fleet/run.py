@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, is_dataclass, replace
+from dataclasses import asdict, dataclass, is_dataclass
 import hashlib
 import json
 from pathlib import Path
 from typing import Any, TypeVar
 
+from gravity_comp_ros.api.learn import LearnOptions
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
-from gravity_comp_ros.estimation.fit import FitOptions, FitResult
+from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.fleet.engine import Engine, Failure, Item, Result, Task
 from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
 from gravity_comp_ros.fleet.outcome import DiagnosedRobot, FittedRobot, Outcome
@@ -40,7 +41,7 @@ class FleetRun:
     gate: GateOptions = GateOptions()
     progress: Progress = lambda word, share: None
 
-    def fit(self, options: FitOptions = FitOptions()) -> Outcome:
+    def fit(self, options: LearnOptions = LearnOptions()) -> Outcome:
         """
         Fit each robot to all its bags that can be read; OUTPUT/ROBOT.json has the model.
 
@@ -59,7 +60,7 @@ class FleetRun:
                 outcome.resumed += 1
             else:
                 waiting.append(((robot, key, found),
-                                FitTask(tuple(r.samples for r in found), options)))
+                                FitTask(tuple(found), self.gate, options)))
         for (robot, key, found), result in self._work('fit', fit_robot, waiting):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
@@ -135,8 +136,7 @@ class FleetRun:
 
     def _save(self, robot: Robot, found: list[GatedRecording],
               result: FitResult) -> FittedRobot:
-        bags = [r.report.to_json() for r in found]
-        model = replace(result.model, provenance={**result.model.provenance, 'bags': bags})
+        model = result.model
         save_model(self._model_file(robot), model)
         return FittedRobot(self._model_file(robot).name, len(found), model.coverage.n_samples,
                            result.converged, result.report.rmse, result.report.warnings)

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gravity_comp_ros.api.learn import known_arm, learn, LearnOptions, model_of
+from gravity_comp_ros.api.read import gated_recording
+from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import BagError, FitError, GravityCompError
-from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording, read_gated
@@ -27,10 +30,11 @@ class ReadTask:
 
 @dataclass(frozen=True)
 class FitTask:
-    """The gated samples of one robot's bags, to be fitted."""
+    """What was read of one robot's bags with a gate, to be fitted."""
 
-    parts: tuple[JointSamples, ...]
-    options: FitOptions
+    found: tuple[GatedRecording, ...]
+    gate: GateOptions
+    options: LearnOptions
 
 
 @dataclass(frozen=True)
@@ -61,9 +65,12 @@ def fit_robot(task: FitTask) -> FitResult:
 
     :raises FitError: if its samples do not do.
     """
-    if not task.parts:
+    if not task.found:
         raise FitError('none of its bags could be read')
-    return fit(concatenate(task.parts), task.options)
+    recording = gated_recording(task.found, task.gate)
+    learned = learn(recording, known_arm(recording, task.options), task.options)
+    problem = learned.arm.axes.problem
+    return learned.result.warned(problem) if problem else learned.result
 
 
 def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
@@ -77,9 +84,12 @@ def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
         options = replace(options, joints=task.model.joints)
     for bag in task.bags:
         try:
-            parts.append(read_bag(bag, options).samples)
+            parts.append(read_bag(bag, options))
         except GravityCompError as error:
             failed[str(bag)] = str(error)
     if not parts:
         raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
-    return diagnose(concatenate(parts), task.model, DiagnosisOptions(effects=task.effects)), failed
+    recording = Recording(concatenate(part.samples for part in parts), None,
+                          tuple(part.report for part in parts))
+    model = task.model or model_of(recording, LearnOptions(ordered=options.joints is not None))
+    return diagnose(recording.samples, model, DiagnosisOptions(effects=task.effects)), failed

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import math
 import shlex
 
+from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.learn import LearnOptions, WITH_AXES
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import concatenate, JointSamples
@@ -21,8 +23,9 @@ class Choice:
     Which runs (by number) and joints, how they are read, and which samples are used.
 
     `effort_scale` holds N·m per unit of effort, sign included, 1 where not given;
-    `differentiate` takes speeds from positions. Gravity is learned from and judged on samples
-    slower than `max_speed` in rad/s (None: the usual limit), or all of them.
+    `differentiate` takes speeds from positions. `urdf` is a robot description whose axes are
+    used, `none` for none; None takes what the recordings hold. Gravity is learned from and
+    judged on samples slower than `max_speed` in rad/s (None: the usual limit), or all of them.
 
     :raises OptionError: if a number makes no sense.
     """
@@ -34,6 +37,7 @@ class Choice:
     differentiate: bool = False
     max_speed: float | None = None
     all_samples: bool = False
+    urdf: str | None = None
 
     def __post_init__(self) -> None:
         if self.max_speed is not None and not (math.isfinite(self.max_speed)
@@ -49,6 +53,21 @@ class Choice:
         scale = {joint: x for joint, x in self.effort_scale.items()
                  if x != 1.0 and (not self.joints or joint in self.joints)}
         return ReadOptions(topic, self.joints or None, scale, self.differentiate)
+
+    def learning(self, ordered: bool) -> LearnOptions:
+        """
+        Return how gravity is learned.
+
+        :param ordered: whether the user gave the joints in the order of the arm.
+        """
+        axes = AxesOptions(self.urdf if self.formulation in WITH_AXES else None)
+        return LearnOptions(self.formulation, axes, ordered)
+
+    def learning_words(self) -> list[str]:
+        """Return the arguments of a command that learns the same."""
+        axes = [] if self.urdf is None or self.formulation not in WITH_AXES else [
+            '--urdf', self.urdf]
+        return ['--formulation', self.formulation, *axes]
 
     def gate(self) -> GateOptions | None:
         """Return which samples gravity is learned from and judged on; None: all."""

@@ -7,13 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from gravity_comp_ros.api.recording import read_each, Recording
-from gravity_comp_ros.api.steps import add_to_model, fit_model
+from gravity_comp_ros.api.axes import AxesOptions
+from gravity_comp_ros.api.learn import ASKED, known_arm, learn, Learned, LearnOptions
+from gravity_comp_ros.api.read import read_each
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -28,27 +30,39 @@ class Read:
     """
     Read recordings; the worker keeps them for the jobs that follow.
 
-    `model` names the model that says which joints there are, if one does.
+    `model` names the model that says which joints there are, if one does. `urdf` is as in
+    `Choice`.
     """
 
     paths: tuple[Path, ...]
     options: ReadOptions
     model: str = ''
+    urdf: str | None = None
 
 
 @dataclass(frozen=True)
 class WasRead:
-    """All samples, and a report on each recording."""
+    """
+    All samples, and a report on each recording.
+
+    Without a choice the joints are those of the arm, in its order; others are `left_out`.
+    """
 
     samples: JointSamples
     reports: tuple[ReadReport, ...]
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Learn:
-    """Fit gravity to the chosen samples."""
+    """
+    Fit gravity to the chosen samples.
+
+    `ordered` says that the user gave the joints in the order of the arm.
+    """
 
     choice: Choice
+    ordered: bool = True
 
 
 @dataclass(frozen=True)
@@ -69,7 +83,7 @@ class Add:
 
 
 Job = Read | Learn | Ask | Add
-Answer = WasRead | FitResult | Diagnosis | Refit
+Answer = WasRead | Learned | Diagnosis | Refit
 
 
 class Bench:
@@ -90,7 +104,7 @@ class Bench:
             raise DataError('no recording has been read')
         recording = job.choice.recording(self._read.samples, self._read.reports)
         if isinstance(job, Learn):
-            return learn(recording, job.choice, progress)
+            return learned(recording, job, progress)
         if isinstance(job, Ask):
             return diagnose(recording.samples, job.model, progress=progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
@@ -98,23 +112,40 @@ class Bench:
 
     def _reading(self, job: Read, progress: Progress) -> WasRead:
         try:
-            found = read_each(job.paths, job.options, progress)
+            found = _read(job, progress)
         except ModelMismatchError as problem:
             if not job.model:
                 raise
             raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
                                      ) from problem
-        self._read = WasRead(concatenate(r.samples for r in found),
-                             tuple(r.report for r in found))
-        return self._read
+        self._read = found
+        return found
 
 
-def learn(recording: Recording, choice: Choice, progress: Progress) -> FitResult:
-    """Return the model that `gravity_comp fit` gives."""
-    result, _ = fit_model(recording, FitOptions(choice.formulation), progress=progress)
-    # As `fit --joints --urdf none` has it.
-    provenance = {**result.model.provenance, 'description': None, 'joint_order': '--joints'}
-    return replace(result, model=replace(result.model, provenance=provenance))
+def _read(job: Read, progress: Progress) -> WasRead:
+    found = read_each(job.paths, job.options, progress)
+    samples, reports = concatenate(r.samples for r in found), tuple(r.report for r in found)
+    if job.options.joints is not None:
+        return WasRead(samples, reports)
+    arm = known_arm(Recording(samples, None, reports), LearnOptions(axes=AxesOptions(job.urdf)))
+    left_out = arm.axes.left_out
+    if left_out:
+        # What a gripper lacks is no reason to drop a message.
+        return replace(_read(replace(job, options=replace(job.options, joints=arm.order.joints)),
+                             progress), left_out=left_out)
+    return WasRead(samples.joints(arm.order.joints), reports)
+
+
+def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
+    """Return the model that `gravity_comp fit --joints` gives, and what it is based on."""
+    options = job.choice.learning(job.ordered)
+    found = learn(recording, known_arm(recording, options), options, progress=progress)
+    if found.arm.axes.geometry is not None:
+        return found
+    # The command lines name the joints, in this order.
+    told = {**found.model.provenance, 'joint_order': ASKED}
+    return replace(found, result=replace(found.result,
+                                         model=replace(found.model, provenance=told)))
 
 
 def described(job: Job) -> str:

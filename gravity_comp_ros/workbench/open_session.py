@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 import time
 
+from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
@@ -182,9 +182,9 @@ class OpenSession:
                 if changed:
                     self.warning = (f'{", ".join(changed)} changed since this session was kept: '
                                     f'its models were learned from what was there before')
-            elif isinstance(job, Learn) and isinstance(answer, FitResult):
+            elif isinstance(job, Learn) and isinstance(answer, Learned):
                 session.learned(answer, job.choice)
-                self.warning = ' '.join(answer.report.warnings)
+                self.warning = ' '.join(_warnings(answer))
             elif isinstance(job, Add) and isinstance(answer, Refit):
                 session.added(answer, job)
             elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
@@ -205,3 +205,13 @@ class OpenSession:
 
     def _news(self) -> None:
         self.version += 1
+
+
+def _warnings(answer: Learned) -> list[str]:
+    axes = answer.arm.axes
+    found = [*answer.result.report.warnings]
+    if axes.problem:
+        found.append(f'{axes.problem}.')
+    if axes.left_out:
+        found.append(f'Left out, because it is no part of the arm: {", ".join(axes.left_out)}.')
+    return found

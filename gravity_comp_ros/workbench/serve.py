@@ -44,7 +44,7 @@ class ServeOptions:
     bags: tuple[Path, ...]
     models: tuple[Path, ...] = ()
     reading: ReadOptions = ReadOptions()
-    formulation: str = FitOptions().formulation
+    formulation: str | None = None
     live: str | None = None
     host: str = '127.0.0.1'
     port: int = 5006
@@ -101,9 +101,13 @@ def serve(options: ServeOptions) -> None:
 
 def _session(options: ServeOptions, given: tuple[Given, ...]) -> Session:
     reading = options.reading
-    choice = Choice((), reading.joints or (), options.formulation, dict(reading.effort_scale),
-                    reading.differentiate, options.max_speed, options.all_samples)
-    return Session(options.bags, choice, given, reading.topic, options.urdf)
+    urdf = None if options.urdf is None else options.urdf.resolve()
+    # As `fit` has it: a description that the user names is right.
+    usual = FitOptions().formulation if urdf is None else 'chain'
+    choice = Choice((), reading.joints or (), options.formulation or usual,
+                    dict(reading.effort_scale), reading.differentiate, options.max_speed,
+                    options.all_samples, None if urdf is None else str(urdf))
+    return Session(options.bags, choice, given, reading.topic, urdf)
 
 
 def _asked_for(document: Document) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import compare_model, with_enough_motion
@@ -17,7 +18,6 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import FitResult
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.applied_effects import target
@@ -83,6 +83,7 @@ class Session:
         self.stages: list[Stage] = []
         self.at: int | None = None
         self.to_learn = not given
+        self._ordered = bool(choice.joints)
         self.ungated = ''
         self._contents: tuple[_Key, Contents] | None = None
         self._preview: tuple[_Key, Contents] | None = None
@@ -125,13 +126,13 @@ class Session:
         if self.read is None and model is not None and not self.choice.joints:
             self.choice = replace(self.choice, joints=model.model.joints)
         options = self.choice.reading(self.topic)
-        if self.read is None or options != self.read_with \
+        if self.read is None or not _same(options, self.read_with) \
                 or len(self.read.reports) != len(self.paths):
-            return Read(self.paths, options, model.name if model else '')
+            return Read(self.paths, options, model.name if model else '', self.choice.urdf)
         if not self.choice.runs:
             return None
         if self.to_learn:
-            return Learn(self.choice)
+            return Learn(self.choice, self._ordered)
         if self.stage is not None and self.diagnosis is None:
             return Ask(self.choice, self.stage.model)
         return None
@@ -198,7 +199,7 @@ class Session:
                     read.samples.n_runs)
         # The same samples, by their names.
         self.read, self.read_with = read, replace(options, joints=names)
-        self.joints = self.joints or names
+        self.joints = self.joints or (*names, *read.left_out)
         joints = self.choice.joints or names
         runs = (*self.choice.runs, *new) if self.choice.runs else tuple(
             range(read.samples.n_runs))
@@ -215,9 +216,13 @@ class Session:
         if self.ungated:
             self.choice = replace(self.choice, all_samples=True)
 
-    def learned(self, answer: FitResult, choice: Choice) -> None:
-        """Begin anew with a fitted model."""
-        self.to_learn = False
+    def learned(self, answer: Learned, choice: Choice) -> None:
+        """Begin anew with a fitted model; its joints are in the order of the arm."""
+        joints = answer.model.joints
+        if joints != choice.joints:
+            choice = replace(choice, joints=joints)
+            self.joints = (*joints, *(name for name in self.joints if name not in joints))
+        self.choice, self.to_learn = choice, False
         self._go_on(Stage('gravity', answer.model, choice))
 
     def diagnosed(self, answer: Diagnosis, job: Ask) -> None:
@@ -290,10 +295,15 @@ class Session:
         stage = self.stage
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
-        key = _Key(self.choice, stage, self.read, self.diagnosis)
+        key = _Key(self.choice, stage.model, self.read)
         if self._contents is None or self._contents[0] != key:
             self._contents = (key, self._make(stage))
-        return self._contents[1]
+        made = self._contents[1]
+        if made.diagnosis is not self.diagnosis:
+            # What was found changes no error.
+            made = replace(made, diagnosis=self.diagnosis, next_command=self._next_command())
+            self._contents = (key, made)
+        return made
 
     def _make(self, stage: Stage) -> Contents:
         recording = self.recording.select_joints(stage.model.joints)
@@ -413,7 +423,8 @@ class Session:
         model = next(model for name, _, model in self.models() if name == key)
         terms = sum(len(torque.weights) for torque in model.torques)
         told = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
-                'learned from': ''}
+                'learned from': '',
+                'axes': model.geometry.source if model.geometry else 'not known'}
         if key.startswith('stage '):
             stage = self.stages[int(key.split()[1])]
             told['note'] = stage.note
@@ -429,6 +440,14 @@ class Session:
         """Return key, name and model of all that can be compared."""
         own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
         return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
+
+
+def _same(options: ReadOptions, done: ReadOptions | None) -> bool:
+    """Return whether the same was read; the order of joints is of no account."""
+    if done is None or (options.joints is None) != (done.joints is None):
+        return False
+    return set(options.joints or ()) == set(done.joints or ()) \
+        and replace(options, joints=None) == replace(done, joints=None)
 
 
 def _added_name(effects: tuple[str, ...]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bokeh.layouts import column
 from bokeh.models import CheckboxGroup, Select, TextInput, UIElement
+from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import CHOICES
@@ -15,6 +16,7 @@ from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
 
 _SLOW, _ALL = 'slow', 'all'
+_KNOWN, _UNKNOWN = 'known', 'unknown'
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,12 @@ class Side:
                                     [0] if choice.differentiate else [], 'differentiate')
         self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
                                                   choice.formulation, name='formulation')
+        known = [(_KNOWN, 'as the robot description says'), (_UNKNOWN, 'not known')]
+        self._urdf = choice.urdf if choice.urdf != NO_DESCRIPTION else \
+            None if session.urdf is None else str(session.urdf)
+        self.axes: Select = widgets.select(
+            'Axes of the arm', known, _UNKNOWN if choice.urdf == NO_DESCRIPTION else _KNOWN,
+            name='axes')
         self.element = column(*self._parts(actions), sizing_mode='stretch_width')
 
     def choice(self) -> Choice:
@@ -71,7 +79,8 @@ class Side:
                       {name: x for name, x in scale.items() if x != 1.0},
                       bool(self.speeds.active),
                       _number(limit, 'the speed limit') if limit else None,
-                      self.samples.value == _ALL)
+                      self.samples.value == _ALL,
+                      NO_DESCRIPTION if self.axes.value == _UNKNOWN else self._urdf)
 
     def _parts(self, actions: Actions) -> list[UIElement]:
         units = column(widgets.html('<p class="quiet">N·m per unit of effort, e.g. a torque '
@@ -83,7 +92,7 @@ class Side:
         return [
             widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
             self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, shown, units,
-            self.formulation,
+            self.formulation, self.axes,
             widgets.button('Learn with these choices', actions.learn, 'primary', name='learn'),
             widgets.button('Judge the present model on these', actions.judge, name='judge'),
             widgets.html('<h3>Export</h3>'),

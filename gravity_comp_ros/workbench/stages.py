@@ -82,11 +82,8 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
         return line('cp', str(stage.given.resolve()), MODEL_FILE)
     if stage.parent is None:
         choice = stage.choice
-        # A description in the recording is not used here.
-        axes = ['--urdf', 'none'] if choice.formulation in ('chain', 'auto') else []
-        return line('gravity_comp', 'fit', *_files(choice, bags), '--formulation',
-                    choice.formulation, *axes, *choice.reading_words(topic),
-                    *choice.gate_words(), '-o', MODEL_FILE)
+        return line('gravity_comp', 'fit', *_files(choice, bags), *choice.learning_words(),
+                    *choice.reading_words(topic), *choice.gate_words(), '-o', MODEL_FILE)
     if not stage.effects:
         return line('gravity_comp', 'add', '--undo', '--model', MODEL_FILE)
     return add_command(stage.effects, stage.choice, bags, topic)

@@ -17,6 +17,7 @@ import shutil
 import tempfile
 from typing import Any
 
+from gravity_comp_ros.api.axes import NO_DESCRIPTION
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import DataError, GravityCompError
@@ -185,7 +186,9 @@ def _unstage(entry: dict[str, Any]) -> Stage:
 
 
 def _choice(entry: dict[str, Any]) -> Choice:
-    return Choice(**{**entry, 'runs': tuple(int(run) for run in entry['runs']),
+    # Sessions of earlier releases used no description.
+    return Choice(**{'urdf': NO_DESCRIPTION, **entry,
+                     'runs': tuple(int(run) for run in entry['runs']),
                      'joints': tuple(str(joint) for joint in entry['joints'])})
 
 

@@ -44,4 +44,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         'some; with a model that part is left out anyway')
     arguments.add_reading(parser)
     arguments.add_json(parser)
-    arguments.add_html(parser)
+    arguments.add_html(parser, f'{arguments.DRAWN}; without --model its axes are those of the '
+                       'arm')

@@ -27,8 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help='a model to begin with, as `fit` writes it; further ones to '
                         'compare it with (default: one is fitted)')
     parser.add_argument('--formulation', choices=arguments.FORMULATIONS,
-                        default=arguments.FORMULATIONS[0],
-                        help='of the model that is fitted first (default: %(default)s)')
+                        default=None,
+                        help='of the model that is fitted first (default: auto, with --urdf '
+                        'chain)')
     parser.add_argument('--live', metavar='NODE', nargs='?', const='gravity_comp', default=None,
                         help='follow the topics of a running node (default: gravity_comp)')
     parser.add_argument('--host', default='127.0.0.1',
@@ -44,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                       help='fastest joint speed that a sample may have')
     gate.add_argument('--all-samples', action='store_true',
                       help='use every sample, fast or slow')
-    arguments.add_drawn_arm(parser)
+    arguments.add_drawn_arm(parser, 'the arm is drawn by this description, and a model that is '
+                            'fitted has its axes')
     arguments.add_reading(parser)
 
 
