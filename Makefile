@@ -2,9 +2,11 @@
 VENV ?= .venv
 VENV_OLDEST ?= .venv-oldest
 PYTEST_ARGS ?=
-# Files of tests run side by side, as many as there are cores (test/file_scheduling.py). A worker
-# that crashes or hangs costs one test and is replaced, eight times at most.
-PYTEST_JOBS ?= -n auto --maxprocesses 4 --max-worker-restart 8
+# Files of tests run side by side (test/file_scheduling.py): one more than there are cores, because
+# tests of nodes and pages wait half of the time. A worker that crashes or hangs costs one test and
+# is replaced, eight times at most.
+CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
+PYTEST_JOBS ?= -n $(shell expr $(CORES) + 1) --maxprocesses 4 --max-worker-restart 8
 # Each test has a time limit (pyproject.toml), and so has the whole, should pytest itself hang.
 TEST_LIMIT ?= 45m
 PYTEST = timeout --kill-after 30s $(TEST_LIMIT)
@@ -14,12 +16,14 @@ export PYTHON
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export PYTHONUNBUFFERED = 1
+# Tests start some hundred interpreters: each would compile this package anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo test test-oldest lint venv clean
 
 help:
 	@echo 'make demo         learn an arm, hang 2 kg on it, relearn, over real ROS 2 messages'
-	@echo 'make test         lint, types and all tests'
+	@echo 'make test         all tests, lint and types among them'
 	@echo 'make test-oldest  all tests with the NumPy and SciPy of Ubuntu 24.04'
 	@echo 'make lint         ruff and mypy alone'
 	@echo 'make venv         only make $(VENV), with what the above need'
@@ -30,10 +34,9 @@ help:
 demo: venv
 	@$(VENV)/bin/python examples/demo.py
 
-# Lint that fails fails the whole, but keeps nobody from seeing what the tests say.
+# Lint and types are among the tests (test/test_style.py), where they take no time of their own.
 test: venv
-	@lint=0; $(MAKE) --no-print-directory lint || lint=$$?; \
-	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS) && exit $$lint
+	$(PYTEST) $(VENV)/bin/python -m pytest $(PYTEST_JOBS) $(PYTEST_ARGS)
 
 test-oldest:
 	@tools/make_venv.sh $(VENV_OLDEST) oldest

@@ -1,6 +1,27 @@
 """What all tests share: nothing of the screen that they were started from, and who runs what."""
 
+from pathlib import Path
+
 import pytest
+
+# The files of tests that take longest, the longest first.
+LONGEST = ('test_workbench_browser.py', 'test_diagnosis_campaign.py', 'test_node_ros.py',
+           'test_rigid_body.py', 'test_style.py', 'test_report_html.py', 'test_node_campaign.py',
+           'test_workbench_session.py', 'test_chain_fit.py', 'test_node_faults.py')
+BAGS = Path(__file__).resolve().parents[1] / 'bags'
+
+
+@pytest.fixture(scope='session')
+def iiwa_model_file(tmp_path_factory) -> Path:
+    """Return the file of the model that most tests of the node begin with: not to be changed."""
+    from gravity_comp_ros.data.gate import slow_samples
+    from gravity_comp_ros.estimation.fit import fit
+    from gravity_comp_ros.models.model_file import save_model
+    from gravity_comp_ros.recordings.bag import read_bag
+    path = tmp_path_factory.mktemp('models') / 'unloaded.json'
+    samples = read_bag(BAGS / 'eq17_unloaded.mcap').samples
+    save_model(path, fit(slow_samples(samples).samples).model)
+    return path
 
 
 @pytest.fixture(autouse=True)
@@ -12,7 +33,8 @@ def no_screen(monkeypatch):
 def pytest_collection_modifyitems(items):
     """Begin with the files that take longest, so that no worker is left alone with one."""
     slow = {item.path for item in items if item.get_closest_marker('slow')}
-    items.sort(key=lambda item: item.path not in slow)
+    place = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: (place.get(item.path.name, len(place)), item.path not in slow))
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -25,6 +25,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
@@ -37,6 +38,8 @@ SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
 # Tests kill nodes on purpose. What a killed process leaves behind in shared memory is opened by
 # whoever has its name next, so tests talk over sockets. The demo, a test as well, does not.
 os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+# Many tests wait for the next report: at the usual rate for up to a second each time.
+QUICK = {'diagnostics_rate': 20.0}
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
@@ -127,13 +130,28 @@ class Probe(Node):
         self._asked = {name: self.create_client(kind, f'/gravity_comp/{name}',
                                                 qos_profile=QoSProfile(depth=1000))
                        for name, kind in SERVICES.items()}
+        self._pending: set[Future] = set()
         self.loop = SingleThreadedExecutor(context=context)
         self.loop.add_node(self)
 
     def end(self) -> None:
-        """Take everything apart, from the last that uses a thing to the thing itself."""
+        """
+        Take everything apart, from the last that uses a thing to the thing itself.
+
+        The probe has no thread of its own: this one spins it, and no longer does. What is under
+        way goes before the clients, clients and topics before the node, the node before ROS.
+        """
+        for future in list(self._pending):
+            future.cancel()
+        self._pending.clear()
         self.loop.remove_node(self)
         self.loop.shutdown()
+        for client in list(self.clients):
+            self.destroy_client(client)
+        for heard in list(self.subscriptions):
+            self.destroy_subscription(heard)
+        for publisher in list(self.publishers):
+            self.destroy_publisher(publisher)
         self.destroy_node()
         rclpy.shutdown(context=self.context)
 
@@ -195,7 +213,10 @@ class Probe(Node):
         """Call a service of the node and return the future."""
         client = self._asked[name]
         self.until(client.service_is_ready, 60.0, f'service {name}')
-        return client.call_async(request or SERVICES[name].Request())
+        future = client.call_async(request or SERVICES[name].Request())
+        self._pending.add(future)
+        future.add_done_callback(self._pending.discard)
+        return future
 
     def call(self, name: str, seconds: float = 60.0, request=None):
         """Call a service of the node and return its answer."""
@@ -228,11 +249,11 @@ class Probe(Node):
 @contextmanager
 def running(parameters: dict[str, object] | None = None, arguments: tuple[str, ...] = (),
             wait: bool = True, reliable: bool = True) -> Iterator[tuple[NodeProcess, Probe]]:
-    """Run the node and a probe in a domain of their own."""
+    """Run the node and a probe in a domain of their own; the node reports 20 times a second."""
     with private_domain() as domain:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
-        node = NodeProcess(domain, parameters, arguments)
+        node = NodeProcess(domain, {**QUICK, **(parameters or {})}, arguments)
         probe = Probe(context, reliable)
         try:
             if wait:

@@ -22,20 +22,19 @@ import pytest
 N = 10
 
 
-def recorded(runs, duration, rate):
-    """Return slow motion of ten joints, with 2 N·m of friction on the fourth."""
+@pytest.fixture(scope='module')
+def samples():
+    """Return two minutes of slow motion of ten joints, with 2 N·m of friction on the fourth."""
     arm = generated_arm(4, N, right_angles=True)
     friction = (Friction(3, LuGre(2.0)),)
     how = MultisineOptions(max_speed=0.2)
     return concatenate([
-        synthesise(arm, multisine(arm.lower, arm.upper, np.full(N, 1.5), seed, how, duration,
-                                  rate),
+        synthesise(arm, multisine(arm.lower, arm.upper, np.full(N, 1.5), seed, how, 60.0, 10.0),
                    SynthesisOptions(NoiseOptions(absolute=0.05), seed, disturbances=friction))
-        for seed in range(runs)])
+        for seed in range(2)])
 
 
-def test_the_base_of_a_large_arm_is_a_serial_arm():
-    samples = recorded(2, 60.0, 10.0)
+def test_the_base_of_a_large_arm_is_a_serial_arm(samples):
     base = choose_base(samples, None, 600)
     assert base.model.chain is not None and base.chain is not None
     # 4N numbers less the two of the first axis, and what this motion does not excite.
@@ -48,8 +47,8 @@ def test_the_base_of_a_large_arm_is_a_serial_arm():
 
 
 @pytest.mark.slow
-def test_friction_on_one_of_ten_joints_is_named():
-    found = diagnose(recorded(3, 60.0, 15.0)).findings
+def test_friction_on_one_of_ten_joints_is_named(samples):
+    found = diagnose(samples).findings
     named = [(f.effect, f.joint) for f in found if f.verdict in FOUND]
     assert ('coulomb_friction', 'joint_4') in named, [f.to_json() for f in found]
     level = next(f for f in found if f.effect == 'coulomb_friction').coefficients['F_c']

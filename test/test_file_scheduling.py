@@ -5,6 +5,8 @@ from pathlib import Path
 import subprocess
 import sys
 
+from conftest import LONGEST
+
 ROOT = Path(__file__).resolve().parents[1]
 FINE = 'def test_fine(): pass\ndef test_too(): pass\n'
 FATAL = {
@@ -29,3 +31,7 @@ def test_a_test_that_crashes_and_one_that_hangs_cost_themselves(tmp_path):
     assert '2 failed, 6 passed' in done.stdout, done.stdout
     for name in FATAL:
         assert f"crashed while running 'test_{name}.py::test_it'" in done.stdout
+
+
+def test_the_files_that_run_first_are_there():
+    assert [name for name in LONGEST if not (ROOT / 'test' / name).is_file()] == []

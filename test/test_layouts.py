@@ -8,9 +8,6 @@ import subprocess
 import sys
 from xml.etree import ElementTree
 
-from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 import numpy as np
 import pytest
@@ -34,14 +31,6 @@ def paths():
             for panel in panels.values() for path in panel.get('paths', [])]
 
 
-@pytest.fixture(scope='module')
-def model_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp('layouts') / 'model.json'
-    samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
-    save_model(path, fit(slow_samples(samples).samples).model)
-    return path
-
-
 def check(topics):
     """Check that each plotted field of each topic is there; `topics`: name -> message."""
     names = {name: list(message.name) for name, message in topics.items()}
@@ -63,20 +52,20 @@ class Told:
         self.effort, self.velocity = samples.tau[-1], samples.qd[-1]
 
 
-def test_what_is_plotted_is_in_the_output_of_replay(model_file, tmp_path):
+def test_what_is_plotted_is_in_the_output_of_replay(iiwa_model_file, tmp_path):
     out = tmp_path / 'out.mcap'
     subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'replay',
-                    ROOT / 'bags' / 'eq17_later.mcap', '--model', model_file, '-o', out],
+                    ROOT / 'bags' / 'eq17_later.mcap', '--model', iiwa_model_file, '-o', out],
                    check=True, cwd=ROOT, capture_output=True)
     everything = {topic for topic, _, _ in curves()} | {topic for topic, _, _ in paths()}
     check({topic: Told(out, topic) for topic in everything - LIVE_ONLY})
 
 
-def test_what_is_plotted_is_published_by_the_node(model_file):
+def test_what_is_plotted_is_published_by_the_node(iiwa_model_file):
     pytest.importorskip('rclpy')
     from ros_harness import running
     later = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
-    with running({'model_file': model_file, 'stale_after': 10.0,
+    with running({'model_file': iiwa_model_file, 'stale_after': 10.0,
                   'max_torque': '[200.0]'}) as (_, probe):
         probe.stream(later.select(np.arange(20)))
         probe.until(lambda: probe.torques and probe.residuals and probe.predictions

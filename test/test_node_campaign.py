@@ -8,12 +8,12 @@ it was, or a whole new one. That diagnostics or an answer name the fault is asse
 
 from contextlib import contextmanager, suppress
 import os
+from pathlib import Path
+import shutil
 import signal
 import time
 
-from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.model_file import load_model, save_model
+from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import read_bag
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -39,20 +39,10 @@ def recording():
     return read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
 
 
-@pytest.fixture(scope='module')
-def model_bytes(tmp_path_factory):
-    path = tmp_path_factory.mktemp('models') / 'model.json'
-    samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
-    save_model(path, fit(slow_samples(samples).samples).model)
-    return path.read_bytes()
-
-
 @pytest.fixture
-def model_file(model_bytes, tmp_path):
+def model_file(iiwa_model_file, tmp_path):
     """Return a model file that is this test's own to harm."""
-    path = tmp_path / 'model.json'
-    path.write_bytes(model_bytes)
-    return path
+    return Path(shutil.copy(iiwa_model_file, tmp_path / 'model.json'))
 
 
 class Range:

@@ -1,12 +1,9 @@
 """A few faults of bench/node_faults against the running node; the campaign itself is there."""
 
 from importlib import import_module
-from pathlib import Path
 import sys
 
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.recordings.bag import read_bag
+from gravity_comp_ros.models.model_file import load_model
 import pytest
 from ros_harness import ROOT, running
 
@@ -16,22 +13,14 @@ client, faults = import_module('client'), import_module('faults')
 FAULTS = {fault.name: fault for fault in faults.every_fault(1)}
 
 
-@pytest.fixture(scope='module')
-def model_file(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp('faults') / 'model.json'
-    bare = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
-    save_model(path, fit(bare, FitOptions(formulation='chain')).model)
-    return path
-
-
 @pytest.mark.parametrize('name', ['dead elbow, 60 samples, seed 0', 'no clock',
                                   'no bound of the torque', '0.3 s without input, fade',
                                   'a payload of 2 kg that the node is not told of'])
-def test_no_wrong_torque_goes_out(name, model_file):
+def test_no_wrong_torque_goes_out(name, iiwa_model_file):
     fault = FAULTS[name]
-    with running({**client.PARAMETERS, 'model_file': model_file, **fault.parameters}) as (
+    with running({**client.PARAMETERS, 'model_file': iiwa_model_file, **fault.parameters}) as (
             node, probe):
-        player = client.Player(probe, load_model(model_file))
+        player = client.Player(probe, load_model(iiwa_model_file))
         problem = fault.play(player)
         player.judge(name, fault.ramps)
         assert node.process.poll() is None

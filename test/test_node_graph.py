@@ -1,10 +1,6 @@
 """What the node says of the nodes and topics around it, and what it logs, over DDS."""
 
-from pathlib import Path
-
 from broken_effort import KINDS
-from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
@@ -19,14 +15,6 @@ pytestmark = pytest.mark.slow
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BAGS = ROOT / 'bags'
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
-
-
-@pytest.fixture(scope='module')
-def model_file(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp('graph') / 'model.json'
-    samples = read_bag(BAGS / 'eq17_unloaded.mcap').samples
-    save_model(path, fit(samples, FitOptions(formulation='chain')).model)
-    return path
 
 
 class Heard:
@@ -44,11 +32,11 @@ class Heard:
                          60, f'a line of the log with {words}, got {self.lines}')
 
 
-def test_the_log_says_what_happened_and_why(model_file, tmp_path):
+def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
     folder = tmp_path / 'models'
     folder.mkdir()
     path = folder / 'model.json'
-    path.write_bytes(model_file.read_bytes())
+    path.write_bytes(iiwa_model_file.read_bytes())
     loaded = read_bag(BAGS / 'eq17_2kg.mcap').samples
     options = {'model_file': path, 'auto_save': True, 'ramp_time': 0.0, 'settle_time': 0.0,
                'diagnostics_rate': 20.0, 'max_torqe': '[9.0]', 'formulation': 'chain',
@@ -81,7 +69,7 @@ def test_the_log_says_what_happened_and_why(model_file, tmp_path):
         log.until('input: input is stale', level=Log.WARN)
 
 
-def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(model_file):
+def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(iiwa_model_file):
     samples = read_bag(BAGS / 'eq17_later.mcap').samples
     options = {'diagnostics_rate': 10.0, 'max_torque': '[176.0]', 'stale_after': 10.0,
                'first_samples': 400}
@@ -97,7 +85,7 @@ def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(model_file):
         assert 'dropped' not in probe.report('input').message
         result = set_parameter(probe, 'max_torque', [1.0, 2.0])
         assert not result.successful and 'iiwa_joint_1, iiwa_joint_2' in result.reason
-        twin = NodeProcess(probe.context.get_domain_id(), {'model_file': model_file})
+        twin = NodeProcess(probe.context.get_domain_id(), {'model_file': iiwa_model_file})
         try:
             probe.until(lambda: probe.status['graph'].level == ERROR, 60, 'the twin noticed')
             assert '2 nodes are named /gravity_comp' in probe.status['graph'].message
@@ -122,7 +110,7 @@ def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(model_file):
         assert '2 publishers on /joint_states' in probe.status['graph'].message
 
 
-def test_two_arms_in_two_namespaces_by_the_yaml_of_the_package(model_file):
+def test_two_arms_in_two_namespaces_by_the_yaml_of_the_package(iiwa_model_file):
     files = ('--params-file', str(ROOT / 'config' / 'gravity_comp.yaml'))
     samples = read_bag(BAGS / 'eq17_later.mcap').samples
     with running({}, ('-r', '__ns:=/left', *files), wait=False) as (_, probe):

@@ -131,7 +131,7 @@ def mass_matrices(geometry, parameters, q):
     return (regressor(geometry, rows, 0 * rows, unit) @ parameters).reshape(-1, n, n)
 
 
-def recording(arm, seed, duration=20.0):
+def recording(arm, seed, duration):
     """Return fast motion with LuGre friction on every joint."""
     size = 0.05 * np.abs(arms.gravity_torque(arm, np.random.default_rng(0).uniform(
         arm.lower, arm.upper, (200, arm.n_joints)))).max(axis=0)
@@ -143,12 +143,17 @@ def recording(arm, seed, duration=20.0):
                                                     disturbances=friction))
 
 
+def two_runs(arm, seed):
+    """Return two recordings of ten seconds as one: what is held out is a run, of which few."""
+    return gc.Recording(concatenate([recording(arm, 2 * seed + k, 10.0) for k in range(2)]),
+                        gate=None)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize('arm, seed', [(arms.iiwa7(), 0), (generated_arm(0), 1),
                                        (generated_arm(1), 2)], ids=['iiwa7', 'six', 'seven'])
 def test_the_loop_finds_it_and_the_error_falls_on_another_path(arm, seed):
-    train = gc.Recording(recording(arm, seed), gate=None)
-    later = gc.Recording(recording(arm, seed + 100), gate=None)
+    train, later = two_runs(arm, seed), two_runs(arm, seed + 100)
     options = FitOptions('chain', geometry=geometry_of(arm))
     model = gc.Model(fit(train.samples, options).model)
     found = gc.diagnose(train, model).findings
@@ -186,7 +191,7 @@ def test_in_half_a_minute_of_motion_it_is_found_beside_little_friction(seed):
 
 
 def test_without_a_description_it_says_what_it_needs():
-    arm = arms.iiwa7()
+    arm = generated_arm(0, 3)
     samples = recording(arm, 0, 8.0)
     model = gc.Model(fit(samples, FitOptions('chain')).model)
     with pytest.raises(DataError, match='description'):

@@ -1,4 +1,4 @@
-"""Style as ament's linters ask for it: flake8, and docstrings by PEP 257."""
+"""Style as ament's linters ask for it: flake8, and docstrings by PEP 257. And types."""
 
 from pathlib import Path
 import subprocess
@@ -31,12 +31,19 @@ def test_ruff():
     assert status == 0, output
 
 
+def test_types():
+    status, output = lint('mypy', paths=())
+    assert status == 0, output
+
+
 @pytest.mark.parametrize('linter, text, code', [
     (('flake8', '--config', 'setup.cfg'), 'import sys\nimport os\nprint(os, sys)\n', 'I100'),
     (('flake8', '--config', 'setup.cfg'), 'x = "double"\n', 'Q000'),
     (('flake8', '--config', 'setup.cfg'), f'x = {"1" * 99}\n', 'E501'),
     (('ruff', 'check', '--config', 'pyproject.toml'),
      'def f():\n    """Returns\n    x"""\n', 'D205'),
+    (('mypy', '--config-file', 'pyproject.toml'), 'def f(x):\n    return x\n', 'no-untyped-def'),
+    (('mypy', '--config-file', 'pyproject.toml'), 'x: int = "text"\n', 'assignment'),
 ])
 def test_linters_see_a_breach(tmp_path, linter, text, code):
     file = tmp_path / 'bad.py'

@@ -7,9 +7,6 @@ import subprocess
 import sys
 
 from browser import ROOT, watched
-from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.estimation.fit import fit
-from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.node_client import Status
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.workbench.live_view import age_html, status_html
@@ -27,11 +24,9 @@ STREAMED = """() => {
 }"""
 
 
-def test_a_node_is_followed(tmp_path):
+def test_a_node_is_followed(iiwa_model_file):
     samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
-    model = tmp_path / 'arm.json'
-    save_model(model, fit(slow_samples(samples).samples).model)
-    with running({'model_file': model, 'stale_after': 10.0,
+    with running({'model_file': iiwa_model_file, 'stale_after': 10.0,
                   'max_torque': '[200.0]'}) as (_, probe):
         domain = str(probe.context.get_domain_id())
         process = subprocess.Popen(

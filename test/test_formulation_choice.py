@@ -1,0 +1,63 @@
+"""Offsets beside a chain that began from one without: only where the torque asks for them."""
+
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
+from gravity_comp_ros.estimation.formulation_choice import choose
+from gravity_comp_ros.estimation.regression import build_regression
+from gravity_comp_ros.models.nuisance import OFFSET
+from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
+from gravity_comp_ros.simulation.arms import gravity_torque
+import numpy as np
+import pytest
+from serial_arms import poses, serial_arm
+
+ARM = serial_arm(4, 3)
+NOISE = 0.1
+ELBOW = 2
+
+
+def recorded(offset: float, seed: int) -> JointSamples:
+    """Return 400 poses with white noise, and an offset in N·m on the third joint."""
+    q = poses(400, 4, seed)
+    tau = gravity_torque(ARM, q) + NOISE * np.random.default_rng(seed).normal(size=q.shape)
+    tau[:, ELBOW] += offset
+    return JointSamples.single_run(ARM.joints, 0.2 * np.arange(len(q)), q, np.zeros_like(q), tau)
+
+
+@pytest.fixture(scope='module')
+def old():
+    """Return a model whose chain was found without offsets."""
+    model = fit(recorded(0.0, 1), FitOptions('chain')).model
+    assert not model.nuisance.of(OFFSET)
+    return model
+
+
+def offsets_of(choice) -> dict[int, float]:
+    """Return the offsets of a choice in N·m, by joint number."""
+    terms = choice.estimate.regression.nuisance.columns
+    return {c.joint: float(x) for c, x in zip(terms, choice.estimate.beside) if c.kind == OFFSET}
+
+
+@pytest.mark.parametrize('offset, with_bare', [(0.03, False), (0.5, True)])
+def test_a_chain_found_without_offsets_takes_only_those_that_matter(old, offset, with_bare):
+    """Both offsets are significant: the smaller one explains nearly nothing of the torque."""
+    regression = build_regression(recorded(offset, 2))
+    usual = choose(regression, SparseOptions(), start=old.chain)
+    assert offsets_of(usual)[ELBOW] == pytest.approx(offset, abs=0.03)
+    bare = choose(regression, SparseOptions(), start=old.chain, bare=True)
+    assert bare.formulation == 'chain'
+    assert ('without an offset' in bare.why) == (not with_bare)
+    if with_bare:
+        assert offsets_of(bare) == pytest.approx(offsets_of(usual))
+    else:
+        assert not offsets_of(bare)
+        for found in (usual, bare):
+            left = found.estimate.residual()
+            assert np.sqrt((left ** 2).mean(axis=0)) == pytest.approx(np.full(4, NOISE), rel=0.1)
+
+
+@pytest.mark.parametrize('offset', [0.03, 0.5])
+def test_an_old_model_tells_a_fit_whether_its_chain_had_offsets(old, offset):
+    """The fit that begins from it has the offset only if that matters."""
+    found = fit(recorded(offset, 2), old=old).model.nuisance.of(OFFSET)
+    assert set(found) == ({ARM.joints[ELBOW]} if offset == 0.5 else set())
