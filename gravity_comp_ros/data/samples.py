@@ -179,6 +179,8 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
     parts = list(parts)
     if not parts:
         raise DataError('no samples to join')
+    if len(parts) == 1:
+        return parts[0]
     names = parts[0].names
     for part in parts[1:]:
         if set(part.names) != set(names):
@@ -188,9 +190,9 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
     parts = [part.joints(names) for part in parts]
     first_run = np.cumsum([0] + [part.n_runs for part in parts[:-1]])
     return JointSamples(
-        names, np.concatenate([p.t for p in parts]), np.concatenate([p.q for p in parts]),
-        np.concatenate([p.qd for p in parts]), np.concatenate([p.tau for p in parts]),
-        np.concatenate([p.runs + k for p, k in zip(parts, first_run)]),
+        names, _joined([p.t for p in parts]), _joined([p.q for p in parts]),
+        _joined([p.qd for p in parts]), _joined([p.tau for p in parts]),
+        _joined([p.runs + k for p, k in zip(parts, first_run)]),
         tuple(label for p in parts for label in p.run_labels),
         tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
 
@@ -198,6 +200,13 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
 def evenly_picked(count: int, most: int) -> IntArray:
     """Return the numbers of at most `most` of `count` samples, evenly spaced from the first."""
     return np.arange(0, count, -(-max(count, 1) // most))
+
+
+def _joined(parts: list[NDArray]) -> NDArray:
+    """Return all parts as one array, read-only: the samples take it as it is."""
+    found = np.concatenate(parts)
+    found.flags.writeable = False
+    return found
 
 
 def _check_names(names: tuple[str, ...]) -> None:

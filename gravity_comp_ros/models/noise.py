@@ -62,8 +62,8 @@ def of_second_differences(values: FloatArray, kept: BoolArray) -> FloatArray:
 
     :param kept: which of the M - 2 differences count.
     """
-    bends = np.diff(values, 2, axis=0)[kept]
-    return np.asarray(_MAD * np.median(np.abs(bends), axis=0) / np.sqrt(6.0))
+    bends = [np.median(np.abs(np.diff(joint, 2)[kept])) for joint in values.T]
+    return _MAD * np.array(bends) / np.sqrt(6.0)
 
 
 def first_guess(tau: FloatArray) -> NoiseModel:

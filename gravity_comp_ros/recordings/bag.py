@@ -48,6 +48,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     options = _by_name(where, columns.names, options)
     joints = choose_joints(where, columns, options.joints)
     cleaning = Cleaning(where, columns, joints, notes, options.degrees)
+    del columns
     return cleaning.recording(path, topic, n_messages, options)
 
 

@@ -68,12 +68,14 @@ class Cleaning:
         self._differentiate(clock, unmeasured)
         time = (self.times - self.times[0]) / 1e9
         scale = options.scale(self.joints)
+        self.tau *= list(scale.values())
         samples = JointSamples.single_run(
-            self.joints, time, self.q, self.qd, self.tau * list(scale.values()),
+            self.joints, time, self._given('q'), self._given('qd'), self._given('tau'),
             path.name or path.resolve().name, int(self.times[0]) / 1e9)
         steps = np.diff(time)
         self.notes += gap_notes(time)
-        self.notes += degree_notes(np.abs(self.q).max(initial=0.0), self.degrees)
+        furthest = max(samples.q.max(initial=0.0), -samples.q.min(initial=0.0))
+        self.notes += degree_notes(furthest, self.degrees)
         report = ReadReport(
             path, topic, n_messages, len(samples), dict(self.dropped),
             'differentiated' if unmeasured.any() else 'measured',
@@ -81,6 +83,14 @@ class Cleaning:
             int(self.times[0]), fingerprint(path),
             {joint: value for joint, value in scale.items() if value != 1.0}, tuple(self.notes))
         return Recording(samples, report)
+
+    def _given(self, name: str) -> NDArray[np.float64]:
+        """Give an array away, read-only: long recordings are held once."""
+        values: NDArray[np.float64] = self.__dict__.pop(name)
+        if values.base is not None:
+            values = values.copy()
+        values.flags.writeable = False
+        return values
 
     def _keep(self, keep: ArrayLike, reason: str) -> None:
         mask = np.asarray(keep, dtype=bool)

@@ -110,11 +110,11 @@ class Columns:
 
     @property
     def log_ns(self) -> NDArray[np.int64]:
-        return np.array(self._log_ns, dtype=np.int64)
+        return np.frombuffer(self._log_ns, dtype=np.int64)
 
     @property
     def stamp_ns(self) -> NDArray[np.int64]:
-        return np.array(self._stamp_ns, dtype=np.int64)
+        return np.frombuffer(self._stamp_ns, dtype=np.int64)
 
     def presence(self, joints: Sequence[str]) -> NDArray[np.bool_]:
         """Return which message (M,) has which joint (N,)."""
@@ -124,8 +124,19 @@ class Columns:
         return found
 
     def values(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and effort, each (M, N); NaN where a message has none."""
+        """
+        Return position, velocity and effort, each (M, N); NaN where a message has none.
+
+        Where all messages are alike the arrays are the columns themselves, which then take no
+        more messages.
+        """
         shape = (len(self), len(joints))
+        if self.layouts == (tuple(joints),):
+            layout = self._layouts[tuple(joints)]
+            if (np.diff(np.frombuffer(layout.rows, dtype=np.int64)) > 0).all():
+                q, qd, tau = (np.frombuffer(flat).reshape(shape) for flat in (
+                    layout.position, layout.velocity, layout.effort))
+                return q, qd, tau
         out = (np.full(shape, np.nan), np.full(shape, np.nan), np.full(shape, np.nan))
         for names, layout in self._layouts.items():
             target = [k for k, joint in enumerate(joints) if joint in names]

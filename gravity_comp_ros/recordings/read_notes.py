@@ -14,15 +14,19 @@ Mask = NDArray[np.bool_]
 IMPOSSIBLE = 1e9
 # A gap is longer than this, s, and than so many usual intervals.
 GAP, GAP_STEPS = 10.0, 100.0
+# Rows that are looked at together, so that little memory is needed beside them.
+_AT_ONCE = 65536
 
 
 def drop_impossible(*arrays: FloatArray) -> int:
     """Put NaN for what is finite and yet no measurement, and return how many that was."""
     count = 0
     for values in arrays:
-        beyond = np.isfinite(values) & (np.abs(values) > IMPOSSIBLE)
-        values[beyond] = np.nan
-        count += int(beyond.sum())
+        for start in range(0, len(values), _AT_ONCE):
+            part = values[start:start + _AT_ONCE]
+            beyond = np.isfinite(part) & (np.abs(part) > IMPOSSIBLE)
+            part[beyond] = np.nan
+            count += int(beyond.sum())
     return count
 
 

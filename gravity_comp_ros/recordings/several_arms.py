@@ -69,6 +69,8 @@ def jumps_to_and_fro(q: FloatArray) -> bool:
     """
     if len(q) < 20:
         return False
-    step, two = np.abs(np.diff(q, axis=0)), np.abs(q[2:] - q[:-2])
-    step, two = np.median(step, axis=0), np.median(two, axis=0)
-    return bool(((step > _JUMP) & (two < _BACK * step)).any())
+    for joint in q.T:
+        step = np.median(np.abs(np.diff(joint)))
+        if step > _JUMP and np.median(np.abs(joint[2:] - joint[:-2])) < _BACK * step:
+            return True
+    return False
