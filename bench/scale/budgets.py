@@ -102,8 +102,8 @@ CASES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
     'diagnose an hour at 1 kHz': ('diagnose', ('kilohertz.mcap',), 30.0, 1000.0),
     'diagnose twelve joints': ('diagnose', _THREE, 0.0, 2000.0),
     'add to an hour at 100 Hz': (
-        'add', ('coulomb_friction:iiwa_joint_4', 'hour.mcap', '--model', 'hour.json', '-o',
-                'made.json'), 5.0, 1000.0),
+        'add', ('coulomb_friction:iiwa_joint_4', 'hour.mcap', '--model', 'hour.json',
+                '--dry-run'), 5.0, 1000.0),
 }
 
 

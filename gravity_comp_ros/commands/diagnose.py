@@ -9,11 +9,12 @@ import time
 
 from gravity_comp_ros.api import results
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import LearnOptions, model_of
+from gravity_comp_ros.api.learn import known_arm, LearnOptions, model_of
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.description.joint_order import AS_RECORDED
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
@@ -46,7 +47,7 @@ def _run(args: argparse.Namespace) -> int:
         recording = reading.load_all(args, report)
         if model is not None:
             recording = held_out.without(model, recording)
-        beside = model or _fitted(args, recording, report)
+        beside, recording = (model, recording) if model else _fitted(args, recording, report)
         reports, samples = recording.reports, recording.used
         diagnosis = diagnose(samples, beside, DiagnosisOptions(effects=args.effects), report)
     seconds = time.perf_counter() - started
@@ -75,14 +76,24 @@ def _run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _fitted(args: argparse.Namespace, recording: Recording,
-            report: terminal.ProgressCallback) -> GravityModel:
+def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.ProgressCallback
+            ) -> tuple[GravityModel | None, Recording]:
+    """
+    Return a model to judge beside, and the recording with its joints in their order.
+
+    There is none where the diagnosis needs none: its gravity is its own, and a model only says
+    where the axes are, in which order the joints come, and what a page shows.
+    """
     options = LearnOptions(axes=AxesOptions(args.urdf), ordered=args.joints is not None)
-    return model_of(recording, options, report)
+    arm = known_arm(recording, options)
+    if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
+        return None, arm.of(recording)
+    return model_of(recording, options, report), recording
 
 
-def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel,
+def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,
                 diagnosis: Diagnosis, reports: tuple[ReadReport, ...], fitted: bool) -> None:
+    assert model is not None
     notes = ('Predictions are of a model of gravity that was fitted for this report to '
              f'{model.coverage.n_samples} samples.',) if fitted else ()
     judged = f'all {samples.n_samples} samples, fast ones too'

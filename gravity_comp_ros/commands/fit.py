@@ -38,14 +38,6 @@ def run(args: argparse.Namespace) -> int:
         seconds = time.perf_counter() - started
     result, model, joint, axes = learned.result, learned.model, learned.refit, learned.arm.axes
     judged = compare_model(model, held) if held else None
-    document = {
-        'model': str(args.output) if args.output else None, **result.to_json(),
-        'seconds': seconds, 'holdout': model.provenance['holdout'],
-        'description': axes.to_json(), 'joint_order': learned.arm.order.source, **whole.to_json()}
-    if joint:
-        document |= {**joint.to_json(), 'warnings': refitting.warnings(joint)}
-    for name, error in judged.joints.items() if judged else ():
-        document['joints'][name]['held_out'] = asdict(error)
     if args.output:
         save_model(args.output, model)
     if args.json != '-':
@@ -57,6 +49,15 @@ def run(args: argparse.Namespace) -> int:
         terminal.warn(axes.problem)
     terminal.warn(*refitting.warnings(joint) if joint else ())
     if args.json:
+        document = {
+            'model': str(args.output) if args.output else None, **result.to_json(),
+            'seconds': seconds, 'holdout': model.provenance['holdout'],
+            'description': axes.to_json(), 'joint_order': learned.arm.order.source,
+            **whole.to_json()}
+        if joint:
+            document |= {**joint.to_json(), 'warnings': refitting.warnings(joint)}
+        for name, error in judged.joints.items() if judged else ():
+            document['joints'][name]['held_out'] = asdict(error)
         terminal.emit_json(document, args.json)
     return 0
 

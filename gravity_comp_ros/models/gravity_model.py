@@ -213,13 +213,10 @@ class GravityModel:
             raise DataError(f'no joint {joint} in the model; it has {", ".join(self.joints)}')
         terms = self.torques[self.joints.index(joint)]
         order = np.argsort(-np.abs(terms.weights), kind='stable')
-        text = ''
-        for k in order:
-            name = dictionary.feature_name(int(terms.indices[k]), self.n_joints)
-            weight = terms.weights[k]
-            sign = ('-' if weight < 0 else '') if not text else (' - ' if weight < 0 else ' + ')
-            text += f'{sign}{abs(weight):.{digits}f} {name}'
-        return text or '0'
+        names = dictionary.feature_names(terms.indices[order], self.n_joints)
+        text = ''.join(f'{" - " if weight < 0 else " + "}{abs(weight):.{digits}f} {name}'
+                       for weight, name in zip(terms.weights[order].tolist(), names))
+        return text[3:] if text.startswith(' + ') else text[1:].replace(' ', '', 1) or '0'
 
     @cached_property
     def _evaluator(self) -> _Evaluator:

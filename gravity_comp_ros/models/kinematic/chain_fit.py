@@ -25,8 +25,9 @@ from gravity_comp_ros.models.kinematic.right_angles import tidy
 import numpy as np
 
 _ROUNDS = 6
-# A start with moments that fit, its axes unmoved.
-_AS_IT_IS = SolveOptions(max_steps=0)
+# How far a given start is brought under equal weights: a good one moves little, and what is left
+# of a poor one would make weights that keep it where it is.
+_NEAR = SolveOptions(max_steps=10, tolerance=1e-3)
 # Of fewer samples than this a wrong chain leaves what looks like noise, so others are sought.
 _FEW = 150
 _SEARCHES = 3
@@ -156,9 +157,9 @@ def _with_nuisance(found: ChainFit, problem: ChainProblem,
 
 
 def _started(problem: ChainProblem, options: SearchOptions | None, start: Chain | None) -> Found:
-    """Return the best minimum of a search, or the axes of `start`, to refine under its noise."""
+    """Return the best minimum of a search, or what is near `start`, to refine under its noise."""
     if options is None and start is not None:
-        return Found(solve(problem, start.axes, options=_AS_IT_IS), 0, False)
+        return Found(solve(problem, start.axes, options=_NEAR), 0, False)
     return search(problem, options or SearchOptions(), None if start is None else start.axes)
 
 

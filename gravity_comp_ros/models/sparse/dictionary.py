@@ -54,9 +54,13 @@ def index_of(factors: IntArray) -> IntArray:
 
 def feature_name(index: int, n_joints: int) -> str:
     """Return a feature as the paper prints it, e.g. `s1 c2`; the constant is `1`."""
-    factors = digits(np.array([index]), n_joints)[0]
-    parts = [f'{"sc"[d - 1]}{n + 1}' for n, d in enumerate(factors) if d != ONE]
-    return ' '.join(parts) or '1'
+    return feature_names(np.array([index]), n_joints)[0]
+
+
+def feature_names(indices: IntArray, n_joints: int) -> list[str]:
+    """Return the names of several features."""
+    return [' '.join([f'{"sc"[d - 1]}{n}' for n, d in enumerate(factors, 1) if d]) or '1'
+            for factors in digits(indices, n_joints).tolist()]
 
 
 def joint_factors(q: FloatArray) -> FloatArray:
