@@ -174,7 +174,7 @@ def test_one_start_that_goes_wrong_is_noticed_and_mended():
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     problem = ChainProblem(q, samples.tau, np.full(q.shape, 1.0 / NOISE))
     found = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
-    right = [each.solution.chi2 < 1.3 * q.size for each in found]
+    right = [each.solution.cost < 1.3 * q.size for each in found]
     assert not all(right) and [each.clean for each in found] == right
     for seed in range(4):
         result = fit_chain(samples, SearchOptions(starts=1, seed=seed))

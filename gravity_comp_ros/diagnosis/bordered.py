@@ -95,14 +95,12 @@ def explained(stem: Stem, effects: Sequence[IntArray],
         aims += others.vector[-1]
     w = np.linalg.solve(stem.system[-1], b)
     aims -= b.T @ fit.all_data
-    found, start = [], 0
-    for part in effects:
-        here = slice(start, start + len(part))
-        gram = joint.gram(part)[-1] + (0.0 if others is None else others.gram[-1, here, here])
-        inner = regularised(gram) - b[:, here].T @ w[:, here]
-        found.append(float(aims[here] @ np.linalg.solve(inner, aims[here])))
-        start += len(part)
-    return found
+    found = np.empty(len(effects))
+    for group, places in _alike(effects):
+        aim = aims[places]
+        inner = _inner(joint, columns, places, others, b[None], w[None], slice(-1, None))[0]
+        found[group] = (aim * np.linalg.solve(inner, aim[:, :, None])[:, :, 0]).sum(axis=1)
+    return found.tolist()
 
 
 def errors_with(stem: Stem, effects: Sequence[IntArray],
@@ -146,19 +144,41 @@ def _errors_with(stem: Stem, effects: list[IntArray],
     coefficients = np.concatenate([fit.without, fit.all_data[None]])
     aims -= np.einsum('fkc,fk->fc', b, coefficients)
     left = _residualised(stem, columns, w)
-    found, start = [], 0
-    for part in effects:
-        here = slice(start, start + len(part))
-        gram = joint.gram(part)[:-1] + (
-            0.0 if others is None else others.gram[:-1, here, here])
-        inner = regularised(gram) - b[:-1, :, here].transpose(0, 2, 1) @ w[:-1, :, here]
-        d = np.linalg.solve(inner, aims[:-1, here, None])[:, :, 0]
-        residual = stem.residual.copy()
+    found = np.empty((joint.blocks.count, len(effects)))
+    for group, places in _alike(effects):
+        inner = _inner(joint, columns, places, others, b[:-1], w[:-1], slice(-1))
+        d = np.linalg.solve(inner, aims[:-1, places, None])[..., 0]
+        residual = np.repeat(stem.residual[:, None], len(group), axis=1)
         for fold, rows in enumerate(joint.folds):
-            residual[rows] -= left[rows, here] @ d[fold]
-        found.append(joint.block_sums(residual ** 2))
-        start += len(part)
-    return found
+            for k, column in enumerate(places.T):
+                residual[rows] -= left[rows, column] * d[fold, :, k]
+        found[:, group] = joint.block_sums(residual ** 2)
+    return list(found.T)
+
+
+def _alike(effects: Sequence[IntArray]) -> list[tuple[IntArray, IntArray]]:
+    """Return the numbers (E,) of effects of equally many columns K, and their places (E, K)."""
+    sizes = np.array([len(part) for part in effects])
+    starts = np.cumsum(sizes) - sizes
+    groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
+    return [(group, starts[group, None] + np.arange(sizes[group[0]])) for group in groups]
+
+
+def _inner(joint: JointRows, columns: IntArray, places: IntArray, others: Border | None,
+           b: FloatArray, w: FloatArray, fits: slice) -> FloatArray:
+    """
+    Return what is left of the products of effects with themselves, (F, E, K, K).
+
+    :param places: where among `columns` those of each effect are, (E, K).
+    :param b: products of the fit's columns with `columns` in each of F fits, (F, R, C).
+    :param w: A^-1 b. :param fits: which fits these are.
+    """
+    gram = joint.own_products(columns[places])[fits]
+    if others is not None:
+        gram = gram + others.gram[fits][:, places[:, :, None], places[:, None]]
+    mine, solved = (np.ascontiguousarray(part[:, :, places].transpose(0, 2, 1, 3))
+                    for part in (b, w))
+    return regularised(gram) - mine.transpose(0, 1, 3, 2) @ solved
 
 
 def _residualised(stem: Stem, columns: IntArray, w: FloatArray) -> FloatArray:

@@ -242,22 +242,32 @@ class _Scan:
         # The residual is orthogonal to the known columns already.
         inside, c = self.known[n].T @ every, every.T @ self.residual[n]
         noise = float(self.residual[n] @ self.residual[n]) or 1.0
-        gains, at = np.zeros(len(parts)), 0
-        for place, part in enumerate(parts):
-            here = slice(at, at + part.shape[1])
-            gram = part.T @ part - inside[:, here].T @ inside[:, here]
-            gains[place] = _explained(gram, c[here]) / noise
+        grams, at = [], 0
+        for part in parts:
+            known = inside[:, at:at + part.shape[1]]
+            grams.append(part.T @ part - known.T @ known)
             at += part.shape[1]
+        sizes = np.array([len(gram) for gram in grams])
+        each = np.split(c, np.cumsum(sizes)[:-1])
+        gains = np.zeros(len(parts))
+        for size in np.unique(sizes):
+            here = np.flatnonzero(sizes == size)
+            gains[here] = _explained(np.stack([grams[k] for k in here]),
+                                     np.stack([each[k] for k in here])) / noise
         return gains
 
 
-def _explained(gram: FloatArray, c: FloatArray) -> float:
-    """Return c.T gram^+ c: the squared projection of a residual on columns of these products."""
-    lengths = np.sqrt(np.maximum(np.diag(gram), 0.0))
+def _explained(grams: FloatArray, c: FloatArray) -> FloatArray:
+    """
+    Return c.T gram^+ c of each of S sets of K columns, (S,).
+
+    That is the squared projection of a residual on columns with the products `grams` (S, K, K)
+    with each other and `c` (S, K) with it.
+    """
+    lengths = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
     solid = lengths > 1e-9
-    if solid.sum() < 2:
-        return float(((c[solid] / lengths[solid]) ** 2).sum())
-    unit = gram[np.ix_(solid, solid)] / np.outer(lengths[solid], lengths[solid])
-    values, vectors = np.linalg.eigh(unit)
+    per_length = np.where(solid, 1.0 / np.where(solid, lengths, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(grams * per_length[:, :, None] * per_length[:, None])
+    along = np.einsum('skl,sk->sl', vectors, c * per_length)
     kept = values > _RANK
-    return float(((vectors[:, kept].T @ (c[solid] / lengths[solid])) ** 2 / values[kept]).sum())
+    return np.asarray((along ** 2 * kept / np.where(kept, values, 1.0)).sum(axis=1))

@@ -80,6 +80,14 @@ class JointRows:
         left, right = self.x[:, a], self.x[:, b]
         return without_each(np.stack([left[rows].T @ right[rows] for rows in self.folds]))
 
+    def own_products(self, columns: IntArray) -> FloatArray:
+        """Return products of each of E sets of columns (E, K) with itself, (F + 1, E, K, K)."""
+        if columns.max(initial=0) < self.training.shape[1]:
+            found = self.training[:, columns[:, :, None], columns[:, None]]
+        else:
+            found = np.stack([self.products(one, one) for one in columns], axis=1)
+        return found + self.ridge[columns][:, None] * np.eye(columns.shape[1])
+
     @property
     def folds(self) -> tuple[slice, ...]:
         """Return the rows of each fold."""

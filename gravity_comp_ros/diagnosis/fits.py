@@ -38,6 +38,7 @@ class Fits:
         default_factory=dict, init=False, repr=False)
     _with: dict[tuple[int | None, bytes, bytes], FloatArray] = field(
         default_factory=dict, init=False, repr=False)
+    _stems: dict[int, tuple[bytes, Stem]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def n_joints(self) -> int:
@@ -144,7 +145,11 @@ class Fits:
                 for n in range(self.n_joints)]
 
     def _stem(self, joint: int, chosen: Sequence[AnyTrial]) -> Stem:
-        return stem(self.rows[joint], *self._asked(joint, chosen))
+        """Return the fit to add effects to; the last one of each joint is kept."""
+        key = self._key(chosen)
+        if joint not in self._stems or self._stems[joint][0] != key:
+            self._stems[joint] = (key, stem(self.rows[joint], *self._asked(joint, chosen)))
+        return self._stems[joint][1]
 
     def residual(self, joint: int, chosen: Sequence[AnyTrial]) -> FloatArray:
         """Return a joint's held-out residual (M,) in N·m, in the order of the samples."""

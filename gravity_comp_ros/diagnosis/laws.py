@@ -33,8 +33,10 @@ def _features(motion: Motion, joint: int) -> FloatArray:
     m, n = motion.samples.q.shape
     if energy is None or not energy.indices.size:
         return np.zeros((m, 0))
-    columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
-    mine = columns.reshape(n, m, -1)[joint]
+    if 'features' not in motion.memo:
+        columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
+        motion.memo['features'] = columns.reshape(n, m, -1).transpose(1, 0, 2)
+    mine = motion.memo['features'][:, joint]
     return np.asarray(mine[:, np.ptp(mine, axis=0) > 1e-9])
 
 

@@ -249,7 +249,7 @@ def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, F
 def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, float]:
     """Return a coupling with the shape of its direction."""
     samples, partner = motion.samples, int(setting['partner']) - 1
-    least = float(least_widths(samples)[[joint, partner]].max())
+    least = float(least_widths(samples, [joint, partner]).max())
     residual = samples.tau[:, joint] - motion.gravity[:, joint]
     shape = find_shape(samples, *_shared(motion, joint, setting), motion.qdd[:, joint],
                        residual, least)

@@ -41,6 +41,8 @@ class Motion:
     sign_width: FloatArray
     model: GravityModel | None = None
     hold: FloatArray | None = None
+    # Directions by joint, which no gravity model changes.
+    directions: dict[int, FloatArray] = field(default_factory=dict, repr=False, compare=False)
     # What is the same for all settings of an effect, kept while the motion lives.
     memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                         compare=False)
@@ -62,13 +64,12 @@ class Motion:
 
     def direction(self, joint: int) -> FloatArray:
         """Return which way a joint moves as its friction sees it, (M,), -1 to 1."""
-        key = f'direction {joint}'
-        if key not in self.memo:
+        if joint not in self.directions:
             hold = 0.0 if self.hold is None else float(self.hold[joint])
-            self.memo[key] = direction(
+            self.directions[joint] = direction(
                 self.samples, self.samples.q[:, joint], self.samples.qd[:, joint],
                 Shape(float(self.sign_width[joint]), hold))
-        return self.memo[key]
+        return self.directions[joint]
 
     def beside(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
         """Return the motion with another gravity model, and its torque (M, N) if that is known."""
@@ -81,7 +82,8 @@ class Motion:
             self.direction(joint)
         slopes = None if self.slopes is None else self.slopes[rows]
         part = replace(self, samples=self.samples.select(rows), qdd=self.qdd[rows],
-                       gravity=self.gravity[rows], slopes=slopes)
+                       gravity=self.gravity[rows], slopes=slopes, directions={
+                           joint: way[rows] for joint, way in self.directions.items()})
         part.memo.update({key: value[rows] for key, value in self.memo.items()})
         return part
 

@@ -15,7 +15,7 @@ A width that is wrong by a few mrad/s would come back as a Stribeck effect of ju
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.runs import run_slices
@@ -57,23 +57,24 @@ def direction(samples: JointSamples, q: FloatArray, qd: FloatArray, shape: Shape
     return _held(samples, _path(samples, q), shape.hold)
 
 
-def least_widths(samples: JointSamples) -> FloatArray:
-    """Return the width (N,) in rad/s that each joint's noise asks for."""
-    return np.maximum(LEAST_WIDTH, _NOISE_WIDTHS * speed_noise(samples))
+def least_widths(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
+    """Return the width in rad/s that the noise of each joint, or of some joints, asks for."""
+    return np.maximum(LEAST_WIDTH, _NOISE_WIDTHS * speed_noise(samples, joints))
 
 
-def speed_noise(samples: JointSamples) -> FloatArray:
+def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> FloatArray:
     """
-    Return the standard deviation (N,) in rad/s of what in qd is noise and not motion.
+    Return the standard deviation in rad/s of what in each joint's qd is noise and not motion.
 
     Fourth differences take out any smooth motion; their median size is unmoved by the few
     places where a motion sets in. Slower noise than that is taken for motion.
     """
-    parts = [np.diff(samples.qd[run], n=4, axis=0)[evenly_spaced(samples.t[run])]
+    qd = samples.qd if joints is None else samples.qd[:, list(joints)]
+    parts = [np.diff(qd[run], n=4, axis=0)[evenly_spaced(samples.t[run])]
              for run in run_slices(samples)]
-    jumps = np.concatenate(parts) if parts else np.zeros((0, samples.n_joints))
+    jumps = np.concatenate(parts) if parts else qd[:0]
     if not len(jumps):
-        return np.zeros(samples.n_joints)
+        return np.zeros(qd.shape[1])
     # Var of the fourth difference of white noise: 1 + 16 + 36 + 16 + 1 = 70 times its own.
     return np.asarray(1.4826 * np.median(np.abs(jumps), axis=0) / np.sqrt(70.0))
 

@@ -45,10 +45,26 @@ def effect_torque(model: GravityModel, samples: JointSamples,
     :raises ModelMismatchError: as `predict_torque`.
     """
     samples = samples.joints(model.joints)
-    total = np.zeros_like(samples.q)
     if not model.applied.effects or not samples.n_samples:
-        return total
-    motion = motion_of(model, samples, gravity)
+        return np.zeros_like(samples.q)
+    return _effect_torque(model, motion_of(model, samples, gravity))
+
+
+def predict_on(model: GravityModel, motion: Motion, rows: IntArray) -> FloatArray:
+    """
+    Return what `predict_torque` does at some samples (R,) of a motion, shape (R, N) in N·m.
+
+    :param motion: in the model's joints, telling directions as the model does.
+    """
+    if all(installed(applied).pointwise for applied in model.applied.effects):
+        here = motion.at(rows).beside(model)
+        return here.gravity + _effect_torque(model, here)
+    here = motion.beside(model)
+    return np.asarray((here.gravity + _effect_torque(model, here))[rows])
+
+
+def _effect_torque(model: GravityModel, motion: Motion) -> FloatArray:
+    total = np.zeros_like(motion.samples.q)
     for applied in model.applied.effects:
         effect = installed(applied)
         joint = joint_number(model, applied)

@@ -27,15 +27,16 @@ def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     # A pause goes on in the direction before it, so that it is no turn.
     last_move = np.maximum.accumulate(np.where(towards != 0.0, np.arange(len(path)), 0))
     towards = towards[last_move]
-    turns = np.flatnonzero(np.diff(towards, prepend=towards[0])).tolist()
-    bounds = [0, *turns, len(path)]
-    z, state = np.empty_like(path), 0.0
-    for begin, end in zip(bounds, bounds[1:]):
-        begun = way[begin - 1] if begin else 0.0
-        sign = towards[begin]
-        z[begin:end] = sign + (state - sign) * np.exp((begun - way[begin:end]) / distance)
-        state = float(z[end - 1])
-    return z
+    begin = np.append(0, np.flatnonzero(np.diff(towards, prepend=towards[:1])))
+    end = np.append(begin[1:], len(path))
+    begun = np.where(begin > 0, way[begin - 1], 0.0)
+    kept = np.exp((begun - way[end - 1]) / distance)
+    states, state = [], 0.0
+    for sign, part in zip(towards[begin].tolist(), kept.tolist()):
+        states.append(state)
+        state = sign + (state - sign) * part
+    started, since = np.repeat(np.array([states, begun]), end - begin, axis=1)
+    return np.asarray(towards + (started - towards) * np.exp((since - way) / distance))
 
 
 def steady_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
@@ -50,11 +51,16 @@ def steady_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     leash = _FLUTTER * position_noise(q, t)
     if leash <= 0.0:
         return q
-    here, path = float(q[0]), []
-    for angle in q.tolist():
-        here = min(max(here, angle - leash), angle + leash)
-        path.append(here)
-    return np.array(path)
+    # Each sample clips the path to a range, and clips one after another are one clip again: so
+    # those of 2, 4, 8 ... samples follow from each other. The first one leaves no choice.
+    low, high = q - leash, q + leash
+    low[0] = high[0] = q[0]
+    step = 1
+    while step < len(q):
+        low[step:], high[step:] = (np.clip(before[:-step], low[step:], high[step:])
+                                   for before in (low, high))
+        step *= 2
+    return low
 
 
 def position_noise(q: FloatArray, t: FloatArray | None = None) -> float:

@@ -19,7 +19,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit, fit_chain, rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.models.sparse.projected import nuisance_coefficients, scaled_spread
+from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 
 _ROBUST_ROUNDS = 3
@@ -148,16 +148,13 @@ def _left_by(chain: Chain, regression: Regression) -> FloatArray:
     beside = regression.beside()
     if beside.columns is None:
         return left
-    trust, rows = np.ones(left.shape), beside.columns.transpose(1, 2, 0)
-    least, residual = floor(regression.samples.tau), left
+    trust, least, residual = np.ones(left.shape), floor(regression.samples.tau), left
     for _ in range(_ROBUST_ROUNDS):
         sigma = np.maximum(np.median(np.abs(residual), axis=0), least)
-        weights = (np.sqrt(trust) / sigma).T[:, :, None]
-        weighted = (rows * weights).reshape(-1, rows.shape[2])
-        found = nuisance_coefficients(
-            weighted, (left.T * weights[:, :, 0]).ravel(),
-            scaled_spread(beside.spread, rows.reshape(weighted.shape), weighted))
-        residual = left - (rows @ found).T
+        weights = (np.sqrt(trust) / sigma).T
+        found = WeightedNuisance(beside.columns, weights, beside.spread).coefficients(
+            weights * left.T)
+        residual = left - np.tensordot(found, beside.columns, axes=(0, 0)).T
         trust = robust.trust(residual, least)
     return np.asarray(residual)
 

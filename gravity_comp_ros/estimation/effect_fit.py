@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import condense
-from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import (
-    direction_of, effect_torque, installed, predict_torque)
+    direction_of, effect_torque, installed, predict_on)
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, fast_accelerations, FitOptions, gravity_model)
@@ -48,7 +48,8 @@ class EffectFit:
 
 def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
                    kept: tuple[AppliedEffect, ...], options: FitOptions,
-                   known: FloatArray | None = None, warm: bool = False) -> EffectFit:
+                   known: FloatArray | None = None, warm: bool = False,
+                   spared: frozenset[tuple[str, int]] = frozenset()) -> EffectFit:
     """
     Return gravity and effects, fitted together to some rows of a motion.
 
@@ -58,29 +59,32 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
     :param kept: effects that stay as they are.
     :param known: axes (N, 3, 3) of a chain that need no search.
     :param warm: whether the search for a chain starts from the model's and nowhere else.
+    :param spared: nuisance terms that are not fitted, as kind and joint number.
     """
+    if all(effect.pointwise for effect in (*(term.effect for term in terms),
+                                           *map(installed, kept))):
+        motion, rows = motion.at(rows), np.arange(len(rows))
     best: EffectFit | None = None
     columns: FloatArray | None = None
     for _ in range(_ROUNDS):
         last, columns = columns, _columns(motion, rows, terms)
         if last is not None and _same(last, columns):
             break
-        found = _once(motion, rows, model, terms, kept, columns, options, known, warm)
+        found = _once(motion, rows, model, terms, kept, columns, options, known, warm, spared)
         if best is not None and _total(found) >= (1.0 - _FALLS) * _total(best):
             break
         best, warm = found, True
         if not terms:
             break
         model = found.model
-        gravity = model.predict(motion.samples.q)
-        motion = motion.beside(model, gravity)
+        motion = motion.beside(model)
     assert best is not None
     return best
 
 
 def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
           kept: tuple[AppliedEffect, ...], columns: FloatArray, options: FitOptions,
-          known: FloatArray | None, warm: bool) -> EffectFit:
+          known: FloatArray | None, warm: bool, spared: frozenset[tuple[str, int]]) -> EffectFit:
     part = motion.samples.select(rows)
     fixed = np.zeros(part.tau.shape)
     if kept:
@@ -90,18 +94,19 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
     dense = np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
         if len(columns) else None
     regression = build_regression(cleaned, qdd=fast_accelerations(part), effects=dense,
-                                  means=means, excluded=_excluded(motion, terms),
+                                  means=means, excluded=spared | replaced_terms(motion, terms),
                                   usual=_usual(motion, terms, columns, model.noise_beside))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
     effects = of_gravity(gravity, motion, (*kept, *_applied(motion, terms, estimate)))
     made = _having(gravity, effects, motion)
-    rmse = _rmse(made, motion.samples, rows)
+    left = motion.samples.tau[rows] - predict_on(made, motion, rows)
+    rmse = np.sqrt((left ** 2).mean(axis=0))
     return EffectFit(replace(made, noise=rmse), estimate, rmse)
 
 
-def _excluded(motion: Motion, terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
+def replaced_terms(motion: Motion, terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
     """Return the nuisance terms that effects take the place of, as kind and joint number."""
     names = motion.samples.names
     found = set()
@@ -192,12 +197,6 @@ def of_gravity(gravity: GravityModel, motion: Motion,
 def _having(model: GravityModel, effects: tuple[AppliedEffect, ...],
             motion: Motion) -> GravityModel:
     return replace(model, applied=Applied(effects, direction_of(motion)))
-
-
-def _rmse(model: GravityModel, samples: JointSamples, rows: IntArray) -> FloatArray:
-    """Return the RMSE (N,) in N·m of a model's own prediction, effects included."""
-    left = (samples.tau - predict_torque(model, samples))[rows]
-    return np.asarray(np.sqrt((left ** 2).mean(axis=0)))
 
 
 def _same(one: FloatArray, other: FloatArray) -> bool:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import BoolArray, FloatArray
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
@@ -82,72 +82,95 @@ class ForwardKinematics:
     """
     Every joint's frame in the base, at M poses.
 
-    `x`, `y`, `z` (N, 3, M) are the axes of frame i before joint i turns, `turned_x`, `turned_y`
-    after it; z is the joint's axis. With S_n = sum_{i >= n} (moments of link i in the base) the
-    torque is tau_n = e_z . (z_n x S_n).
+    `frames` (N, 3, 3, M) holds the axes x, y and z of frame i before joint i turns, `turned` the
+    same after it; z is the joint's axis. With S_n = sum_{i >= n} (moments of link i in the base)
+    the torque is tau_n = e_z . (z_n x S_n).
+
+    :param sin_cos: the sines and cosines (N, M) of q, if they are known.
     """
 
-    def __init__(self, axes: FloatArray, q: FloatArray) -> None:
+    def __init__(self, axes: FloatArray, q: FloatArray,
+                 sin_cos: tuple[FloatArray, FloatArray] | None = None) -> None:
         n, m = len(axes), q.shape[0]
-        sin, cos = np.sin(q.T), np.cos(q.T)
-        self.x, self.y, self.z = (np.empty((n, 3, m)) for _ in range(3))
-        self.turned_x, self.turned_y = np.empty((n, 3, m)), np.empty((n, 3, m))
-        frame = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, m)).reshape(3, 3 * m)
+        sin, cos = (np.sin(q.T), np.cos(q.T)) if sin_cos is None else sin_cos
+        self.frames, self.turned = np.empty((n, 3, 3, m)), np.empty((n, 3, 3, m))
+        scratch = np.empty((3, m))
         for i in range(n):
-            x, y, z = (axes[i].T @ frame).reshape(3, 3, m)
-            self.x[i], self.y[i], self.z[i] = x, y, z
-            turned = np.empty((3, 3, m))
-            turned[0] = cos[i] * x + sin[i] * y
-            turned[1] = cos[i] * y - sin[i] * x
-            turned[2] = z
-            self.turned_x[i], self.turned_y[i] = turned[0], turned[1]
-            frame = turned.reshape(3, 3 * m)
+            here, turned = self.frames[i], self.turned[i]
+            if i:
+                np.matmul(axes[i].T, self.turned[i - 1].reshape(3, 3 * m),
+                          out=here.reshape(3, 3 * m))
+            else:
+                here[:] = axes[0].T[:, :, None]
+            np.multiply(cos[i], here[:2], out=turned[:2])
+            turned[0] += np.multiply(sin[i], here[1], out=scratch)
+            turned[1] -= np.multiply(sin[i], here[0], out=scratch)
+            turned[2] = here[2]
 
     def torque(self, moments: FloatArray) -> FloatArray:
         """Return the torque (M, N) of moments (N, 2) on these axes."""
-        hanging, z = self._hanging(moments), self.z
+        hanging, z = self._hanging(moments), self.frames[:, 2]
         return np.asarray((z[:, 0] * hanging[:, 1] - z[:, 1] * hanging[:, 0]).T)
 
-    def moment_columns(self, along: int = 2) -> FloatArray:
+    def moment_columns(self, along: int = 2, weights: FloatArray | None = None) -> FloatArray:
         """
         Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a.
 
         :param along: 0 or 1 for a force along x or y of the base in the place of gravity.
+        :param weights: (N, M) that the torques are multiplied by.
         """
-        n, _, m = self.z.shape
-        a = np.stack([self.turned_x, self.turned_y], axis=1)
+        n, _, _, m = self.frames.shape
         i, j = (along + 1) % 3, (along + 2) % 3
-        columns = self.z[:, i] * a[:, :, None, j] - self.z[:, j] * a[:, :, None, i]
-        # A link turns about the joints before it and about its own.
-        return np.asarray((columns * _at_or_beyond(n).T[:, None, :, None]).reshape(2 * n, n, m))
+        z, a = self._weighted(self.frames[:, 2], weights), self.turned
+        columns = np.zeros((n, 2, n, m))
+        for k in range(n):
+            # A link turns about the joints before it and about its own.
+            part = columns[k, :, :k + 1]
+            np.multiply(z[:k + 1, i], a[k, :2, None, j], out=part)
+            part -= z[:k + 1, j] * a[k, :2, None, i]
+        return columns.reshape(2 * n, n, m)
 
-    def axis_columns(self, moments: FloatArray) -> FloatArray:
+    def axis_columns(self, moments: FloatArray, weights: FloatArray | None = None) -> FloatArray:
         """
         Return d tau / d d, shape (2N, N, M): what turning A_j about its own x or y does.
 
         All that hangs on joint j turns about e, so that for n >= j the vertical turns the
         other way, tau_n' = (e_z x e) . (z_n x S_n), and for n < j only the moments beyond j
         turn, tau_n' = e_z . (z_n x (e x S_j)).
+
+        :param weights: (N, M) that the torques are multiplied by.
         """
-        n, _, m = self.z.shape
-        hanging = self._hanging(moments)
-        z, s = self.z, hanging
+        n, _, _, m = self.frames.shape
+        z, s = self._weighted(self.frames[:, 2], weights), self._hanging(moments)
         lever_x = z[:, 1] * s[:, 2] - z[:, 2] * s[:, 1]
         lever_y = z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2]
-        e = np.stack([self.x, self.y], axis=1)
-        s = s[:, None]
-        turned_x = e[:, :, 1] * s[:, :, 2] - e[:, :, 2] * s[:, :, 1]
-        turned_y = e[:, :, 2] * s[:, :, 0] - e[:, :, 0] * s[:, :, 2]
-        beyond = e[:, :, None, 0] * lever_y - e[:, :, None, 1] * lever_x
-        before = z[:, 0] * turned_y[:, :, None] - z[:, 1] * turned_x[:, :, None]
-        columns = np.where(_at_or_beyond(n)[:, None, :, None], beyond, before)
-        return np.asarray(columns.reshape(2 * n, n, m))
+        columns = np.empty((n, 2, n, m))
+        for j in range(n):
+            e = self.frames[j, :2]
+            beyond, before = columns[j, :, j:], columns[j, :, :j]
+            np.multiply(e[:, None, 0], lever_y[j:], out=beyond)
+            beyond -= e[:, None, 1] * lever_x[j:]
+            if j:
+                turned_x = e[:, None, 1] * s[j, 2] - e[:, None, 2] * s[j, 1]
+                turned_y = e[:, None, 2] * s[j, 0] - e[:, None, 0] * s[j, 2]
+                np.multiply(z[:j, 0], turned_y, out=before)
+                before -= z[:j, 1] * turned_x
+        return columns.reshape(2 * n, n, m)
+
+    @staticmethod
+    def _weighted(z: FloatArray, weights: FloatArray | None) -> FloatArray:
+        return z if weights is None else z * weights[:, None]
 
     def _hanging(self, moments: FloatArray) -> FloatArray:
         """Return S_n (N, 3, M): the moments of link n and all beyond it, in the base."""
-        each = (moments[:, 0, None, None] * self.turned_x
-                + moments[:, 1, None, None] * self.turned_y)
-        return np.cumsum(each[::-1], axis=0)[::-1]
+        turned = self.turned
+        total = np.empty((len(turned), *turned.shape[2:]))
+        for i in reversed(range(len(turned))):
+            np.multiply(moments[i, 0], turned[i, 0], out=total[i])
+            total[i] += moments[i, 1] * turned[i, 1]
+            if i + 1 < len(turned):
+                total[i] += total[i + 1]
+        return total
 
 
 def tilt(d: FloatArray) -> FloatArray:
@@ -166,8 +189,3 @@ def aligned(direction: FloatArray) -> FloatArray:
     sine = np.hypot(x, y)
     across = np.array([-y, x]) / sine if sine > 1e-12 else np.array([1.0, 0.0])
     return tilt((np.arctan2(sine, z) * across)[None])[0]
-
-
-def _at_or_beyond(n: int) -> BoolArray:
-    """Return a mask (N, N): whether the joint of the column is that of the row, or beyond it."""
-    return np.triu(np.ones((n, n), dtype=bool))

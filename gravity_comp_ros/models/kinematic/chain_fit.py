@@ -16,7 +16,8 @@ from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.kinematic.alternative_chains import (
     find_rivals, spread_of, unsure_joint)
 from gravity_comp_ros.models.kinematic.chain import Chain
-from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, Solution, solve
+from gravity_comp_ros.models.kinematic.chain_solver import (
+    ChainProblem, Solution, solve, SolveOptions)
 from gravity_comp_ros.models.kinematic.chain_starts import (
     Found, LIMIT, search, SearchOptions, structure)
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
@@ -24,6 +25,8 @@ from gravity_comp_ros.models.kinematic.right_angles import tidy
 import numpy as np
 
 _ROUNDS = 6
+# A start with moments that fit, its axes unmoved.
+_AS_IT_IS = SolveOptions(max_steps=0)
 # Of fewer samples than this a wrong chain leaves what looks like noise, so others are sought.
 _FEW = 150
 _SEARCHES = 3
@@ -137,16 +140,14 @@ def _with_nuisance(found: ChainFit, problem: ChainProblem,
         return found
     sigma = found.noise.sigma(found.chain.torque(problem.q)) * np.sqrt(found.inflation)
     weights = 1.0 / sigma if trust is None else np.sqrt(trust) / sigma
-    nuisance = (problem.nuisance * weights.T).reshape(-1, problem.tau.size)
     problem = problem.with_weights(weights)
-    jacobian = (found.chain.jacobian(problem.q) * weights.T).reshape(-1, problem.tau.size)
-    every = np.concatenate([jacobian, nuisance])
+    every = np.concatenate([found.chain.jacobian(problem.q), problem.nuisance])
+    every *= problem.row_weights
+    every = every.reshape(len(every), -1)
     precision = every @ every.T
-    n = len(jacobian)
+    n = len(every) - problem.beside.count
     precision[:n, :n] += np.diag(problem.prior_precision())
-    spread = problem.nuisance_spread()
-    if spread is not None:
-        precision[n:, n:] += np.diag(spread ** -2)
+    precision[n:, n:] += np.diag(problem.beside.precision())
     lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
     scaled = precision / np.outer(lengths, lengths)
     covariance = np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) / np.outer(lengths, lengths)
@@ -155,9 +156,9 @@ def _with_nuisance(found: ChainFit, problem: ChainProblem,
 
 
 def _started(problem: ChainProblem, options: SearchOptions | None, start: Chain | None) -> Found:
-    """Return the best minimum of a search, or the one that a solver reaches from `start`."""
+    """Return the best minimum of a search, or the axes of `start`, to refine under its noise."""
     if options is None and start is not None:
-        return Found(solve(problem, start.axes), 0, False)
+        return Found(solve(problem, start.axes, options=_AS_IT_IS), 0, False)
     return search(problem, options or SearchOptions(), None if start is None else start.axes)
 
 

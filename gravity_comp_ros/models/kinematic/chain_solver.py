@@ -16,10 +16,9 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
-from gravity_comp_ros.models.sparse.projected import (
-    nuisance_coefficients, NuisanceBasis, scaled_spread)
+from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
-from scipy import linalg
+from scipy.linalg import lapack
 
 # Moments are kept under about this many times the largest torque.
 _LOOSE_MOMENT = 2.0
@@ -69,19 +68,30 @@ class ChainProblem:
         return np.concatenate([np.full(2 * n, _ANGLE_SPREAD ** -2),
                                np.full(2 * n, self.moment_precision)])
 
-    def rows(self, jacobian: FloatArray) -> Rows:
-        """Return a Jacobian (K, N, M) in units of the noise, as the rows of the problem."""
-        rows = (jacobian * self.weights.T).reshape(len(jacobian), self.tau.size)
-        return Rows(rows, rows @ self._basis.inside)
+    def rows(self, weighted: FloatArray) -> Rows:
+        """Return a Jacobian (K, N, M) in units of the noise as the rows of the problem."""
+        return Rows(weighted.reshape(len(weighted), self.tau.size),
+                    self.beside.inside(weighted))
+
+    @cached_property
+    def row_weights(self) -> FloatArray:
+        """Return the weights (N, M), a row for each joint."""
+        return np.ascontiguousarray(self.weights.T)
+
+    @cached_property
+    def sin_cos(self) -> tuple[FloatArray, FloatArray]:
+        """Return the sines and cosines (N, M) of all poses."""
+        q = np.ascontiguousarray(self.q.T)
+        return np.sin(q), np.cos(q)
 
     def target(self) -> FloatArray:
-        """Return the torques in units of the noise, shape (N M,)."""
-        return np.asarray((self.weights * self.tau).T.ravel())
+        """Return the torques in units of the noise, shape (N, M)."""
+        return self.row_weights * self.tau.T
 
-    def whitened(self, row: FloatArray) -> FloatArray:
-        """Return P P r of a row r (N M,): its products with r are squares of the whitened row."""
-        inside = self._basis.inside
-        return np.asarray(row - inside @ (row @ inside))
+    @cached_property
+    def beside(self) -> WeightedNuisance:
+        """Return the nuisance columns in units of the noise."""
+        return WeightedNuisance(self.nuisance, self.row_weights, self.spread)
 
     def with_weights(self, weights: FloatArray) -> ChainProblem:
         """Return the same problem with other weights (M, N)."""
@@ -95,37 +105,18 @@ class ChainProblem:
 
     def nuisance_coefficients(self, chain: Chain) -> FloatArray:
         """Return the coefficients (K,) that fit best beside the gravity of a chain."""
-        if self.nuisance is None:
-            return np.zeros(0)
-        left = self.tau - chain.torque(self.q)
-        return nuisance_coefficients(self._nuisance_rows.T, (self.weights * left).T.ravel(),
-                                     self.nuisance_spread())
-
-    def nuisance_spread(self) -> FloatArray | None:
-        """Return the standard deviations (K,) of the nuisance coefficients before any data."""
-        if self.nuisance is None:
-            return None
-        return scaled_spread(self.spread, self.nuisance.reshape(len(self.nuisance), -1).T,
-                             self._nuisance_rows.T)
+        return self._coefficients(self.tau - chain.torque(self.q))
 
     def residual(self, chain: Chain) -> FloatArray:
         """Return what a chain and the nuisance terms leave of the torque, (M, N) in N·m."""
         left = self.tau - chain.torque(self.q)
         if self.nuisance is None:
             return left
-        return np.asarray(left - np.tensordot(self.nuisance_coefficients(chain), self.nuisance,
+        return np.asarray(left - np.tensordot(self._coefficients(left), self.nuisance,
                                               axes=(0, 0)).T)
 
-    @property
-    def _nuisance_rows(self) -> FloatArray:
-        assert self.nuisance is not None
-        return (self.nuisance * self.weights.T).reshape(len(self.nuisance), self.tau.size)
-
-    @cached_property
-    def _basis(self) -> NuisanceBasis:
-        if self.nuisance is None:
-            return NuisanceBasis(np.zeros((self.tau.size, 0)), np.zeros(0))
-        return NuisanceBasis.of(self._nuisance_rows.T, self.nuisance_spread())
+    def _coefficients(self, left: FloatArray) -> FloatArray:
+        return self.beside.coefficients(self.row_weights * left.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,18 +142,24 @@ class Rows:
 @dataclass(frozen=True, eq=False)
 class Solution:
     """
-    A minimum: the chain, its cost and chi^2, and the precision (4N, 4N) of a step from it.
+    A minimum of a problem: the chain and its cost.
 
     `free` (4N,) masks the numbers that were searched; the others were held.
     """
 
+    problem: ChainProblem
     chain: Chain
     cost: float
-    chi2: float
     steps: int
-    converged: bool
     free: BoolArray
-    precision: FloatArray
+
+    @cached_property
+    def precision(self) -> FloatArray:
+        """Return the precision (4N, 4N) of a step from the chain."""
+        problem, sweep = self.problem, _sweep(self.problem, self.chain.axes)
+        parts = (sweep.axis_columns(self.chain.moments, problem.row_weights),
+                 sweep.moment_columns(weights=problem.row_weights))
+        return problem.rows(np.concatenate(parts)).gram() + np.diag(problem.prior_precision())
 
 
 def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None,
@@ -175,7 +172,7 @@ def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None
     n = problem.n_joints
     free = np.ones(4 * n, dtype=bool) if free is None else free
     search = _Search(problem, free)
-    point, damping = search.at(axes), 1e-2
+    point, damping, steps = search.at(axes), 1e-2, 0
     for steps in range(1, options.max_steps + 1):
         better, damping = search.step(point, damping)
         if better is None:
@@ -183,9 +180,8 @@ def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None
         gain, point = point.cost - better.cost, better
         if gain < options.tolerance * point.cost:
             break
-    else:
-        return search.solution(point, options.max_steps, converged=False)
-    return search.solution(point, steps, converged=True)
+    return Solution(problem, Chain(_orthogonal(point.axes), point.moments), point.cost,
+                    steps, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,41 +194,40 @@ class _Point:
     rows: Rows
     gram: FloatArray
     residual: FloatArray
-    chi2: float
     cost: float
 
 
 class _Search:
     def __init__(self, problem: ChainProblem, free: BoolArray) -> None:
-        self.problem, self.free = problem, free
+        self.problem = problem
         self.b = problem.target()
-        self.whitened = problem.whitened(self.b)
+        self.whitened = problem.beside.whitened(self.b).ravel()
         n = problem.n_joints
         self.free_axes, self.free_moments = free[:2 * n], free[2 * n:]
 
     def at(self, axes: FloatArray) -> _Point:
-        sweep = ForwardKinematics(axes, self.problem.q)
-        rows = self.problem.rows(sweep.moment_columns()[self.free_moments])
+        problem = self.problem
+        sweep = _sweep(problem, axes)
+        rows = problem.rows(_chosen(sweep.moment_columns(weights=problem.row_weights),
+                                    self.free_moments))
         gram = rows.gram()
         # Rounding must not make it indefinite where the noise is next to nothing.
-        gram.flat[::len(gram) + 1] += self.problem.moment_precision + 1e-14 * gram.max(initial=0.0)
-        found = linalg.cho_solve(linalg.cho_factor(gram, check_finite=False),
-                                 rows.full @ self.whitened,
-                                 check_finite=False) if len(gram) else np.zeros(0)
-        left = self.b - found @ rows.full
-        residual = self.problem.whitened(left)
-        chi2 = float(left @ residual)
+        gram.flat[::len(gram) + 1] += problem.moment_precision + 1e-14 * gram.max(initial=0.0)
+        found = lapack.dposv(gram, rows.full @ self.whitened)[1] if len(gram) else np.zeros(0)
+        left = self.b - (found @ rows.full).reshape(self.b.shape)
+        residual = problem.beside.whitened(left).ravel()
         moments = np.zeros(self.free_moments.shape)
         moments[self.free_moments] = found
-        cost = chi2 + float(self.problem.moment_precision * (found @ found))
-        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, chi2, cost)
+        cost = float(left.ravel() @ residual) + float(problem.moment_precision * (found @ found))
+        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, cost)
 
     def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
         """Return the next point, or None where no step lowers the cost, and the damping."""
         n_axes = int(self.free_axes.sum())
         if not n_axes:
             return None, damping
-        axes = self.problem.rows(point.sweep.axis_columns(point.moments)[self.free_axes])
+        axes = self.problem.rows(_chosen(
+            point.sweep.axis_columns(point.moments, self.problem.row_weights), self.free_axes))
         gram = np.empty((n_axes + len(point.gram),) * 2)
         gram[:n_axes, :n_axes] = axes.gram()
         gram[:n_axes, n_axes:] = axes.cross(point.rows)
@@ -256,14 +251,14 @@ class _Search:
             damping = max(_GROW * damping, 1e-6)
         return None, damping
 
-    def solution(self, point: _Point, steps: int, converged: bool) -> Solution:
-        axes = _orthogonal(point.axes)
-        jacobian = np.concatenate([point.sweep.axis_columns(point.moments),
-                                   point.sweep.moment_columns()])
-        precision = self.problem.rows(jacobian).gram() + np.diag(self.problem.prior_precision())
-        return Solution(Chain(axes, point.moments), point.cost,
-                        point.chi2, steps, converged, self.free,
-                        precision)
+
+def _sweep(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:
+    return ForwardKinematics(axes, problem.q, problem.sin_cos)
+
+
+def _chosen(columns: FloatArray, mask: BoolArray) -> FloatArray:
+    """Return the columns of a mask; all of them need no copy."""
+    return columns if mask.all() else columns[mask]
 
 
 def _orthogonal(axes: FloatArray) -> FloatArray:

@@ -148,14 +148,16 @@ def _is_clean(problem: ChainProblem, solution: Solution) -> bool:
 
     Under equal weights the errors that a noisy joint forces on a quiet one look like structure.
     """
-    for _ in range(_REWEIGHTED):
-        if structure(problem, solution) <= LIMIT and is_white(problem, solution):
+    for count in range(_REWEIGHTED + 1):
+        if count:
+            residual = problem.residual(solution.chain)
+            spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
+            problem = problem.with_weights(np.broadcast_to(1.0 / spread, residual.shape))
+            solution = solve(problem, solution.chain.axes, options=_NEAR)
+        # The features cost far more than neighbours do.
+        if is_white(problem, solution) and structure(problem, solution) <= LIMIT:
             return True
-        residual = problem.residual(solution.chain)
-        spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
-        problem = problem.with_weights(np.broadcast_to(1.0 / spread, residual.shape))
-        solution = solve(problem, solution.chain.axes, options=_NEAR)
-    return structure(problem, solution) <= LIMIT and is_white(problem, solution)
+    return False
 
 
 def is_white(problem: ChainProblem, solution: Solution) -> bool:

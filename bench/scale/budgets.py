@@ -1,0 +1,191 @@
+"""
+Processor time and memory of each step of the loop, on recordings of several sizes.
+
+    OPENBLAS_NUM_THREADS=1 python3 bench/scale/budgets.py [--folder DIR] [CASE ...]
+
+Recordings are simulated and written first, into a temporary folder or the one given, where they
+stay. Each case then runs a command of the package in a process of its own. Printed are processor
+seconds of that process and its children, those of imports apart, and the peak of its memory;
+reading the recording is part of the command. Without names of cases all are run (a few minutes).
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+import json
+from multiprocessing import Process
+import os
+from pathlib import Path
+import resource
+import subprocess
+import sys
+import tempfile
+
+# What a command asks for when it runs: imported before, its time is no time of the command.
+_IMPORTS = ('gravity_comp_ros.cli', 'gravity_comp_ros.commands.add',
+            'gravity_comp_ros.commands.diagnose', 'gravity_comp_ros.commands.fit',
+            'gravity_comp_ros.commands.update', 'gravity_comp_ros.recordings.parallel',
+            'gravity_comp_ros.recordings.bag', 'gravity_comp_ros.api.loop', 'scipy.linalg',
+            'scipy.special', 'scipy.optimize', 'scipy.signal')
+HOUR = ('--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--duration', '3600',
+        '--noise', '0.1', '--hidden', 'coulomb_friction:iiwa_joint_4=0.8', '--seed', '1')
+
+
+def _synth(*words: str) -> Callable[[Path], None]:
+    """Return what simulates a recording with a command."""
+    def make(path: Path) -> None:
+        _command('synth', '-o', str(path), *words)
+    return make
+
+
+def _friction(seconds: float, rate: float, number: int, most: float) -> Callable[[Path], None]:
+    """Return what simulates an iiwa with friction on every joint."""
+    every = [word for k in range(1, 8)
+             for word in ('--hidden', f'coulomb_friction:iiwa_joint_{k}')]
+    return _synth('--motion', 'multisine', '--max-speed', str(most), '--rate', str(rate),
+                  '--duration', str(seconds), '--noise', '0.1', '--seed', str(number), *every)
+
+
+def _kilohertz(path: Path) -> None:
+    """Record an hour of seven joints at 1 kHz."""
+    from bags import record
+    record(path, 60.0)
+
+
+def _twelve(seed: int, seconds: float = 100.0, rate: float = 20.0) -> Callable[[Path], None]:
+    """Return what simulates an arm of twelve joints with friction on one of them."""
+    def make(path: Path) -> None:
+        from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+        from gravity_comp_ros.simulation.disturbances.friction import Friction
+        from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+        from gravity_comp_ros.simulation.generated import generated_arm
+        from gravity_comp_ros.simulation.motions import multisine
+        from gravity_comp_ros.simulation.noise import NoiseOptions
+        from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+        import numpy as np
+        arm = generated_arm(4, 12, right_angles=True)
+        motion = multisine(arm.lower, arm.upper, np.full(12, 1.5), seed, duration=seconds,
+                           rate=rate)
+        how = SynthesisOptions(NoiseOptions(absolute=0.1), seed,
+                               disturbances=(Friction(3, LuGre(2.0)),))
+        write_bag(path, [joint_states(synthesise(arm, motion, how), '/joint_states')])
+    return make
+
+
+RECORDINGS: dict[str, Callable[[Path], None]] = {
+    'eq17.mcap': _synth('--motion', 'eq17', '--noise', '0.1'),
+    'long.mcap': _friction(600.0, 50.0, 3, 0.3),
+    'slow.mcap': _friction(600.0, 50.0, 4, 0.02),
+    'loaded.mcap': _synth('--motion', 'eq17', '--noise', '0.1', '--payload', '2', '--duration',
+                          '15', '--seed', '2'),
+    'hour.mcap': _synth(*HOUR),
+    'kilohertz.mcap': _kilohertz,
+    **{f'run{k}.mcap': _friction(150.0, 50.0, k, 0.3) for k in range(1, 6)},
+    **{f'twelve{k}.mcap': _twelve(k) for k in range(1, 4)},
+}
+_FIVE = tuple(f'run{k}.mcap' for k in range(1, 6))
+_THREE = tuple(f'twelve{k}.mcap' for k in range(1, 4))
+# Models that cases start from, and the recordings that they are fitted to.
+MODELS = {'eq17.json': ('eq17.mcap',), 'hour.json': ('hour.mcap',)}
+CASES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
+    'fit of 500 samples': ('fit', ('eq17.mcap', '-o', 'made.json'), 0.5, 500.0),
+    'fit of 30 000 samples, fast': (
+        'fit', ('long.mcap', '--all-samples', '-o', 'made.json'), 3.0, 500.0),
+    'fit of 30 000 samples, slow': (
+        'fit', ('slow.mcap', '--all-samples', '-o', 'made.json'), 3.0, 500.0),
+    'fit of twelve joints': ('fit', ('twelve1.mcap', '-o', 'made.json'), 20.0, 500.0),
+    'fit of an hour at 1 kHz': ('fit', ('kilohertz.mcap', '-o', 'made.json'), 0.0, 500.0),
+    'update': ('update', ('loaded.mcap', '--model', 'eq17.json', '-o', 'made.json'), 0.3, 500.0),
+    'diagnose five runs': ('diagnose', _FIVE, 4.0, 500.0),
+    'diagnose an hour at 1 kHz': ('diagnose', ('kilohertz.mcap',), 30.0, 1000.0),
+    'diagnose twelve joints': ('diagnose', _THREE, 0.0, 2000.0),
+    'add to an hour at 100 Hz': (
+        'add', ('coulomb_friction:iiwa_joint_4', 'hour.mcap', '--model', 'hour.json', '-o',
+                'made.json'), 5.0, 1000.0),
+}
+
+
+def _command(*words: str) -> None:
+    subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', *words], check=True,
+                   stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _used() -> float:
+    """Return the processor time of this process and its children in s."""
+    return sum(used.ru_utime + used.ru_stime for used in map(
+        resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+
+
+def _peak() -> float:
+    """Return the largest memory of this process, or of a child, in MB."""
+    return max(resource.getrusage(who).ru_maxrss for who in (
+        resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e3
+
+
+def measure(words: Sequence[str]) -> dict[str, float]:
+    """Run a command in this process; return its processor seconds and the peak of memory."""
+    from importlib import import_module
+    for name in _IMPORTS:
+        import_module(name)
+    from gravity_comp_ros.cli import main as run
+    imports = _used()
+    with Path(os.devnull).open('w') as nowhere:
+        with redirect_stdout(nowhere), redirect_stderr(nowhere):
+            status = run(list(words))
+    return {'status': status or 0, 'imports': imports, 'seconds': _used() - imports,
+            'megabytes': _peak()}
+
+
+def _measured(folder: Path, words: Sequence[str]) -> dict[str, float]:
+    """Return the same of a process of its own."""
+    found = subprocess.run([sys.executable, str(Path(__file__).resolve()), '--measure', *words],
+                           cwd=folder, stdout=subprocess.PIPE, check=True)
+    return json.loads(found.stdout)
+
+
+def _prepare(folder: Path, needed: set[str]) -> None:
+    for name, bags in MODELS.items():
+        if name in needed:
+            needed |= set(bags)
+    for name, make in RECORDINGS.items():
+        if name in needed and not (folder / name).exists():
+            # In a process of its own: a child's peak of memory begins at its parent's.
+            maker = Process(target=make, args=(folder / name,))
+            maker.start()
+            maker.join()
+    for name, bags in MODELS.items():
+        if name in needed and not (folder / name).exists():
+            _command('fit', *(str(folder / bag) for bag in bags), '-o', str(folder / name))
+
+
+def main() -> int:
+    if sys.argv[1:2] == ['--measure']:
+        print(json.dumps(measure(sys.argv[2:])))
+        return 0
+    parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
+    parser.add_argument('cases', nargs='*', metavar='CASE', help='; '.join(CASES))
+    parser.add_argument('--folder', type=Path, default=None)
+    args = parser.parse_args()
+    if unknown := set(args.cases) - set(CASES):
+        parser.error(f'no case {", ".join(unknown)}')
+    with tempfile.TemporaryDirectory() as name:
+        folder = (args.folder or Path(name)).resolve()
+        folder.mkdir(exist_ok=True)
+        print('| | processor time | asked for | imports | memory | asked for |')
+        print('|---|---|---|---|---|---|')
+        for case in args.cases or CASES:
+            verb, words, seconds, megabytes = CASES[case]
+            _prepare(folder, set(words))
+            found = _measured(folder, (verb, *words))
+            asked = f'{seconds:g} s' if seconds else ''
+            failed = f' (exit {found["status"]})' if found['status'] else ''
+            print(f'| {case}{failed} | {found["seconds"]:.2f} s | {asked} | '
+                  f'{found["imports"]:.1f} s | {found["megabytes"]:.0f} MB | '
+                  f'{megabytes:.0f} MB |', flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
