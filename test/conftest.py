@@ -1,5 +1,6 @@
 """What all tests share: nothing of the screen that they were started from, and who runs what."""
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,12 @@ def pytest_collection_modifyitems(items):
     slow = {item.path for item in items if item.get_closest_marker('slow')}
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: (place.get(item.path.name, len(place)), item.path not in slow))
+
+
+def pytest_collection_finish():
+    """Leave what was imported out of later garbage collections: tests make many whole ones."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

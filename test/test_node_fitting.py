@@ -3,17 +3,21 @@
 from contextlib import contextmanager
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
 import time
 
 from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Job, Outcome
+from gravity_comp_ros.node.fit_messages import Job, Outcome, Question
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
+from gravity_comp_ros.node.fit_questions import ask
 import numpy as np
 import pytest
+from rough_links import two_links
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -205,3 +209,16 @@ def test_it_does_not_take_the_priority_of_control():
     if done.returncode == 77:
         pytest.skip('real-time priority is for the privileged')
     assert done.stdout.split() == ['ready', 'True', 'True', '10'], done
+
+
+def test_a_diagnosis_says_which_motion_settles_what_is_open():
+    # Where a joint moves one way alone, friction and an offset are the same.
+    samples = two_links(1, one_way=True)
+    told = ask(Question(7, samples, fit(samples, FitOptions('potential')).model))
+    assert told.number == 7 and 'torque_offset:shoulder (untestable)' in told.text
+    found = re.search(r'to settle what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+                      told.text)
+    assert found and 2 <= int(found[1]) <= 20, told.text
+    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', found[2])
+    # Without a model no motion is planned.
+    assert 'to settle' not in ask(Question(8, samples, None)).text

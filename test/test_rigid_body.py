@@ -131,22 +131,22 @@ def mass_matrices(geometry, parameters, q):
     return (regressor(geometry, rows, 0 * rows, unit) @ parameters).reshape(-1, n, n)
 
 
-def recording(arm, seed, duration):
+def recording(arm, seed, duration, rate=100.0):
     """Return fast motion with LuGre friction on every joint."""
     size = 0.05 * np.abs(arms.gravity_torque(arm, np.random.default_rng(0).uniform(
         arm.lower, arm.upper, (200, arm.n_joints)))).max(axis=0)
     friction = [Friction(n, LuGre(max(float(x), 0.2), max(float(x), 0.2)))
                 for n, x in enumerate(size)]
     motion = multisine(arm.lower, arm.upper, np.full(arm.n_joints, 2.0), seed, FAST, duration,
-                       100.0)
+                       rate)
     return synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.05), seed,
                                                     disturbances=friction))
 
 
 def two_runs(arm, seed):
-    """Return two recordings of ten seconds as one: what is held out is a run, of which few."""
-    return gc.Recording(concatenate([recording(arm, 2 * seed + k, 10.0) for k in range(2)]),
-                        gate=None)
+    """Return two runs of 12 s: held-out parts are then whole runs, and few."""
+    return gc.Recording(concatenate([recording(arm, 2 * seed + k, 12.0, 50.0)
+                                     for k in range(2)]), gate=None)
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from browser import browsing, heap, INJECT, LIVELY, PLOTS, ROOT
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, JointTopic, write_bag
+from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 import numpy as np
 import pytest
 from rough_links import COULOMB, two_links
@@ -402,6 +403,37 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         assert [place.evaluate('(it) => it.selectedOptions[0].textContent')[:2]
                 for place in (first, second)] == ['2.', '3.']
         tab.picture('workbench-two-models')
+        assert tab.complaints == []
+
+
+def test_a_motion_is_planned_for_what_is_open(folder, watched, tmp_path):
+    # One way alone does not tell friction from an offset.
+    write_bag(folder / 'one_way.mcap', [joint_states(two_links(1, one_way=True))])
+    with served(folder, 'one_way.mcap') as (address, _), watched(address) as tab:
+        page = tab.page
+        tab.open(address)
+        ask = page.get_by_role('button', name='Plan a motion')
+        ask.wait_for()
+        page.locator('#idle').wait_for()
+        choice = page.get_by_label('It settles')
+        wanted = 'coulomb_friction:shoulder'
+        assert wanted in choice.locator('option').all_inner_texts()
+        choice.select_option(wanted)
+        ask.click()
+        page.locator('#planned').wait_for()
+        row = page.get_by_role('row', name=re.compile(f'^{wanted} '))
+        assert re.search(r'100 %', row.inner_text()) and 'F_c ±' in row.inner_text()
+        told = page.locator('p.warning').filter(has_text='Bring the arm to')
+        assert 'keep the space around it clear' in told.inner_text()
+        page.locator('#idle').wait_for()
+        motion = read_trajectory(_saved(page, 'Save as trajectory', tmp_path / 'motion.yaml'))
+        table = read_trajectory(_saved(page, 'Save as CSV', tmp_path / 'motion.csv'))
+        assert motion.joints == table.joints == ('shoulder', 'elbow')
+        assert np.ptp(motion.q[:, 0]) > 0.01 and abs(table.qd).max() < 0.301
+        tab.picture('workbench-plan')
+        # A plan belongs to the model that it was made for.
+        page.get_by_role('button', name='Learn with these choices').click()
+        page.locator('#planned').wait_for(state='detached')
         assert tab.complaints == []
 
 

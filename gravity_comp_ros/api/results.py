@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis import findings as core
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Estimate, Finding, JointReport
-from gravity_comp_ros.display import percent, Shown, TextTable
+from gravity_comp_ros.display import Shown, TextTable
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.planning.plan import Expectation, Plan
 from gravity_comp_ros.printable import counted
@@ -65,6 +66,10 @@ class Diagnosis(Shown):
                     for f in self.findings[:1] if f.why)
 
 
+EXPECTED = ('to settle', 'chance now', 'chance then', 'coefficient, 95 %',
+            'closest alternative')
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionPlan(Shown):
     """
@@ -106,10 +111,17 @@ class MotionPlan(Shown):
     def parts(self) -> Iterable[str | TextTable]:
         """Return the parts, and what to expect."""
         yield from (part.sentence for part in self.raw.parts)
-        yield TextTable(('effect', 'chance now', 'chance then', 'closest alternative'), tuple(
-            (e.target.name, percent(e.chance_before), percent(e.chance), e.hardest or '–')
-            for e in self.expectations))
+        yield TextTable(EXPECTED, tuple(map(expected_row, self.expectations)))
         yield from self.raw.notes
+
+
+def expected_row(one: Expectation) -> tuple[str, ...]:
+    """Return what to expect of one effect, in the columns `EXPECTED`."""
+    widths = ', '.join(
+        f'{symbol} ± {width:.2g} {unit}'.strip() if math.isfinite(width) else f'{symbol} unknown'
+        for symbol, (width, unit) in one.half_width.items())
+    return (one.target.name, f'{100 * one.chance_before:.0f} %', f'{100 * one.chance:.0f} %',
+            widths, one.hardest or '–')
 
 
 def is_found(finding: Finding) -> bool:

@@ -6,12 +6,13 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import next_step, reading, terminal
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
-from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
+from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
 
@@ -67,11 +68,9 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
     terminal.show(f'[bold]{len(found.parts)} parts, {length}[/bold]')
     for part in found.parts:
         terminal.show(f'  {terminal.safe(part.sentence)}')
-    rows = [[e.target.name, f'{100 * e.chance_before:.0f} %', f'{100 * e.chance:.0f} %',
-             _widths(e), e.hardest or '–'] for e in found.expectations]
-    columns = ['to settle', 'chance now', 'chance then', 'coefficient, 95 %',
-               'closest alternative']
-    terminal.show('', terminal.table('what to expect', columns, rows, columns[3:]))
+    rows = [list(results.expected_row(each)) for each in found.expectations]
+    terminal.show('', terminal.table('what to expect', results.EXPECTED, rows,
+                                     results.EXPECTED[3:]))
     start = ', '.join(f'{value:.3f}' for value in found.trajectory.q[0])
     terminal.show('', terminal.safe(f'bring the arm to {start} rad first'),
                   'obstacles are not known here: keep the space around the arm clear',
@@ -83,8 +82,3 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
     next_step.show(f'play it on the arm (`gravity_comp plan --help` shows how), record it as '
                    f'{bags[-1]}, and diagnose all together',
                    next_step.command('diagnose', args, bags=bags, model=args.model))
-
-
-def _widths(expected: Expectation) -> str:
-    return ', '.join(f'{symbol} ± {width:.2g} {unit}'.strip() if np.isfinite(width) else
-                     f'{symbol} unknown' for symbol, (width, unit) in expected.half_width.items())

@@ -6,12 +6,14 @@ import time
 
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.node.base_chain import BaseChains
 from gravity_comp_ros.node.fit_messages import Findings, Look, Question, Seen
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_evidence import find_payload
+from gravity_comp_ros.planning.plan import plan
 import numpy as np
 
 _chains = BaseChains()
@@ -33,7 +35,7 @@ def look(job: Look) -> Seen:
 
 def ask(question: Question) -> Findings:
     """
-    Diagnose, and put the findings into words.
+    Diagnose, and put the findings and the motion that settles what they leave open into words.
 
     :raises DataError: if there are too few samples.
     """
@@ -42,6 +44,19 @@ def ask(question: Question) -> Findings:
     # Named as `gravity_comp add` and the parameter `effects` take them.
     ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
                         for item in found.findings)
-    lines = [wording.verdict(found), *([ranking] if ranking else []),
+    lines = [wording.verdict(found), *filter(None, [ranking, _next_motion(question, found)]),
              f'{len(question.samples)} slow samples, {time.monotonic() - start:.1f} s']
     return Findings(question.number, ' | '.join(lines))
+
+
+def _next_motion(question: Question, found: Diagnosis) -> str:
+    """Return the motion that settles what is open, in words; nothing if there is none."""
+    if question.model is None:
+        return ''
+    try:
+        planned = plan(question.samples, question.model, diagnosis=found)
+    except GravityCompError:
+        return ''
+    parts = '; '.join(part.sentence for part in planned.parts)
+    return (f'to settle what is open, move for {planned.trajectory.duration:.0f} s: {parts} '
+            f'(`gravity_comp plan` on a recording writes that motion)')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from gravity_comp_ros.data.samples import evenly_picked, JointSamples
@@ -208,11 +208,14 @@ def _questions(targets: Sequence[Target], parts: Sequence[Part], situation: Situ
 def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
                    chooser: Chooser, named: Sequence[Target],
                    joints: tuple[str, ...]) -> tuple[PlannedPart, ...]:
-    found = []
+    found: list[PlannedPart] = []
     for (start, end), part in zip(stretches, chosen):
         settles = tuple(named[k].name for k in chooser.helps(part))
-        found.append(PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what,
-                                 settles))
+        this = PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what, settles)
+        if found and replace(this, start=0.0, end=0.0) == replace(found[-1], start=0.0, end=0.0):
+            # The same again is one part.
+            this = replace(this, start=found.pop().start)
+        found.append(this)
     return tuple(found)
 
 

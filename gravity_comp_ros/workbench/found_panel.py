@@ -8,10 +8,12 @@ from bokeh.layouts import column, row
 from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label, structure
-from gravity_comp_ros.workbench import widgets
+from gravity_comp_ros.workbench import plan_panel, widgets
 from gravity_comp_ros.workbench.open_session import OpenSession
+from gravity_comp_ros.workbench.plan_panel import PlanActions
 
 # What is shown at first leaves room for the answer below on the same screen.
 _AT_FIRST, _MOST_COEFFICIENTS = 3, 1
@@ -19,7 +21,7 @@ _AT_FIRST, _MOST_COEFFICIENTS = 3, 1
 Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(one: OpenSession, add: Add) -> list[UIElement]:
+def parts(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     """Return the panel of a session."""
     session = one.session
     stage = session.stage
@@ -30,19 +32,20 @@ def parts(one: OpenSession, add: Add) -> list[UIElement]:
         shown.append(_quiet('Not looked for yet.' if one.trouble else
                             'Being looked for; the views below are ready.'))
     else:
-        shown += _findings(one, add)
+        shown += _findings(one, add, plans)
         shown.append(widgets.html(structure(session.diagnosis)))
+        shown += plan_panel.planned(one, plans)
     if stage is not None and stage.model.applied.effects:
         held = ', '.join(e.target for e in stage.model.applied.effects)
         shown.append(widgets.html(f'<p id="held">The model has {markup.text(held)}.</p>'))
     return shown
 
 
-def _findings(one: OpenSession, add: Add) -> list[UIElement]:
+def _findings(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     found = one.session.findings()
     if not found and one.session.diagnosis is not None:
         return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
-    rows = [_row(number, finding, target, add, one.is_adding)
+    rows = [_row(number, finding, target, add, one.is_adding, plans)
             for number, (finding, target) in enumerate(found)]
     shown = [widgets.html('<p class="finding quiet">Errors are held-out, of the range of the '
                           'torque.</p>'), *rows[:_AT_FIRST]]
@@ -58,12 +61,18 @@ def _findings(one: OpenSession, add: Add) -> list[UIElement]:
     return [*shown, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else shown
 
 
-def _row(number: int, finding: Finding, target: str, add: Add, adding: bool) -> UIElement:
+def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
+         plans: PlanActions) -> UIElement:
     told = widgets.html(_told(number, finding), styles={'flex': '1 1 220px'}, margin=(1, 5, 1, 5))
     entry: list[UIElement] = [told]
     if target:
         entry.append(widgets.button(f'Add {target}', lambda: add((target,)),
                                     disabled=adding, name=f'add-{number}', margin=(2, 5, 2, 5),
+                                    styles={'flex': '0 1 auto', 'max-width': '210px'}))
+    if finding.effect is not None and finding.verdict in plan_panel.OPEN:
+        name = effect_name(finding.effect, finding.joint)
+        entry.append(widgets.button('Plan what settles it', lambda: plans.plan((name,)),
+                                    disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
 

@@ -15,10 +15,13 @@ from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.planning.plan import Plan, plan
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 
@@ -82,8 +85,18 @@ class Add:
     effects: tuple[str, ...]
 
 
-Job = Read | Learn | Ask | Add
-Answer = WasRead | Learned | Diagnosis | Refit
+@dataclass(frozen=True)
+class PlanMotion:
+    """Plan the motion that settles effects, or all that a diagnosis leaves open (None)."""
+
+    choice: Choice
+    model: GravityModel
+    diagnosis: Diagnosis | None
+    effects: tuple[str, ...] | None = None
+
+
+Job = Read | Learn | Ask | Add | PlanMotion
+Answer = WasRead | Learned | Diagnosis | Refit | Plan
 
 
 class Bench:
@@ -107,6 +120,8 @@ class Bench:
             return learned(recording, job, progress)
         if isinstance(job, Ask):
             return diagnose(recording.samples, job.model, progress=progress)
+        if isinstance(job, PlanMotion):
+            return planned(recording, job, progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
@@ -148,8 +163,18 @@ def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
                                          model=replace(found.model, provenance=told)))
 
 
+def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:
+    """Return the motion that `gravity_comp plan` writes."""
+    targets = None if job.effects is None else [
+        Target(request.effect.name, request.joint)
+        for request in requests(job.effects, job.model.joints)]
+    return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
+                progress=progress)
+
+
 def described(job: Job) -> str:
     """Return what is being done, in words."""
     words: dict[type[Any], str] = {Read: 'Reading', Learn: 'Learning gravity',
-                                   Ask: 'Looking for what is missing'}
+                                   Ask: 'Looking for what is missing',
+                                   PlanMotion: 'Planning the next recording'}
     return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else words[type(job)]

@@ -10,11 +10,12 @@ from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Event, Failed, Finished, Progressed
 from gravity_comp_ros.workbench.jobs import (
-    Add, Ask, described, Job, Learn, Read, WasRead)
+    Add, Ask, described, Job, Learn, PlanMotion, Read, WasRead)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
 
@@ -88,6 +89,15 @@ class OpenSession:
         self._interrupt()
         try:
             self._ask(self.session.adding(effects))
+        except GravityCompError as problem:
+            self.trouble = str(problem)
+        self._news()
+
+    def plan(self, effects: tuple[str, ...] | None) -> None:
+        """Plan the recording that settles these effects, or all that is open."""
+        self._interrupt()
+        try:
+            self._ask(self.session.planning(effects))
         except GravityCompError as problem:
             self.trouble = str(problem)
         self._news()
@@ -189,10 +199,12 @@ class OpenSession:
                 session.added(answer, job)
             elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
                 session.diagnosed(answer, job)
+            elif isinstance(job, PlanMotion) and isinstance(answer, Plan):
+                session.planned(answer, job)
         except GravityCompError as problem:
             self.trouble = str(problem)
             return
-        if not isinstance(job, (Read, Ask)):
+        if not isinstance(job, (Read, Ask, PlanMotion)):
             self._save()
 
     def _save(self) -> None:

@@ -13,12 +13,14 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline, largest
 from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
-from gravity_comp_ros.workbench import found_panel, page_parts, page_style, store, widgets
+from gravity_comp_ros.workbench import (
+    found_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.exports import Downloads
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import Follower, LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.pair_view import PairView
+from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.side import Actions, Side
 from gravity_comp_ros.workbench.views import NAMES, Views
@@ -189,8 +191,10 @@ class Page:
         self._make_views(one)
         self._say(one)
         self._fill_side(one)
-        self.missing.children = found_panel.parts(one, self._add)
-        self.history.children = self._history.parts(one, self.style)
+        plans = PlanActions(one.plan, self.downloads.give)
+        self.missing.children = found_panel.parts(one, self._add, plans)
+        self.history.children = [*self._history.parts(one, self.style),
+                                 *plan_panel.asking(one, plans)]
         self._show_verdict(one)
         self._show_view()
         if self._focus and not one.worker.busy:

@@ -9,6 +9,7 @@ import secrets
 import signal
 import socket
 import sys
+import warnings
 
 from bokeh.application import Application
 from bokeh.application.application import SessionContext
@@ -16,6 +17,7 @@ from bokeh.application.handlers.function import FunctionHandler
 from bokeh.document import Document
 from bokeh.server.server import BaseServer
 from bokeh.server.util import bind_sockets
+from bokeh.util.warnings import BokehUserWarning
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
@@ -62,6 +64,8 @@ def serve(options: ServeOptions) -> None:
     :raises OptionError: if the address cannot be served on.
     :raises ModelFileError: if a model cannot be read.
     """
+    # A browser sends a model that it has just got back as a whole, which is harmless.
+    warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
     given = tuple(Given(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
     sessions = Sessions(lambda: _session(options, given), options.place,

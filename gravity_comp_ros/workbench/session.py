@@ -24,12 +24,13 @@ from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, Read, WasRead
+from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, PlanMotion, Read, WasRead
 from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
@@ -89,6 +90,7 @@ class Session:
         self._preview: tuple[_Key, Contents] | None = None
         self._few: tuple[_Key, str] | None = None
         self._recording: tuple[_Key, Recording] | None = None
+        self._plan: tuple[PlanMotion, Plan] | None = None
         self._errors: list[tuple[_Key, Comparison]] = []
 
     @property
@@ -146,6 +148,17 @@ class Session:
         if self.stage is None:
             raise DataError('there is no model yet')
         return Add(self.choice, self.stage.model, effects)
+
+    def planning(self, effects: tuple[str, ...] | None) -> PlanMotion:
+        """
+        Return the job that plans the next recording.
+
+        :param effects: to settle; None for all that the diagnosis leaves open.
+        :raises DataError: if there is no model or no diagnosis yet.
+        """
+        if self.stage is None or self.diagnosis is None:
+            raise DataError('nothing has been looked for yet')
+        return PlanMotion(self.choice, self.stage.model, self.diagnosis, effects)
 
     def learn(self, choice: Choice) -> None:
         """Choose what to learn from; a new model is due. Earlier stages stay in the history."""
@@ -243,6 +256,18 @@ class Session:
             self.stages[parent] = replace(self.stages[parent], held_out=before)
         self._go_on(Stage(_added_name(answer.added), answer.model, job.choice, parent,
                           answer.added, held_out=after))
+
+    def planned(self, answer: Plan, job: PlanMotion) -> None:
+        """Keep a planned motion as long as it belongs to what is shown."""
+        self._plan = (job, answer)
+
+    @property
+    def plan(self) -> tuple[PlanMotion, Plan] | None:
+        """Return what was planned for the present model and choice."""
+        if self._plan is None or self.stage is None or self._plan[0].choice != self.choice \
+                or self._plan[0].model is not self.stage.model:
+            return None
+        return self._plan
 
     def undo(self) -> str:
         """

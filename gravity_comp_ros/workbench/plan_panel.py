@@ -1,0 +1,80 @@
+"""The motion that settles what the recordings leave open: asked for, told, and handed out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bokeh.layouts import column, row
+from bokeh.models import UIElement
+from gravity_comp_ros.api.results import EXPECTED, expected_row, MotionPlan
+from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
+from gravity_comp_ros.report import markup
+from gravity_comp_ros.workbench import widgets
+from gravity_comp_ros.workbench.open_session import OpenSession
+
+# Verdicts that another recording may change.
+OPEN = ('ambiguous', 'untestable', 'weak')
+_ALL = ''
+
+
+@dataclass(frozen=True)
+class PlanActions:
+    """What the buttons do: plan for these effects (None: all that is open), give a file."""
+
+    plan: Callable[[tuple[str, ...] | None], None]
+    give: Callable[[str, str, str], None]
+
+
+def asking(one: OpenSession, actions: PlanActions) -> list[UIElement]:
+    """Return what asks for a plan, where something was looked for."""
+    diagnosis = one.session.diagnosis
+    if diagnosis is None or one.session.stage is None or one.session.stage.model.energy is None:
+        return []
+    chosen = widgets.select(
+        'It settles', [(_ALL, 'all that is open'), *(
+            (name, name) for name in open_effects(diagnosis))], _ALL, name='to-settle')
+    ask = widgets.button('Plan a motion', lambda: actions.plan(
+        (str(chosen.value),) if chosen.value else None), name='plan', disabled=one.worker.busy)
+    return [widgets.html('<h2>The next recording</h2>'), chosen, ask]
+
+
+def open_effects(diagnosis: Diagnosis) -> list[str]:
+    """Return the effects that the recordings cannot tell, findings first, as `NAME:JOINT`."""
+    found = [target(f.effect, f.joint) for f in diagnosis.findings
+             if f.effect is not None and f.verdict in OPEN]
+    found += [target(effect, joint) for joint, report in diagnosis.joints.items()
+              for effect in report.untestable]
+    return list(dict.fromkeys(found))
+
+
+def planned(one: OpenSession, actions: PlanActions) -> list[UIElement]:
+    """Return the planned motion in words, what to expect of it, and its files."""
+    if one.session.plan is None:
+        return []
+    _, raw = one.session.plan
+    shown = MotionPlan(raw)
+    start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
+        raw.trajectory.joints, raw.trajectory.q[0]))
+    sentences = [part.sentence for part in raw.parts]
+    text = (
+        f'<h3 id="planned">Planned: {markup.text(shown.summary())}</h3>{markup.bullets(sentences)}'
+        + markup.table(EXPECTED, map(expected_row, raw.expectations), EXPECTED[3:])
+        + markup.paragraph(f'Bring the arm to {start} rad first. Obstacles, people and the links '
+                           f'of the arm are not known here: keep the space around it clear.',
+                           'warning')
+        + ''.join(markup.paragraph(note, 'quiet') for note in raw.notes)
+        + markup.paragraph('Play it, record it, and drop the recording into this page.'))
+    files = row(
+        widgets.button('Save as trajectory (YAML)', lambda: actions.give(
+            'motion.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences)),
+            name='plan-yaml'),
+        widgets.button('Save as goal of an action', lambda: actions.give(
+            'goal.yaml', 'application/yaml', to_yaml(raw.trajectory, sentences, True)),
+            name='plan-goal'),
+        widgets.button('Save as CSV', lambda: actions.give(
+            'motion.csv', 'text/csv', to_csv(raw.trajectory)), name='plan-csv'),
+        styles={'flex-wrap': 'wrap'})
+    return [column(widgets.html(text), files, sizing_mode='stretch_width')]
