@@ -6,6 +6,7 @@ import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes
 from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
@@ -188,6 +189,18 @@ def test_in_half_a_minute_of_motion_it_is_found_beside_little_friction(seed):
     for coefficients, truth in zip((named['rigid_body_dynamics', None]['s'],
                                     named['coulomb_friction', 'iiwa_joint_4']['F_c']), (1.0, 1.0)):
         assert abs(coefficients.value - truth) < 0.02
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-3, 0.1])
+def test_a_joint_that_carries_nothing_does_not_hide_the_gravity_of_the_others(noise):
+    # Without noise the torque of the first and the last joint of an iiwa is next to nothing.
+    arm = arms.iiwa7()
+    q = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 7))
+    tau = arms.gravity_torque(arm, q)
+    measured = tau + max(noise, 1e-6) * np.random.default_rng(2).normal(size=tau.shape)
+    samples = JointSamples.single_run(arm.joints, 0.1 * np.arange(500), q, 0 * q, measured)
+    chain = chain_on_axes(geometry_of(arm).rotations, samples)
+    assert np.abs(chain.torque(q) - tau).max() < 1e-4 + 0.5 * noise
 
 
 def test_without_a_description_it_says_what_it_needs():

@@ -406,6 +406,49 @@ def test_two_stages_side_by_side_tell_what_differs(server, watched):
         assert tab.complaints == []
 
 
+def test_a_fast_recording_of_seven_described_joints(folder, watched, tmp_path):
+    bag, urdf = folder / 'fast.mcap', ROOT / 'bags' / 'iiwa7.urdf'
+    assert main(['synth', '--motion', 'multisine', '--max-speed', '1.0', '--rate', '50',
+                 '--noise', '0.05', '--duration', '30', '--hidden',
+                 'coulomb_friction:iiwa_joint_4=0.8', '-o', str(bag)]) == 0
+    with served(folder, bag.name, '--urdf', str(urdf)) as (address, _), watched(
+            address, color_scheme='light') as tab:
+        page = tab.page
+        tab.open(address)
+        # It is learned from all of its samples, on the axes of the description, and says so.
+        page.locator('.warning').filter(
+            has_text='samples are slow: all are fitted').first.wait_for()
+        page.get_by_role('button', name=re.compile('^Add all')).wait_for()
+        assert page.get_by_label('Gravity is learned and judged on').input_value() == 'all samples'
+        learned = load_model(_saved(page, 'Save the model', tmp_path / 'learned.json'))
+        assert learned.geometry is not None and learned.provenance['description']['source'] == str(
+            urdf)
+        page.locator('#idle').wait_for()
+        page.get_by_role('button', name='Arm', exact=True).click()
+        page.locator('#views').get_by_role('heading', name='The arm', exact=True).wait_for()
+        told = page.get_by_role('status').filter(has_text='iiwa_joint_1')
+        told.filter(has_text='At 0.00 s').wait_for()
+        page.get_by_role('slider').first.focus()
+        page.keyboard.press('PageUp')
+        told.filter(has_not_text='At 0.00 s').wait_for()
+        page.get_by_role('button', name='Answer', exact=True).click()
+        page.get_by_role('button', name=re.compile('^Add all')).click()
+        page.locator('.fall').wait_for()
+        page.locator('#idle').wait_for()
+        # Seven joints, each with a colour and a marker of its own.
+        lines = page.evaluate(LINES)
+        assert len(lines) == len({c for c, _ in lines}) == len({m for _, m in lines}) == 7
+        # Torque that is read with the other sign is learned anew, from the same page.
+        page.get_by_role('button', name='Units and speeds').click()
+        page.get_by_label('iiwa_joint_4', exact=True).last.fill('-1')
+        page.get_by_role('button', name='Learn with these choices').click()
+        page.get_by_label('Stage (').locator('option').nth(2).wait_for(state='attached')
+        page.locator('#idle').wait_for()
+        turned = load_model(_saved(page, 'Save the model', tmp_path / 'turned.json'))
+        assert turned.provenance['bags'][0]['effort_scale'] == {'iiwa_joint_4': -1.0}
+        assert tab.complaints == []
+
+
 def test_a_motion_is_planned_for_what_is_open(folder, watched, tmp_path):
     # One way alone does not tell friction from an offset.
     write_bag(folder / 'one_way.mcap', [joint_states(two_links(1, one_way=True))])

@@ -14,6 +14,9 @@ import numpy as np
 
 # Directions that the motion excites less, next to the most excited, are left out.
 _EXCITED = 1e-3
+# A joint that carries nothing has no more weight than one with this share of the largest torque:
+# its directions would be the only ones that count as excited.
+_LEAST = 1e-2
 # Neighbouring samples are alike: so many a second count as independent, and no fewer in all.
 _INDEPENDENT, _FEWEST = 2.0, 10.0
 # A tilt must make the data this much likelier than none (natural logarithm), beside what two more
@@ -35,7 +38,8 @@ def chain_on_axes(rotations: FloatArray, samples: JointSamples) -> Chain:
     Its base is tilted where the data ask for it.
     """
     q, tau = samples.q, samples.tau
-    weight = 1.0 / np.maximum(tau.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
+    spread = tau.std(axis=0)
+    weight = 1.0 / np.maximum(spread, max(_LEAST * float(spread.max()), 1e-9))
     level = _moments(rotations, q, tau, weight)
     tilted = level
     for _ in range(_STEPS):
