@@ -24,9 +24,7 @@ from gravity_comp_ros.models.uncertainty import Uncertainty
 import numpy as np
 
 # With more features than this a chain is evaluated faster as the chain that it is.
-_MANY = 1000
-# So many poses are predicted at once: hours of them would fill the memory with columns.
-_AT_ONCE = 8192
+_MANY = 100
 ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 
@@ -168,9 +166,7 @@ class GravityModel:
         evaluator = self._evaluator
         if self.chain is not None and len(evaluator.indices) > _MANY:
             return self.chain.torque(q)
-        parts = [dictionary.columns(q[start:start + _AT_ONCE], evaluator.indices)
-                 @ evaluator.weights for start in range(0, max(len(q), 1), _AT_ONCE)]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return dictionary.combined(q, evaluator.indices, evaluator.weights)
 
     def predict_one(self, q: FloatArray) -> FloatArray:
         """Return the gravity torque (N,) of one pose q (N,): `predict` for a control loop."""

@@ -71,9 +71,11 @@ def report_html(contents: Contents) -> str:
     """Return the whole page; needs no network and no other file."""
     sections = all_sections(contents, LIGHT)
     document = Document()
-    for section in sections:
-        if section.plots is not None:
-            document.add_root(section.plots)
+    # Bokeh looks through all models once, not once for each part.
+    with document.models.freeze():
+        for section in sections:
+            if section.plots is not None:
+                document.add_root(section.plots)
     body = ''.join(map(_section, sections))
     links = ''.join(f'<a href="#{s.key}">{markup.text(s.title)}</a>' for s in sections)
     title = ', '.join(report.path.name for report in contents.reports) or 'recording'

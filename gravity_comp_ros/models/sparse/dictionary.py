@@ -87,6 +87,20 @@ def columns(q: FloatArray, indices: IntArray) -> FloatArray:
     return product
 
 
+def combined(q: FloatArray, indices: IntArray, weights: FloatArray) -> FloatArray:
+    """
+    Return sums of features, (M, J), without a matrix of all of them in memory.
+
+    :param q: joint positions (M, N), rad.
+    :param weights: (K, J) of the K features of `indices`.
+    """
+    sums = np.empty((q.shape[0], weights.shape[1]))
+    for start in range(0, q.shape[0], _AT_ONCE):
+        rows = slice(start, start + _AT_ONCE)
+        sums[rows] = (weights.T @ Halves(q[rows]).columns(indices)).T
+    return sums
+
+
 def kernel(q: FloatArray, other: FloatArray) -> FloatArray:
     """Return F F'.T for two sets of poses (M, N), (M', N): prod_n (1 + cos(q_n - q'_n))."""
     product = np.ones((q.shape[0], other.shape[0]))
