@@ -458,7 +458,7 @@ def test_a_motion_is_planned_for_what_is_open(folder, watched, tmp_path):
         ask = page.get_by_role('button', name='Plan a motion')
         ask.wait_for()
         page.locator('#idle').wait_for()
-        choice = page.get_by_label('It settles')
+        choice = page.get_by_label('Record next what settles')
         wanted = 'coulomb_friction:shoulder'
         assert wanted in choice.locator('option').all_inner_texts()
         choice.select_option(wanted)

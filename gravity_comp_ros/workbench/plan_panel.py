@@ -34,11 +34,13 @@ def asking(one: OpenSession, actions: PlanActions) -> list[UIElement]:
     if diagnosis is None or one.session.stage is None or one.session.stage.model.energy is None:
         return []
     chosen = widgets.select(
-        'It settles', [(_ALL, 'all that is open'), *(
+        'Record next what settles', [(_ALL, 'all that is open'), *(
             (name, name) for name in open_effects(diagnosis))], _ALL, name='to-settle')
     ask = widgets.button('Plan a motion', lambda: actions.plan(
         (str(chosen.value),) if chosen.value else None), name='plan', disabled=one.worker.busy)
-    return [widgets.html('<h2>The next recording</h2>'), chosen, ask]
+    chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
+    return [row(chosen, ask, sizing_mode='stretch_width',
+                styles={'flex-wrap': 'wrap', 'align-items': 'end'})]
 
 
 def open_effects(diagnosis: Diagnosis) -> list[str]:

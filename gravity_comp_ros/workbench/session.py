@@ -449,7 +449,7 @@ class Session:
         terms = sum(len(torque.weights) for torque in model.torques)
         told = {'formulation': f'{model.formulation}, {terms} terms', 'note': '',
                 'learned from': '',
-                'axes': model.geometry.source if model.geometry else 'not known'}
+                'axes': _short(model.geometry.source) if model.geometry else 'not known'}
         if key.startswith('stage '):
             stage = self.stages[int(key.split()[1])]
             told['note'] = stage.note
@@ -465,6 +465,11 @@ class Session:
         """Return key, name and model of all that can be compared."""
         own = [(f'stage {k}', f'{k + 1}. {s.name}', s.model) for k, s in enumerate(self.stages)]
         return own + [(f'file {k}', g.name, g.model) for k, g in enumerate(self.given) if k]
+
+
+def _short(source: str) -> str:
+    """Return the name of a file without its folder; other sources as they are."""
+    return source if ' in ' in source else Path(source).name
 
 
 def _same(options: ReadOptions, done: ReadOptions | None) -> bool:
