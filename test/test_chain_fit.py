@@ -4,7 +4,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
-from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
+from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
 from gravity_comp_ros.models.kinematic.chain_starts import LIMIT, search, SearchOptions, structure
 from gravity_comp_ros.models.kinematic.right_angles import in_common_frame, upright
 from gravity_comp_ros.models.model_file import load_model, save_model
@@ -269,3 +269,11 @@ def test_few_poses_with_relative_noise_do_not_hide_a_wrong_chain():
     model = fit(samples_of(q, tau, names=arm.joints), CHAIN).model
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (300, 7))
     assert worst(model, arm, wide) < 0.2
+
+
+def test_normal_equations_that_are_singular_have_the_shortest_solution():
+    right = np.array([3.0, 4.0])
+    np.testing.assert_allclose(_solved(np.diag([2.0, 4.0]), right), [1.5, 1.0])
+    # What rounding has made indefinite is no excuse for any numbers.
+    np.testing.assert_allclose(_solved(np.diag([2.0, -1e-20]), right), [1.5, 0.0])
+    assert _solved(np.zeros((0, 0)), np.zeros(0)).shape == (0,)

@@ -19,8 +19,9 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Failed, Finished, Progressed
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
-from gravity_comp_ros.workbench.session import Given, Session
+from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.work import Given
 from gravity_comp_ros.workbench.worker import Worker
 import numpy as np
 import pytest

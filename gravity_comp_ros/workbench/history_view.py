@@ -10,7 +10,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import (
     BLUE, canvas_text, dress_legend, GREEN, ORANGE, plot, PURPLE, short, SKY, Style, VERMILION,
     YELLOW)
-from gravity_comp_ros.workbench.session import Stage
+from gravity_comp_ros.workbench.stages import Stage
 
 _COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, YELLOW)
 _DASHES = ('solid', 'dashed')

@@ -28,8 +28,9 @@ from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.live_view import Follower
 from gravity_comp_ros.workbench.page import Page
-from gravity_comp_ros.workbench.session import Given, Session
+from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.work import Given
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 

@@ -213,7 +213,7 @@ class _Search:
         gram = rows.gram()
         # Rounding must not make it indefinite where the noise is next to nothing.
         gram.flat[::len(gram) + 1] += problem.moment_precision + 1e-14 * gram.max(initial=0.0)
-        found = lapack.dposv(gram, rows.full @ self.whitened)[1] if len(gram) else np.zeros(0)
+        found = _solved(gram, rows.full @ self.whitened)
         left = self.b - (found @ rows.full).reshape(self.b.shape)
         residual = problem.beside.whitened(left).ravel()
         moments = np.zeros(self.free_moments.shape)
@@ -250,6 +250,14 @@ class _Search:
                 return tried, max(_SHRINK * damping, 1e-12)
             damping = max(_GROW * damping, 1e-6)
         return None, damping
+
+
+def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the solution of normal equations (K, K), the shortest one where they are singular."""
+    if not len(gram):
+        return np.zeros(0)
+    _, found, failed = lapack.dposv(gram, right)
+    return np.asarray(np.linalg.lstsq(gram, right, rcond=1e-13)[0] if failed else found)
 
 
 def _sweep(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:
