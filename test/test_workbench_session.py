@@ -13,14 +13,19 @@ import time
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import (
     DataError, FitError, GravityCompError, ModelMismatchError)
+from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
+from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
+from gravity_comp_ros.report.style import LIGHT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
+from gravity_comp_ros.workbench.history_view import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished, Progressed
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.work import Given
 from gravity_comp_ros.workbench.worker import Worker
 import numpy as np
@@ -359,3 +364,14 @@ def _runs(pid):
             return stream.read().rsplit(')', 1)[1].split()[0] != 'Z'
     except OSError:
         return False
+
+
+def test_seven_joints_have_seven_colours_and_markers():
+    names = tuple(f'joint_{n}' for n in range(7))
+    model = GravityModel.from_energy(
+        names, 'potential', Expansion(np.zeros(1, dtype=np.int64), np.zeros(1)), np.ones(7),
+        Coverage(np.zeros(7), np.ones(7), 10, 1), {})
+    stage = Stage('gravity', model, Choice(), held_out=dict.fromkeys(names, 0.1))
+    lines = [(line.glyph.line_color, dot.glyph.marker) for line, dot in (
+        item.renderers for item in chart([stage, stage], LIGHT).legend[0].items)]
+    assert len({c for c, _ in lines}) == len({m for _, m in lines}) == len(lines) == 7
