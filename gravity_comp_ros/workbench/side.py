@@ -54,7 +54,7 @@ class Side:
                                     [0] if choice.differentiate else [], 'differentiate')
         self.formulation: Select = widgets.select('Formulation', [(c, c) for c in CHOICES],
                                                   choice.formulation, name='formulation')
-        known = [(_KNOWN, 'as the robot description says'), (_UNKNOWN, 'not known')]
+        known = [(_KNOWN, 'of the description, if any'), (_UNKNOWN, 'not known')]
         self._urdf = choice.urdf if choice.urdf != NO_DESCRIPTION else \
             None if session.urdf is None else str(session.urdf)
         self.axes: Select = widgets.select(
