@@ -130,15 +130,15 @@ def learn(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOpti
                    recording)
 
 
-def model_of(recording: Recording, options: LearnOptions = LearnOptions(),
+def model_of(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOptions(),
              progress: Progress | None = None) -> GravityModel:
     """
     Return the model of gravity that `fit` makes of a recording that was read as a whole.
 
-    :raises GravityCompError: as `known_arm` and `learn`.
+    :raises GravityCompError: as `learn`.
     """
     gated = replace(recording, gate=GateOptions())
-    return learn(gated, known_arm(gated, options), options, progress=progress).model
+    return learn(gated, arm, options, progress=progress).model
 
 
 def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:

@@ -26,12 +26,13 @@ from gravity_comp_ros.api.steps import add_to_model, compare_model, update_on_ax
 from gravity_comp_ros.diagnosis.diagnose import diagnose as diagnose_samples
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
-from gravity_comp_ros.effects.request import known_effect, requests
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.planning.options import PlanOptions, Target
+from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
+from gravity_comp_ros.planning.questions import named_targets
 
 
 def fit(recording: Recording, *, formulation: str | None = None,
@@ -148,8 +149,6 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
     :raises DataError: if there is nothing to settle, or no motion that would.
     :raises OptionError: if an effect or joint is unknown, or a limit makes no sense.
     """
-    targets = None if effects is None else [
-        Target(request.effect.name, request.joint)
-        for request in requests(effects, model.joints)]
+    targets = None if effects is None else named_targets(effects, model.joints)
     return MotionPlan(plan_motion(recording.used, model.gravity, targets, options,
                                   progress=progress))

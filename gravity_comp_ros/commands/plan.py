@@ -8,11 +8,11 @@ from pathlib import Path
 
 from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import next_step, reading, terminal
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
 
@@ -42,8 +42,7 @@ def run(args: argparse.Namespace) -> int:
 def _targets(args: argparse.Namespace, model: GravityModel) -> list[Target] | None:
     if args.settle is None:
         return None
-    return [Target(request.effect.name, request.joint)
-            for request in requests(args.settle.split(','), model.joints)]
+    return named_targets(args.settle.split(','), model.joints)
 
 
 def _options(args: argparse.Namespace, model: GravityModel) -> PlanOptions:

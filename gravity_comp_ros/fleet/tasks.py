@@ -91,5 +91,6 @@ def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
         raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
     recording = Recording(concatenate(part.samples for part in parts), None,
                           tuple(part.report for part in parts))
-    model = task.model or model_of(recording, LearnOptions(ordered=options.joints is not None))
+    how = LearnOptions(ordered=options.joints is not None)
+    model = task.model or model_of(recording, known_arm(recording, how), how)
     return diagnose(recording.samples, model, DiagnosisOptions(effects=task.effects)), failed

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
 from gravity_comp_ros.effects.effect import Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.effects.request import known_effect
+from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
 from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.planning.regressors import Alternative, Question
@@ -31,6 +31,15 @@ _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 _WORTH, _ABOVE_NOISE = 0.03, 0.5
 # Standard errors that a weak finding has at most: it was not settled.
 _MOST_WEAK = 3.0
+
+
+def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Target]:
+    """
+    Return the targets of effects `NAME` (every joint) or `NAME:JOINT`.
+
+    :raises OptionError: if an effect or joint is unknown, or asked for twice.
+    """
+    return [Target(request.effect.name, request.joint) for request in requests(effects, joints)]
 
 
 def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:

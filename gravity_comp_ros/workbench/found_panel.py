@@ -9,6 +9,7 @@ from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Finding
 from gravity_comp_ros.models.applied_effects import target as effect_name
+from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.views.effects import coefficients, label, structure
 from gravity_comp_ros.workbench import plan_panel, widgets
@@ -69,7 +70,7 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
         entry.append(widgets.button(f'Add {target}', lambda: add((target,)),
                                     disabled=adding, name=f'add-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
-    if finding.effect is not None and finding.verdict in plan_panel.OPEN:
+    if finding.effect is not None and finding.verdict in OPEN:
         name = effect_name(finding.effect, finding.joint)
         entry.append(widgets.button('Plan what settles it', lambda: plans.plan((name,)),
                                     disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),

@@ -15,13 +15,12 @@ from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.options import Target
 from gravity_comp_ros.planning.plan import Plan, plan
+from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 
@@ -165,9 +164,7 @@ def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
 
 def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:
     """Return the motion that `gravity_comp plan` writes."""
-    targets = None if job.effects is None else [
-        Target(request.effect.name, request.joint)
-        for request in requests(job.effects, job.model.joints)]
+    targets = None if job.effects is None else named_targets(job.effects, job.model.joints)
     return plan(recording.samples, job.model, targets, diagnosis=job.diagnosis,
                 progress=progress)
 

@@ -86,21 +86,11 @@ class OpenSession:
 
     def add(self, effects: tuple[str, ...]) -> None:
         """Add effects to the present model."""
-        self._interrupt()
-        try:
-            self._ask(self.session.adding(effects))
-        except GravityCompError as problem:
-            self.trouble = str(problem)
-        self._news()
+        self._work(lambda: self.session.adding(effects))
 
     def plan(self, effects: tuple[str, ...] | None) -> None:
         """Plan the recording that settles these effects, or all that is open."""
-        self._interrupt()
-        try:
-            self._ask(self.session.planning(effects))
-        except GravityCompError as problem:
-            self.trouble = str(problem)
-        self._news()
+        self._work(lambda: self.session.planning(effects))
 
     def undo(self) -> None:
         """Go back to before the last addition."""
@@ -144,6 +134,14 @@ class OpenSession:
             self._news()
             return
         self._go_on()
+
+    def _work(self, job: Callable[[], Job]) -> None:
+        self._interrupt()
+        try:
+            self._ask(job())
+        except GravityCompError as problem:
+            self.trouble = str(problem)
+        self._news()
 
     def _interrupt(self) -> None:
         # Whatever is being done is about what is going to change; nobody waits for it.
