@@ -399,3 +399,24 @@ def test_several_topics_and_none_chosen(tmp_path):
 def test_options_that_make_no_sense(bad):
     with pytest.raises(OptionError):
         ReadOptions(**bad)
+
+
+@pytest.mark.parametrize('plugin', ['sqlite3', 'mcap'])
+def test_of_many_messages_an_even_part_is_read(tmp_path, plugin):
+    # A gripper of its own takes turns with the arm: every second message would be one of them.
+    rows = []
+    for row in messages(600):
+        gripper = [row[0] + 1, {**row[1], 'stamp_ns': row[0] + 1, 'names': ['gripper'],
+                                'position': [1.0], 'velocity': [0.0], 'effort': [0.0]}]
+        rows += [row, gripper]
+    path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin)
+    whole = read_bag(path, ReadOptions(joints=NAMES)).samples
+    recording = read_bag(path, ReadOptions(joints=NAMES, most=600))
+    samples = recording.samples
+    assert abs(len(samples) - 300) <= 2 and len(whole) == 600
+    assert '50% of 1200 messages are used' in ' '.join(recording.report.notes)
+    kept = np.searchsorted(whole.t + 1e-9, samples.t + whole.t[0])
+    assert np.diff(kept).max() <= 4
+    with pytest.raises(OptionError, match='messages to read'):
+        ReadOptions(most=0)
+    assert read_bag(path, ReadOptions(joints=NAMES, most=1200)).report.notes == ()

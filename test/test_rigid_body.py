@@ -7,7 +7,7 @@ from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes
-from gravity_comp_ros.effects.rigid_body import columns_of, dynamics_of
+from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.errors import DataError, ModelFileError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_parameters
@@ -96,9 +96,9 @@ def gravity_of(arm, seed=0):
                          ids=lambda arm: arm.name)
 def test_the_dynamics_of_an_arm_are_those_of_gravity_and_inertias(arm):
     model = gravity_of(arm)
-    dynamics = dynamics_of(model)
+    dynamics = described_dynamics(model)
     motion = drawn(arm.n_joints, 300, 1)
-    columns = columns_of(dynamics, *motion)
+    columns = dynamics.columns(*motion)
     truth = of_motion(arm, *motion)
     flat = columns[:, :, 1:].reshape(truth.size, -1)
     left = (truth - columns[:, :, 0]).ravel()
@@ -203,12 +203,12 @@ def test_a_joint_that_carries_nothing_does_not_hide_the_gravity_of_the_others(no
     assert np.abs(chain.torque(q) - tau).max() < 1e-4 + 0.5 * noise
 
 
-def test_without_a_description_it_says_what_it_needs():
-    arm = generated_arm(0, 3)
-    samples = recording(arm, 0, 8.0)
-    model = gc.Model(fit(samples, FitOptions('chain')).model)
-    with pytest.raises(DataError, match='description'):
-        gc.add_effects(model, gc.Recording(samples, gate=None), ['rigid_body_dynamics'])
+def test_without_axes_it_says_what_it_needs():
+    from gravity_comp_ros.effects.motion import build_motion
+    from gravity_comp_ros.effects.request import known_effect
+    samples = recording(generated_arm(0, 3), 0, 8.0)
+    motion = build_motion(samples, fit(samples, FitOptions('potential')).model)
+    assert 'no serial arm' in known_effect('rigid_body_dynamics').untestable(motion, 0)
 
 
 def test_a_mass_matrix_that_is_not_positive_is_refused():
@@ -243,11 +243,11 @@ def test_a_model_keeps_its_geometry(tmp_path):
 def test_columns_are_those_of_each_sample_alone():
     arm = generated_arm(0)
     model = gravity_of(arm)
-    dynamics = dynamics_of(model)
+    dynamics = described_dynamics(model)
     one, two = (drawn(arm.n_joints, 30, seed) for seed in (0, 1))
     both = [np.concatenate(pair) for pair in zip(one, two)]
-    parts = [columns_of(dynamics, *motion) for motion in (one, two)]
-    assert (columns_of(dynamics, *both) == np.concatenate(parts)).all()
+    parts = [dynamics.columns(*motion) for motion in (one, two)]
+    assert (dynamics.columns(*both) == np.concatenate(parts)).all()
 
 
 def test_pinocchio_is_the_reference_here():

@@ -11,7 +11,7 @@ from gravity_comp_ros.simulation.cases import Case, Pair, Truth
 # `established` and `likely` are findings; the other verdicts say that something is open.
 SURE = ('established', 'likely')
 # The arm in these recordings moves and has a mass, so whoever names these is right.
-ALWAYS_THERE = frozenset(('inertia', 'coriolis'))
+ALWAYS_THERE = frozenset(('inertia', 'coriolis', 'rigid_body_dynamics'))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,9 @@ Measure the default fit on many builds, against least squares with known kinemat
 
 100 s of slow motion at 5 Hz with 0.1 N·m of noise; friction is Coulomb plus viscous, each that
 share of the joint's gravity range. Errors are the worst joint's RMSE over 1000 poses of the whole
-joint range. Builds marked `tuning` were used while the estimator was written.
+joint range. Builds marked `tuning` were used while the estimator was written. `limit` is the
+Cramer-Rao bound of an arm with unknown axes: the mean square of the errors over many seeds cannot
+be below it, unless the estimate knows more than the samples.
 """
 
 from __future__ import annotations
@@ -27,7 +29,19 @@ def measure(build: Build, friction: float, seed: int, formulation: str) -> dict:
     seconds = time.process_time() - start
     error = case.error(result.model.predict, case.poses())
     return {'error': float(error.max()), 'joint': int(error.argmax()), 'seconds': seconds,
-            'floor': case.floor(samples), 'formulation': result.model.formulation}
+            'floor': case.floor(samples), 'limit': case.limit(samples),
+            'formulation': result.model.formulation}
+
+
+def line(title: str, rows: list[dict], ratios: list[float]) -> str:
+    """Return what is printed of the seeds of a build."""
+    error, floor, limit = (float(np.sqrt(np.mean([row[key] ** 2 for row in rows])))
+                           for key in ('error', 'floor', 'limit'))
+    return (f'{title} error worst {max(row["error"] for row in rows):6.3f} N·m, RMS of seeds '
+            f'{error:6.3f}, limit {limit:6.3f}, floor {floor:6.3f}; error over floor RMS '
+            f'{error / floor:5.2f} worst {max(ratios):6.2f} median {np.median(ratios):5.2f}, CPU '
+            f'{max(row["seconds"] for row in rows):5.2f} s, '
+            f'{"/".join(sorted({row["formulation"] for row in rows}))}')
 
 
 def main() -> None:
@@ -47,11 +61,8 @@ def main() -> None:
                     for seed in range(args.seeds)]
             found = [row['error'] / row['floor'] for row in rows]
             ratios[build.tuning] += found
-            print(f'friction {friction:5.3f} {"tuning " if build.tuning else "judging"} '
-                  f'{build.name:17s} error {max(r["error"] for r in rows):7.3f} N·m, floor '
-                  f'{np.mean([r["floor"] for r in rows]):6.3f}, ratio worst {max(found):6.2f} '
-                  f'median {np.median(found):5.2f}, CPU {max(r["seconds"] for r in rows):5.2f} s, '
-                  f'{"/".join(sorted({r["formulation"] for r in rows}))}', flush=True)
+            print(line(f'friction {friction:5.3f} {"tuning " if build.tuning else "judging"} '
+                       f'{build.name:17s}', rows, found), flush=True)
         for tuning, found in ratios.items():
             if found:
                 print(f'friction {friction:5.3f} {"tuning" if tuning else "judging"}: ratio worst '

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
+from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
 from gravity_comp_ros.simulation import arms, generated, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
@@ -116,19 +117,44 @@ class Case:
         wrong = predict(q) - arms.gravity_torque(arm or self.build.arm, q)
         return np.sqrt((wrong ** 2).mean(axis=0))
 
-    def floor(self, samples: JointSamples) -> float:
-        """Return the worst joint's error of least squares with known axes, friction beside."""
+    def axes(self) -> np.ndarray:
+        """Return the true axes (N, 3, 3) of the arm, its base as it stands."""
         arm = self.build.arm
         axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
         up = -arm.model.gravity.linear
         axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        n, m = arm.n_joints, samples.n_samples
-        columns = ForwardKinematics(axes, samples.q).moment_columns()
-        beside = np.zeros((2 * n if self.friction else 0, n, m))
-        for k in range(len(beside)):
+        return axes
+
+    def beside(self, samples: JointSamples) -> np.ndarray:
+        """Return the columns (K, N, M) of friction, none where there is none."""
+        n, m = samples.n_joints, samples.n_samples
+        columns = np.zeros((2 * n if self.friction else 0, n, m))
+        for k in range(len(columns)):
             qd = samples.qd[:, k // 2]
-            beside[k, k // 2] = qd / np.hypot(qd, 0.002) if k % 2 else qd
-        every = np.concatenate([columns, beside]).reshape(-1, n * m) / NOISE
+            columns[k, k // 2] = qd / np.hypot(qd, 0.002) if k % 2 else qd
+        return columns
+
+    def limit(self, samples: JointSamples) -> float:
+        """
+        Return the worst joint's RMS error by the Cramer-Rao bound, axes unknown.
+
+        No unbiased estimate of moments and axes is better over many draws of the noise. (One that
+        takes right angles for granted is biased, and better where they are right.)
+        """
+        beside = self.beside(samples)
+        problem = ChainProblem(samples.q, samples.tau, np.full(samples.tau.shape, 1.0 / NOISE),
+                               beside if len(beside) else None)
+        found = solve(problem, self.axes())
+        jacobian = found.chain.jacobian(self.poses())
+        covariance = np.linalg.inv(found.precision)
+        variance = np.einsum('anm,ab,bnm->nm', jacobian, covariance, jacobian, optimize=True)
+        return float(np.sqrt(variance.mean(axis=1)).max())
+
+    def floor(self, samples: JointSamples) -> float:
+        """Return the worst joint's error of least squares with known axes, friction beside."""
+        axes, n, m = self.axes(), samples.n_joints, samples.n_samples
+        columns = ForwardKinematics(axes, samples.q).moment_columns()
+        every = np.concatenate([columns, self.beside(samples)]).reshape(-1, n * m) / NOISE
         gram = every @ every.T + 1e-4 * np.eye(len(every))
         moments = np.linalg.solve(gram, every @ (samples.tau.T.ravel() / NOISE))[:2 * n]
 

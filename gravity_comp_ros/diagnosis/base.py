@@ -11,22 +11,23 @@ joint's angle does to the torque (a tilted base) is then left for an effect to e
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
-from gravity_comp_ros.diagnosis.torque_of_motion import beside, beside_on_axes, left_beside
+from gravity_comp_ros.diagnosis.serial_arm import fit_chain, fit_serial_arm, tangent
+from gravity_comp_ros.diagnosis.torque_of_motion import beside, left_beside
+from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.effects.motion import build_motion, Motion
+from gravity_comp_ros.effects.motion_fit import fit_motion
 from gravity_comp_ros.effects.predict import installed, joint_number
-from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.base_level import is_level, levelled
+from gravity_comp_ros.estimation.base_level import levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
 from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -35,7 +36,6 @@ import numpy as np
 
 _ROUGH_SAMPLES = 500
 _SAMPLES = 1500
-_CHAIN_SAMPLES = 500
 # First moments of a described arm settle in a few turns.
 _TURNS = 3
 # A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept.
@@ -81,39 +81,63 @@ def choose_base(samples: JointSamples, model: GravityModel | None, most: int) ->
     """
     rows = evenly_picked(samples.n_samples, most)
     part = samples.select(rows)
-    few = evenly_picked(samples.n_samples, _ROUGH_SAMPLES)
-    described = model if model is not None and model.geometry and model.chain else None
-    choose: Callable[[JointSamples], GravityModel]
-    if described is not None:
-        choose = partial(_on_axes, described)
-    else:
-        choose = _potential if samples.n_joints <= _MOST_JOINTS else _serial
-    chosen = choose(samples.select(few))
-    motion = build_motion(part, chosen)
-    few = evenly_picked(part.n_samples, _SAMPLES)
-    # The nominal arm of rigid-body dynamics has the first moments of gravity, which then change.
-    for _ in range(1 if described is None else _TURNS):
-        cleaned = replace(part, tau=part.tau - _beside_gravity(chosen, motion))
-        chosen = levelled(choose(cleaned.select(few)), part.q)
+    few = samples.select(evenly_picked(samples.n_samples, _ROUGH_SAMPLES))
+    axes = model.geometry if model is not None and model.chain is not None else None
+    found = _from_torques(part, few) if axes is None else _on_axes(axes, part, few)
+    chosen = found.model
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
     # Directions and accelerations are those of all samples.
-    motion = build_motion(samples, chosen).at(rows)
+    motion = replace(build_motion(samples, chosen).at(rows), chain=found.arm)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
-    chain = _chain(cleaned, None) if described is None else None
-    columns = _columns(chosen, motion, cleaned, chain)
-    left = cleaned.tau - chosen.predict(cleaned.q) if described is not None else \
-        left_beside(columns, motion)
-    return Base(chosen, motion, columns, left, chain, given)
+    columns = _columns(chosen, motion, found.chain)
+    left = left_beside(columns, motion) if found.left is None else found.left
+    return Base(chosen, motion, columns, left, found.chain, given)
 
 
-def _beside_gravity(model: GravityModel, motion: Motion) -> FloatArray:
-    """Return the torque (M, N) of friction, offset and motion beside gravity like a model's."""
-    q = motion.samples.q
-    if model.geometry is not None and model.chain is not None:
-        return beside_on_axes(columns_on_axes(model.chain, q), motion, model)
-    return beside(_model_columns(model, q), motion)
+@dataclass(frozen=True, eq=False)
+class _Gravity:
+    """
+    A gravity model; the serial arm whose derivatives join it; `arm`, that of the torque of motion.
+
+    `left` (M, N) in N·m is what gravity, friction and motion leave, None if it is not known.
+    """
+
+    model: GravityModel
+    chain: Chain | None = None
+    arm: Chain | None = None
+    left: FloatArray | None = None
+
+
+def _on_axes(axes: Geometry, part: JointSamples, few: JointSamples) -> _Gravity:
+    """Return the gravity of an arm whose axes a description gives, beside the torque of motion."""
+    chosen = _with_axes(axes, few)
+    motion = build_motion(part, chosen)
+    rows = evenly_picked(part.n_samples, _SAMPLES)
+    # The nominal arm of rigid-body dynamics has the first moments of gravity, which then change.
+    for _ in range(_TURNS):
+        dynamics = described_dynamics(chosen)
+        assert dynamics is not None and chosen.chain is not None
+        found = fit_motion(columns_on_axes(chosen.chain, part.q), 2, motion, dynamics)
+        cleaned = replace(part, tau=part.tau - found.beside)
+        chosen = levelled(_with_axes(axes, cleaned.select(rows)), part.q)
+    return _Gravity(chosen, left=cleaned.tau - chosen.predict(part.q))
+
+
+def _from_torques(part: JointSamples, few: JointSamples) -> _Gravity:
+    """Return the gravity of an arm of which nothing else is known."""
+    choose = _potential if part.n_joints <= _MOST_JOINTS else _serial
+    first = choose(few)
+    motion = build_motion(part, first).at(evenly_picked(part.n_samples, _SAMPLES))
+    samples = motion.samples
+    columns = _model_columns(first, samples.q)
+    cleaned = replace(samples, tau=samples.tau - beside(columns, motion))
+    level = _model_columns(levelled(first, part.q), samples.q)
+    arm = fit_serial_arm(motion, cleaned, left_beside(level, motion))
+    if arm is None:
+        return _Gravity(levelled(choose(cleaned), part.q), fit_chain(cleaned, None))
+    return _Gravity(levelled(choose(arm.cleaned), part.q), arm.chain, arm.chain)
 
 
 def _potential(samples: JointSamples) -> GravityModel:
@@ -126,11 +150,9 @@ def _potential(samples: JointSamples) -> GravityModel:
     return _model(samples, 'potential', energy)
 
 
-def _on_axes(model: GravityModel, samples: JointSamples) -> GravityModel:
-    """Return the gravity of an arm whose axes a description gives."""
-    assert model.geometry is not None
-    chain = chain_on_axes(model.geometry.rotations, samples)
-    return replace(_of_chain(chain, samples), geometry=model.geometry)
+def _with_axes(axes: Geometry, samples: JointSamples) -> GravityModel:
+    """Return the gravity of the serial arm on given axes that fits the torques."""
+    return replace(_of_chain(chain_on_axes(axes.rotations, samples), samples), geometry=axes)
 
 
 def _serial(samples: JointSamples) -> GravityModel:
@@ -167,8 +189,8 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     if base.model.geometry is not None:
         return None
     cleaned = replace(samples, tau=samples.tau - effects)
-    chain = _chain(cleaned, base.chain)
-    columns = _columns(base.model, base.motion, cleaned, chain)
+    chain = fit_chain(cleaned, base.chain)
+    columns = _columns(base.model, base.motion, chain)
     few = evenly_picked(samples.n_samples, _SAMPLES)
     before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
     if (after > (1.0 - _WORTHWHILE) * before).all():
@@ -193,11 +215,11 @@ def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
     return flat.reshape(q.shape[1], q.shape[0], -1).transpose(1, 0, 2)
 
 
-def _columns(model: GravityModel, motion: Motion, cleaned: JointSamples,
-             chain: Chain | None) -> FloatArray:
-    parts = [_tangent(cleaned.q, chain)]
+def _columns(model: GravityModel, motion: Motion, chain: Chain | None) -> FloatArray:
+    q = motion.samples.q
+    parts = [] if chain is None else [tangent(q, chain)]
     if model.chain is None or model.geometry is not None:
-        parts.insert(0, _model_columns(model, cleaned.q))
+        parts.insert(0, _model_columns(model, q))
     gravity = np.concatenate(parts, axis=2)
     return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
 
@@ -207,29 +229,6 @@ def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
     return [installed(applied).columns_of_arm(motion, joint_number(model, applied),
                                               applied.setting)
             for applied in model.applied.effects]
-
-
-def _chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
-    """Return the serial arm that fits, from a start if there is one; None if none does."""
-    few = cleaned.select(evenly_picked(cleaned.n_samples, _CHAIN_SAMPLES))
-    try:
-        return rough_fit(few, SearchOptions() if start is None else None, start).chain
-    except GravityCompError:
-        return None
-
-
-def _tangent(q: FloatArray, chain: Chain | None) -> FloatArray:
-    """Return the derivatives of a serial arm's torques (M, N, K) by its parameters."""
-    m, n = q.shape
-    if chain is None:
-        return np.zeros((m, n, 0))
-    level = n > 1 and is_level(chain.torque(q))
-    if level:
-        axes = chain.axes.copy()
-        axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
-        chain = Chain(axes, chain.moments)
-    columns = chain.jacobian(q).transpose(2, 1, 0)
-    return columns[:, :, 2:] if level else columns
 
 
 def _reduced(columns: FloatArray) -> FloatArray:

@@ -7,8 +7,8 @@ inertia for a small tilt, and a tilt that a model has by mistake would be found 
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion_fit import independent
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 import numpy as np
 
@@ -17,18 +17,10 @@ _EXCITED = 1e-3
 # A joint that carries nothing has no more weight than one with this share of the largest torque:
 # its directions would be the only ones that count as excited.
 _LEAST = 1e-2
-# Neighbouring samples are alike: so many a second count as independent, and no fewer in all.
-_INDEPENDENT, _FEWEST = 2.0, 10.0
 # A tilt must make the data this much likelier than none (natural logarithm), beside what two more
 # numbers gain by chance.
 _LIKELIER = 6.0
 _STEPS, _SMALL = 6, 1e-5
-
-
-def independent(samples: JointSamples) -> float:
-    """Return how many samples count as independent, by the time that they cover."""
-    lasts = sum(float(np.ptp(samples.t[run])) for run in run_slices(samples))
-    return float(min(max(_INDEPENDENT * lasts, _FEWEST), max(len(samples), 1)))
 
 
 def chain_on_axes(rotations: FloatArray, samples: JointSamples) -> Chain:

@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_fit import friction
 import numpy as np
-
-
-def friction(motion: Motion, joint: int) -> FloatArray:
-    """Return the columns (M, 3) of dry and viscous friction and an offset."""
-    qd = motion.samples.qd[:, joint]
-    return np.column_stack([motion.direction(joint), qd, np.ones(len(qd))])
 
 
 def nuisance(motion: Motion, joint: int) -> FloatArray:

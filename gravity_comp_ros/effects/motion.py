@@ -17,6 +17,7 @@ from gravity_comp_ros.effects.motion_direction import direction, find_shape, lea
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain
 import numpy as np
 
 
@@ -41,11 +42,18 @@ class Motion:
     sign_width: FloatArray
     model: GravityModel | None = None
     hold: FloatArray | None = None
+    # The serial arm that explains gravity where the model is none.
+    chain: Chain | None = None
     # Directions by joint, which no gravity model changes.
     directions: dict[int, FloatArray] = field(default_factory=dict, repr=False, compare=False)
     # What is the same for all settings of an effect, kept while the motion lives.
     memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                         compare=False)
+
+    @property
+    def serial_arm(self) -> Chain | None:
+        """Return the serial arm that explains gravity, if one was fitted."""
+        return self.chain if self.chain or self.model is None else self.model.chain
 
     @property
     def gradient(self) -> FloatArray:
@@ -74,7 +82,7 @@ class Motion:
     def beside(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
         """Return the motion with another gravity model, and its torque (M, N) if that is known."""
         known = model.predict(self.samples.q) if gravity is None else gravity
-        return replace(self, model=model, gravity=known, slopes=None)
+        return replace(self, model=model, gravity=known, slopes=None, chain=None)
 
     def at(self, rows: IntArray) -> Motion:
         """Return the motion at some samples, (K,) rising numbers, for pointwise effects."""

@@ -22,7 +22,7 @@ from gravity_comp_ros.estimation.base_level import levelled
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.effect_fit import (
     EffectFit, fit_with_terms, replaced_terms)
-from gravity_comp_ros.estimation.fit import CHOICES, FitOptions
+from gravity_comp_ros.estimation.fit import CHOICES, fit, FitOptions
 from gravity_comp_ros.estimation.refit_result import chance, held_out, Refit
 from gravity_comp_ros.estimation.refit_system import System
 from gravity_comp_ros.estimation.refit_terms import choose_setting, RefitProblem, Term
@@ -47,7 +47,7 @@ _BETWEEN_RUNS = ('payload_change', 'torque_drift', 'friction_drift')
 # What needs no speed is as plain in slow motion, where what it lacks (inertia above all) does not
 # bend gravity.
 _ENOUGH_SLOW = 0.2
-_TILT = 'base_tilt'
+_TILT, _DYNAMICS = 'base_tilt', 'rigid_body_dynamics'
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     picked = evenly_picked(samples.n_samples, _MOST_SAMPLES)
     samples, use = samples.select(picked), None if use is None else use[picked]
     tell('motion', 0.0)
-    base = _level(samples, model, wanted)
+    base = _base(samples, model, wanted)
     motion = build_motion(samples, base)
     new, skipped = _new_terms(motion, model, wanted)
     if wanted and not new:
@@ -103,7 +103,7 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
         settled = [(*terms, one) for terms, one in zip(settled, chosen)]
         tell('settings', 0.2 + 0.2 * (k + 1) / len(new))
     tell('refit', 0.4)
-    how, known = _formulation(model)
+    how, known = _formulation(base, settled[-1])
     fitted = fit_with_terms(motion, work.rows, base, settled[-1], kept, how, known)
     made = fitted.model
     senseless = _implausible(work, made, settled[-1])
@@ -125,8 +125,13 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     return result
 
 
-def _formulation(model: GravityModel) -> tuple[FitOptions, FloatArray | None]:
-    """Return how gravity is selected anew: as asked for when it was fitted, on the same axes."""
+def _formulation(model: GravityModel, terms: Sequence[Term]
+                 ) -> tuple[FitOptions, FloatArray | None]:
+    """
+    Return how gravity is selected anew: as asked for when it was fitted, on the same axes.
+
+    Rigid-body dynamics is made of axes and moments, which a chain alone has.
+    """
     report = model.provenance.get('report') or {}
     asked = (model.provenance.get('options') or {}).get('formulation', 'auto')
     if asked not in CHOICES:
@@ -134,6 +139,8 @@ def _formulation(model: GravityModel) -> tuple[FitOptions, FloatArray | None]:
     known = None
     if model.chain is not None and (report.get('chain') or {}).get('known_axes'):
         known, asked = model.chain.axes, 'chain'
+    if any(term.effect.name == _DYNAMICS for term in terms):
+        asked = 'chain'
     return FitOptions(asked), known
 
 
@@ -201,10 +208,19 @@ def _check_not_worse(before: GravityModel, after: GravityModel, motion: Motion,
                        f'N·m after. Nothing is changed; record more motion, or add fewer effects')
 
 
-def _level(samples: JointSamples, model: GravityModel,
-           wanted: Sequence[Request]) -> GravityModel:
-    """Return the model to add to: a tilt needs one that does not imitate it by itself."""
-    if not any(request.effect.name == _TILT for request in wanted) or model.energy is None:
+def _base(samples: JointSamples, model: GravityModel,
+          wanted: Sequence[Request]) -> GravityModel:
+    """
+    Return the model to add to.
+
+    Rigid-body dynamics needs the axes of a chain, and a tilt a model that does not imitate it.
+    """
+    names = {request.effect.name for request in wanted}
+    if _DYNAMICS in names and model.chain is None and model.geometry is None:
+        chain = fit(samples, FitOptions('chain')).model
+        model = replace(chain, applied=model.applied, history=model.history,
+                        provenance=model.provenance)
+    if _TILT not in names or model.energy is None:
         return model
     if model.chain is not None:
         raise DataError(f'{_TILT} cannot be added: a chain holds the tilt of its base already, '

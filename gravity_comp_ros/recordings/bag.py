@@ -14,7 +14,10 @@ from gravity_comp_ros.recordings.read_options import ReadOptions, ReadReport, Re
 from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
+import numpy as np
 
+# Multiples of the golden ratio fill the unit interval evenly, any part of them.
+_GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
 __all__ = ['read_bag', 'ReadOptions', 'ReadReport', 'Recording']
 
 
@@ -34,7 +37,11 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     path = Path(path)
     with open_storage(path) as storage:
         topic, notes = choose_topic(path, storage, options.topic)
-        columns = _gather(storage, topic, options.rename)
+        count = max((one.count for one in storage.topics if one.name == topic), default=0)
+        share = 1.0 if options.most is None else min(options.most / max(count, 1), 1.0)
+        columns = _gather(storage, topic, options.rename, share)
+        if share < 1.0:
+            notes.append(f'{share:.0%} of {count} messages are used, so that memory is bounded')
     n_messages = len(columns) + sum(columns.dropped.values())
     where = f'{path}, topic {topic}'
     if not n_messages:
@@ -62,9 +69,13 @@ def _by_name(where: str, known: tuple[str, ...], options: ReadOptions) -> ReadOp
     return replace(options, joints=chosen, effort_scale=scale)
 
 
-def _gather(storage: Storage, topic: str, rename: Mapping[str, str]) -> Columns:
-    """Decode all messages of a topic."""
-    columns, decoder = Columns(rename), LayoutDecoder()
+def _gather(storage: Storage, topic: str, rename: Mapping[str, str], share: float) -> Columns:
+    """Decode a share of the messages of a topic."""
+    columns, decoder, seen = Columns(rename), LayoutDecoder(), 0
     for batch in storage.batches(topic):
+        seen += len(batch)
+        if share < 1.0:
+            # Not every k-th: publishers may take turns.
+            batch = batch.select(np.arange(seen - len(batch), seen) * _GOLDEN % 1.0 < share)
         columns.add(batch, decoder.decode(batch))
     return columns

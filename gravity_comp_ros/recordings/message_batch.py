@@ -33,6 +33,10 @@ class Batch:
     def __len__(self) -> int:
         return len(self.start)
 
+    def select(self, which: NDArray[np.bool_]) -> Batch:
+        """Return some of the messages."""
+        return Batch(self.data, self.start[which], self.length[which], self.log_ns[which])
+
     def message(self, m: int) -> bytes:
         """Return the bytes of one message."""
         return self.data[self.start[m]:self.start[m] + self.length[m]].tobytes()

@@ -26,9 +26,11 @@ class ReadOptions:
     `degrees`: positions and velocities are in degrees.
     `effort_unit`: one of `TORQUE_UNITS`; the scale is N·m per unit beside it.
     `rename`: other names for joints, by the name in the recording; all else goes by these.
+    `most`: of more messages than this an even part is read, so that memory is bounded; None reads
+    all.
 
-    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, or the unit
-        is unknown.
+    :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the unit is
+        unknown, or no message may be read.
     """
 
     topic: str | None = None
@@ -38,8 +40,11 @@ class ReadOptions:
     degrees: bool = False
     effort_unit: str = 'Nm'
     rename: Mapping[str, str] = field(default_factory=dict)
+    most: int | None = None
 
     def __post_init__(self) -> None:
+        if self.most is not None and self.most < 1:
+            raise OptionError(f'{self.most} messages to read; it must be 1 or more')
         for joint, scale in self.effort_scale.items():
             if not np.isfinite(scale) or scale == 0:
                 raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '

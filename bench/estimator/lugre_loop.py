@@ -1,0 +1,107 @@
+"""
+Measure the whole loop on arms with LuGre friction in every joint, against an oracle.
+
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.estimator.lugre_loop [--seeds 10] [--arms NAME ...]
+
+Five runs of 150 s at 50 Hz are fitted and diagnosed, and all that the diagnosis is sure of is
+added (`ties`: the best of each tie as well). Errors are RMSE of the torque on a sixth run. The
+oracle has the true rigid-body dynamics; its friction is the best of bristles that bend before they
+slip, with viscous friction and an offset, by least squares on the same five runs. Arms and levels
+of friction are those of the campaign's judging case `friction`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+import time
+
+from bench.campaign.judging import judging_case
+import gravity_comp_ros as gc
+from gravity_comp_ros.data.runs import run_slices
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import accelerations
+from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.simulation.arms import Arm, inverse_dynamics
+from gravity_comp_ros.simulation.cases import ARMS, recordings
+from gravity_comp_ros.simulation.disturbances.lugre import deflection
+import numpy as np
+
+_TRAINED = 5
+# rad: where the oracle's bristles slip.
+_SLIPS = np.logspace(-5.0, -2.0, 25)
+
+
+def measure(arm: str, seed: int) -> dict[str, FloatArray]:
+    """Return the errors (N,) in N·m on the run that was not used."""
+    case = replace(judging_case(arm, 'friction', seed), runs=_TRAINED + 1)
+    samples = recordings(case, seed)
+    train, test = samples.select(samples.runs < _TRAINED), samples.select(samples.runs >= _TRAINED)
+    begun = time.process_time()
+    model = gc.fit(gc.Recording(train))
+    found = gc.diagnose(gc.Recording(train, gate=None), model).findings
+    sure = [f for f in found if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    ties = [f for f in found if f.verdict == gc.Verdict.AMBIGUOUS and f.effect]
+    errors = {'fit': error(model, test)}
+    for name, chosen in (('loop', sure), ('ties', [*sure, *ties])):
+        targets = [target(f.effect, f.joint) for f in chosen if f.effect]
+        added = gc.add_effects(model, gc.Recording(train), targets) if targets else model
+        errors[name] = error(added, test)
+    errors['seconds'] = np.array([time.process_time() - begun])
+    errors['oracle'] = oracle(ARMS[arm](), train, test)
+    return errors
+
+
+def error(model: gc.Model, test: JointSamples) -> FloatArray:
+    """Return each joint's RMSE (N,) of a model, as `compare` finds it."""
+    joints = gc.compare(model, gc.Recording(test, gate=None)).joints.values()
+    return np.array([joint.rmse for joint in joints])
+
+
+def oracle(arm: Arm, train: JointSamples, test: JointSamples) -> FloatArray:
+    """Return the errors (N,) of true dynamics with the best friction."""
+    left = [part.tau - inverse_dynamics(arm, part.q, part.qd, accelerations(part))
+            for part in (train, test)]
+    found = np.empty(arm.n_joints)
+    for joint in range(arm.n_joints):
+        trials = []
+        for slip in _SLIPS:
+            columns = [friction(part, joint, slip) for part in (train, test)]
+            x = np.linalg.lstsq(columns[0], left[0][:, joint], rcond=None)[0]
+            rmse = [float(np.sqrt(((tau[:, joint] - a @ x) ** 2).mean()))
+                    for tau, a in zip(left, columns)]
+            trials.append((rmse[0], rmse[1]))
+        found[joint] = min(trials)[1]
+    return found
+
+
+def friction(samples: JointSamples, joint: int, slip: float) -> FloatArray:
+    """Return columns (M, 3): bristles as a share of where they slip, speed, offset."""
+    bent = np.concatenate([deflection(np.diff(samples.q[run, joint]), np.full(1, slip))
+                           for run in run_slices(samples)]) / slip
+    return np.column_stack([bent, samples.qd[:, joint], np.ones(len(bent))])
+
+
+def main() -> None:
+    """Measure and print a line a case and the whole."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--arms', nargs='+', default=list(ARMS))
+    args = parser.parse_args()
+    worst: dict[str, list[float]] = {'fit': [], 'loop': [], 'ties': []}
+    for arm in args.arms:
+        for seed in range(args.seeds):
+            rows = measure(arm, seed)
+            shares = {name: rows[name] / rows['oracle'] for name in worst}
+            for name, found in shares.items():
+                worst[name].append(float(found.max()))
+            print(f'{arm:12s} {seed}: ' + ', '.join(
+                f'{name} {found.max():.3f} (joint {found.argmax() + 1})'
+                for name, found in shares.items()) + f', {rows["seconds"][0]:.1f} s', flush=True)
+    for name, ratios in worst.items():
+        print(f'{name}: worst joint, multiples of the oracle: median {np.median(ratios):.3f}, '
+              f'worst {max(ratios):.3f}, above 1.25 in {np.mean(np.array(ratios) > 1.25):.0%}')
+
+
+if __name__ == '__main__':
+    main()

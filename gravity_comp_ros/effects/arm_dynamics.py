@@ -1,0 +1,181 @@
+"""
+What the torque of motion of an arm is linear in: the columns of rigid-body dynamics.
+
+With the axes of a description the columns are the torque of a nominal arm with the first moments
+of gravity, and inertias beside it (`DescribedDynamics`). Without one the axes and moments are
+those of a chain, and the lengths between axes are coefficients as well (`ChainDynamics`). Most
+motions do not show all coefficients, so each has a prior.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+
+from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.effects.effect import Coefficient, Coefficients
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import identifiable, PARAMETERS, regressor
+from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
+import numpy as np
+
+# Samples whose regressor is built at once, and poses at which moments are read off a model.
+_AT_ONCE, _POSES = 4096, 256
+# How far inertias differ from those of the nominal arm, relative to what its joint carries; how
+# large a rotor is, and what every joint carries at least, relative to the joint that carries most.
+_DIFFERS, _ROTOR, _LEAST = 0.2, 0.02, 0.01
+# m: how far masses usually are from the axis that carries them, and axes from each other.
+_LENGTH, _BETWEEN = 0.4, 0.1
+NOMINAL = Coefficient('s', '', 'share of the torque of motion of a nominal arm, which is made of '
+                               'the first moments of gravity')
+
+
+class Dynamics(ABC):
+    """
+    Columns of the torque of motion, and how large their coefficients (K,) are before any data.
+
+    `usual` (K,) are standard deviations, inf where a coefficient is free.
+    """
+
+    usual: FloatArray
+
+    @abstractmethod
+    def coefficients(self) -> Coefficients:
+        """Return what each column is multiplied by."""
+
+    @abstractmethod
+    def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        """Return the columns (M, N, K) for angles, speeds and accelerations (M, N)."""
+
+
+@dataclass(frozen=True, eq=False)
+class DescribedDynamics(Dynamics):
+    """
+    The torque of an arm with known axes: nominal parameters (10 N,), inertias and rotors.
+
+    `inertias` (K,) are parameter numbers, `rotors` (R,) joint numbers.
+    """
+
+    geometry: Geometry
+    nominal: FloatArray
+    inertias: IntArray
+    rotors: IntArray
+    usual: FloatArray
+
+    @classmethod
+    def of(cls, model: GravityModel, geometry: Geometry) -> DescribedDynamics:
+        """Return the dynamics whose first moments are those of a gravity model."""
+        inertias, rotors = identifiable(geometry)
+        nominal = nominal_parameters(geometry, first_moments(model, geometry))
+        carried = _at_least(mean_inertia(geometry, nominal))
+        usual = np.concatenate([[np.inf], _DIFFERS * carried[inertias // 10],
+                                np.full(len(rotors), _ROTOR * carried.max())])
+        return cls(geometry, nominal, inertias, rotors, usual)
+
+    def coefficients(self) -> Coefficients:
+        return (NOMINAL, *(_inertia(k // 10, PARAMETERS[k % 10], ' beyond that of the nominal arm')
+                           for k in map(int, self.inertias)), *map(_rotor, self.rotors))
+
+    def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        k = 1 + len(self.inertias)
+        found = np.zeros((*q.shape, k + len(self.rotors)))
+        for start in range(0, len(q), _AT_ONCE):
+            rows = slice(start, start + _AT_ONCE)
+            every = regressor(self.geometry, q[rows], qd[rows], qdd[rows])
+            found[rows, :, 0] = every @ self.nominal
+            found[rows, :, 1:k] = every[:, :, self.inertias]
+        for place, joint in enumerate(self.rotors):
+            found[:, joint, k + place] = qdd[:, joint]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ChainDynamics(Dynamics):
+    """
+    The torque of an arm whose axes and moments are those of a chain, its lengths unknown.
+
+    `balls` (N,) in kg·m^2 are the inertias of the nominal arm (`motion_columns`).
+    """
+
+    chain: Chain
+    balls: FloatArray
+    usual: FloatArray
+
+    @classmethod
+    def of(cls, chain: Chain) -> ChainDynamics:
+        """Return the dynamics of a chain; what a joint carries is estimated from its moments."""
+        n = chain.n_joints
+        balls = _at_least(_LENGTH * np.linalg.norm(chain.moments, axis=1) / STANDARD_GRAVITY)
+        carried = np.cumsum(balls[::-1])[::-1]
+        differ = _DIFFERS * carried
+        usual = np.concatenate([[np.inf], differ[:1], np.repeat(differ[1:], len(INERTIAS)),
+                                np.full(3 * (n - 1), _BETWEEN),
+                                np.full(n - 1, _ROTOR * carried.max())])
+        return cls(chain, balls, usual)
+
+    def coefficients(self) -> Coefficients:
+        n = self.chain.n_joints
+        lengths = (_length(joint, axis) for joint in range(1, n) for axis in 'xyz')
+        inertias = (_inertia(link, kind) for link in range(1, n) for kind in INERTIAS)
+        return (NOMINAL, _inertia(0, 'Izz'), *inertias, *lengths, *map(_rotor, range(1, n)))
+
+    def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+        n = self.chain.n_joints
+        found = motion_columns(self.chain, self.balls, q, qd, qdd)
+        rotors = np.zeros((len(q), n, n - 1))
+        rotors[:, np.arange(1, n), np.arange(n - 1)] = qdd[:, 1:]
+        return np.concatenate([found, rotors], axis=2)
+
+
+def _at_least(carried: FloatArray) -> FloatArray:
+    """Return inertias (N,) in kg·m^2 about each joint, none next to nothing."""
+    return np.maximum(carried, max(_LEAST * float(carried.max()), 1e-6))
+
+
+def _inertia(link: int, kind: str, beyond: str = '') -> Coefficient:
+    return Coefficient(f'{kind}_{link + 1}', 'kg·m^2',
+                       f'{kind} of link number {link + 1}{beyond}, what it carries included')
+
+
+def _length(joint: int, axis: str) -> Coefficient:
+    return Coefficient(f'{axis}_{joint + 1}', 'm', f'where axis {joint + 1} lies in link number '
+                                                   f'{joint}, along {axis}')
+
+
+def _rotor(joint: int) -> Coefficient:
+    return Coefficient(f'J_{joint + 1}', 'kg·m^2', f'inertia of the rotor of joint number '
+                                                   f'{joint + 1}, behind its gear')
+
+
+@lru_cache(maxsize=4)
+def described_dynamics(model: GravityModel) -> DescribedDynamics | None:
+    """Return the dynamics of a gravity model with known axes; None if it has none."""
+    return None if model.geometry is None else DescribedDynamics.of(model, model.geometry)
+
+
+@lru_cache(maxsize=4)
+def chain_dynamics(chain: Chain) -> ChainDynamics:
+    """Return the dynamics of a chain."""
+    return ChainDynamics.of(chain)
+
+
+def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
+    """
+    Return the first moments (N, 2) of a gravity model about known axes, in kg·m.
+
+    They are those of its chain, or what comes nearest to its torque over the trained range.
+    """
+    chain = model.chain
+    if chain is not None and np.allclose(chain.axes[1:], geometry.rotations[1:], atol=1e-6):
+        return chain.moments / STANDARD_GRAVITY
+    low, high = model.coverage.q_min, model.coverage.q_max
+    q = np.random.default_rng(0).uniform(low, np.maximum(high, low), (_POSES, model.n_joints))
+    columns = ForwardKinematics(geometry.rotations, q).moment_columns()
+    flat = columns.reshape(len(columns), -1).T
+    found = np.linalg.lstsq(flat, model.predict(q).T.ravel(), rcond=1e-6)[0]
+    return np.asarray(found.reshape(-1, 2) / STANDARD_GRAVITY)
