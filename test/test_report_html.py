@@ -136,6 +136,10 @@ def test_the_report_in_a_browser(diagnosed, watched):
         # Two a joint over time, four residuals, two spectra; two heat maps; bars and more.
         assert len(plots) >= 2 * 8 + 3
         assert all(width > 60 and height > 25 for _, width, height in plots), plots
+        # Every plot that there is was painted when the page called itself ready, and none has an
+        # axis of names, beside which Bokeh leaves stray marks.
+        kinds = page.evaluate(_kinds)
+        assert kinds.count('Figure') == len(plots) and 'CategoricalAxis' not in kinds
         assert tab.selected()[0] == 0
         first = page.locator('#time .bk-Figure').first
         first.scroll_into_view_if_needed()
@@ -342,6 +346,7 @@ _selection = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.name == 'selection') return model.text
 }"""
+_kinds = '() => [...Bokeh.documents[0]._all_models.values()].map(model => model.type)'
 _grounds = """() => {
   const found = []
   for (const model of Bokeh.documents[0]._all_models.values())

@@ -109,6 +109,6 @@ def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
-    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.PLAIN_LINES)
+    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.LESS_WORK)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))
