@@ -196,8 +196,12 @@ class Page:
         self.missing.children = found_panel.parts(one, self._add, plans)
         self.history.children = [*self._history.parts(one, self.style),
                                  *plan_panel.asking(one, plans)]
-        # The numbers go out first: the views of a long recording take their time.
-        self._outdated = True
+        # The numbers of a new model go out first: its views take their time.
+        stage = one.session.stage
+        self._outdated = self.views is not None and stage is not None \
+            and self.views.contents.model is not stage.model
+        if not self._outdated:
+            self._show(one)
 
     def _show(self, one: OpenSession) -> None:
         """Show the verdict and the view of what is there now."""

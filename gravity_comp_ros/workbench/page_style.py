@@ -75,6 +75,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 /* On a narrow page the answer comes first, the choices last. */
 @media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) }
   aside { order: 1 } }
+@media print { aside { display: none } }
 </style>
 </head>
 <body>
