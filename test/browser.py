@@ -15,11 +15,11 @@ OPTIONS = ['--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run',
            '--disable-background-networking', '--disable-component-update', '--disable-sync']
 WAIT = 90_000
 
-# Every plot of a page whose frame is drawn: its title and size in pixels.
+# Every plot of a page that has been painted: its title and size in pixels.
 PLOTS = """() => {
   const found = []
   const walk = (view) => {
-    if (view.model.type == 'Figure' && view.el.isConnected && view.el.offsetParent !== null)
+    if (view.model.type == 'Figure' && view._render_count && view.el.offsetParent !== null)
       found.push([view.model.title ? view.model.title.text : '', view.frame.bbox.width,
                   view.frame.bbox.height])
     for (const child of view.child_views || []) walk(child)

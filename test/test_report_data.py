@@ -142,3 +142,7 @@ def test_text_from_files_never_is_markup():
                  markup.key([('red"><b>', bad)])):
         assert '<script' not in html and '\x1b' not in html and '"&' not in html
         assert '&lt;script&gt;' in html
+
+
+def test_powers_of_units_are_raised():
+    assert markup.units('I = 0.2 ± 0.1 kg·m^2, 3 m^3') == 'I = 0.2 ± 0.1 kg·m², 3 m³'

@@ -7,10 +7,12 @@ import subprocess
 import sys
 
 from browser import browsing, INJECT, LIVELY
+from gravity_comp_ros.api.results import structure_lines
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
+from gravity_comp_ros.diagnosis.structure_tests import BrokenLaw
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.evaluation.compare import compare
@@ -20,7 +22,8 @@ from gravity_comp_ros.report.arm import described_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.report.headline import headline, named_joint
 from gravity_comp_ros.report.page import report_html
-from gravity_comp_ros.report.views import joints
+from gravity_comp_ros.report.source import Table
+from gravity_comp_ros.report.views import effects, joints
 import numpy as np
 import pytest
 from rough_links import two_link_urdf, two_links
@@ -136,8 +139,20 @@ def test_the_report_in_a_browser(diagnosed, watched):
         # Two a joint over time, four residuals, two spectra; two heat maps; bars and more.
         assert len(plots) >= 2 * 8 + 3
         assert all(width > 60 and height > 25 for _, width, height in plots), plots
+        # Every plot that there is was painted when the page called itself ready, and none has an
+        # axis of names, beside which Bokeh leaves stray marks.
+        kinds = page.evaluate(_kinds)
+        assert kinds.count('Figure') == len(plots) and 'CategoricalAxis' not in kinds
         assert tab.selected()[0] == 0
-        first = page.locator('#time .bk-Figure').first
+        first, last = page.locator('#time .bk-Figure').first, page.locator('#time .bk-Figure').last
+        # At the last joint the tools are on the screen still, and the cursor tells values.
+        page.set_viewport_size({'width': 1280, 'height': 400})
+        last.scroll_into_view_if_needed()
+        tools, box = page.locator('#time .bk-Toolbar').bounding_box(), last.bounding_box()
+        assert 0 <= tools['y'] < box['y'] and first.bounding_box()['y'] < 0
+        page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 0.5 * box['height'])
+        page.locator('.bk-Tooltip').filter(
+            has_text=re.compile(r'time.* s.*residual.* N·m', re.DOTALL)).first.wait_for()
         first.scroll_into_view_if_needed()
         tab.drag(first.bounding_box(), 0.2, 0.4)
         page.wait_for_function(f'({_selected_count}) > 0')
@@ -173,7 +188,19 @@ def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
         tab.open(page.as_uri())
         whole = np.array(tab.page.evaluate(_lines)[0])
         assert len(whole) < 7500
-        # Over an axis the wheel zooms that axis alone.
+        # In a plot the wheel zooms both ways, with Ctrl; over an axis it zooms that axis alone.
+        torque = tab.page.locator('#time .bk-Figure').first
+        torque.scroll_into_view_if_needed()
+        box = torque.bounding_box()
+        tab.page.mouse.move(box['x'] + 0.5 * box['width'], box['y'] + 0.5 * box['height'])
+        wide, high = tab.page.evaluate(_spans)
+        tab.page.mouse.wheel(0, -10)
+        assert tab.page.evaluate(_spans) == [wide, high]
+        tab.page.keyboard.down('Control')
+        tab.page.mouse.wheel(0, -100)
+        tab.page.keyboard.up('Control')
+        tab.page.wait_for_function(f'([wide, high]) => {{ const [w, h] = ({_spans})();'
+                                   'return w < wide && h < high }', arg=[wide, high])
         last = tab.page.locator('#time .bk-Figure').last
         last.scroll_into_view_if_needed()
         box = last.bounding_box()
@@ -199,6 +226,20 @@ def test_who_zooms_in_sees_more_samples_and_selects_among_them(large, watched):
         assert [start, end] == pytest.approx(contents.samples.t[chosen][[0, -1]], abs=6e-3)
         assert rmse == pytest.approx(np.sqrt((contents.residual[chosen, 0] ** 2).mean()), abs=1e-3)
         assert tab.complaints == []
+
+
+def test_a_server_draws_what_is_zoomed_in_on_from_all_samples(large):
+    _, contents = large
+    table = Table(contents)
+    table.range.start, table.range.end = 100.0, 150.0
+    table.follow_window()
+    k, t = (table.lines.data[name] for name in 'kt')
+    inside = np.flatnonzero((contents.samples.t >= 100.0) & (contents.samples.t <= 150.0))
+    assert set(inside) <= set(k) and len(k) <= len(inside) + 2 > 900
+    np.testing.assert_allclose(table.lines.data['r0'], contents.residual[k, 0], atol=1e-4)
+    np.testing.assert_allclose(t, contents.samples.t[k], atol=1e-3)
+    # What all plots share stays as it is.
+    assert len(table.source.data['t']) == len(table.rows) < 7500
 
 
 def test_the_arm_moves_with_the_slider_and_shows_what_is_selected(large, watched):
@@ -294,7 +335,7 @@ def found_on(contents, verdict='established', before=0.1, after=0.02, **more):
     return replace(contents, diagnosis=Diagnosis((finding,), reports))
 
 
-def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(folder):
+def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(folder, watched):
     samples = concatenate(read_bag(folder / name).samples for name in ('run1.mcap', 'run2.mcap'))
     model = fit(slow_samples(samples).samples, FitOptions('potential')).model
     slow = slow_samples(samples).samples
@@ -313,15 +354,31 @@ def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(fol
     same = found_on(contents, before=0.0025, after=0.002499)
     assert headline(same).startswith('Nothing is missing that changes the error')
     assert '0.25 % of the range' in headline(same)
+    # What no effect explains but breaks the structure of gravity is told as in the terminal.
+    law = BrokenLaw('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow has a '
+                    'part that no gravity has', ('tool_force',))
+    broken = replace(found, diagnosis=replace(found.diagnosis, laws=(law,)))
+    words = effects.structure(broken.diagnosis)
+    assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words
     # The name of an effect is text as well.
-    page = report_html(found_on(contents, effect=EVIL[0]))
-    assert '<img src=x' not in page and '&lt;img src=x onerror=alert(1)&gt;' in page
+    evil = folder / 'effect.html'
+    evil.write_text(report_html(found_on(contents, effect=EVIL[0])))
+    assert '<img src=x' not in evil.read_text()
+    with watched(evil.as_uri()) as tab:
+        tab.open(evil.as_uri())
+        assert EVIL[0] in tab.page.locator('#verdict').inner_text()
+        assert tab.page.evaluate(LIVELY) == [] and tab.dialogs == [] and tab.complaints == []
 
 
 _lines = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.type == 'ColumnDataSource' && model.get_column('r0') && !model.get_column('q0'))
       return [Array.from(model.get_column('t')), Array.from(model.get_column('r0'))]
+}"""
+_spans = """() => {
+  for (const model of Bokeh.documents[0]._all_models.values())
+    if (model.type == 'Figure' && model.title && model.title.text == 'shoulder')
+      return [model.x_range, model.y_range].map(range => range.end - range.start)
 }"""
 _chosen = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
@@ -342,6 +399,7 @@ _selection = """() => {
   for (const model of Bokeh.documents[0]._all_models.values())
     if (model.name == 'selection') return model.text
 }"""
+_kinds = '() => [...Bokeh.documents[0]._all_models.values()].map(model => model.type)'
 _grounds = """() => {
   const found = []
   for (const model of Bokeh.documents[0]._all_models.values())

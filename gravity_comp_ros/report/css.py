@@ -95,7 +95,8 @@ a { color: var(--strong) }
   nav, .copy { display: none }
   .wide, pre { overflow: visible }
   .plots { max-width: 100%; overflow: visible }
-  #time .plots, #residuals .plots, #spectrum .plots { margin-bottom: 20em }
+  #time .plots, #residuals .plots, #spectrum .plots, #effects .plots, #model .plots {
+    margin-bottom: 20em }
   details > *:not(summary) { display: none }
   h1, h2, h3, .key, thead { break-after: avoid }
   tr, .command { break-inside: avoid }

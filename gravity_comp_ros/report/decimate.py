@@ -5,7 +5,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 import numpy as np
 
-MOST_ROWS = 6000
+MOST_ROWS = 4000
 
 
 def keep_extremes(runs: IntArray, values: FloatArray,

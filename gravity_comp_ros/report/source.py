@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
 
@@ -30,12 +31,20 @@ if (wanted.size)
 to.matched = String(found)
 to.selected.indices = found
 """
-# Without a server a page draws what it holds: of a short window all that is there.
+# Without a server a page draws what it holds: of a short window all that is there. That is large,
+# so it is taken apart when it is first asked for.
 _ZOOM = """
-if (!fine.whole) fine.whole = lines.data
-clearTimeout(fine.waits)
-fine.waits = setTimeout(() => {
-  const t = fine.get_column('t')
+if (!lines.fine) {
+  lines.whole = lines.data
+  lines.fine = {}
+  for (const [name, text] of Object.entries(fine)) {
+    const bytes = Uint8Array.from(atob(text), letter => letter.charCodeAt(0)).buffer
+    lines.fine[name] = name == 'k' ? new Int32Array(bytes) : new Float32Array(bytes)
+  }
+}
+clearTimeout(lines.waits)
+lines.waits = setTimeout(() => {
+  const t = lines.fine.t
   let first = t.length, last = 0
   for (let row = 0; row < t.length; row++)
     if (t[row] >= range.start && t[row] <= range.end) {
@@ -44,13 +53,10 @@ fine.waits = setTimeout(() => {
     }
   first = Math.max(first - 1, 0)
   last = Math.min(last + 2, t.length)
-  let data = fine.whole
+  let data = lines.whole
   if (last > first && last - first < most) {
     data = {}
-    for (const name of fine.columns()) {
-      const whole = fine.get_column(name), kind = name == 'k' ? Int32Array : Float32Array
-      data[name] = new kind(whole.buffer, whole.byteOffset + 4 * first, last - first)
-    }
+    for (const [name, whole] of Object.entries(lines.fine)) data[name] = whole.slice(first, last)
     for (const n of numbers) data['r' + n] = data['m' + n].map((m, row) => m - data['p' + n][row])
   }
   if (data !== lines.data) lines.data = data
@@ -147,8 +153,8 @@ class Table:
             return
         rows, weights = self._drawn(np.arange(len(self.time)), self.drawn, _FINE_ROWS)
         columns = self._over_time(rows, weights)
-        fine = ColumnDataSource({name: column for name, column in columns.items()
-                                 if name[0] != 'r'})
+        fine = {name: b64encode(column.astype(column.dtype.newbyteorder('<')).tobytes()).decode()
+                for name, column in columns.items() if name[0] != 'r'}
         follow = CustomJS(args={'lines': self.lines, 'fine': fine, 'range': self.range,
                                 'most': len(self.rows), 'numbers': self.contents.numbers},
                           code=_ZOOM)

@@ -46,7 +46,7 @@ def _toolbar(plots: list[figure]) -> Toolbar:
     def merged(kind: type, group: list) -> SaveTool | None:
         return SaveTool() if issubclass(kind, SaveTool) else None
 
-    grouped = group_tools(tools, merge=merged, ignore={'overlay', 'renderers'})
+    grouped = group_tools(tools, merge=merged, ignore={'overlay', 'renderers', 'tooltips'})
     made = Toolbar(tools=grouped, logo=None, styles=_AT_HAND, stylesheets=[_NARROW])
     for tool in grouped:
         if isinstance(tool, ToolProxy) and active in tool.tools:

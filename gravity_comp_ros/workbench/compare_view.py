@@ -7,16 +7,14 @@ from dataclasses import dataclass
 
 from bokeh.layouts import column, gridplot
 from bokeh.models import UIElement
-from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.wording import percent
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
-from gravity_comp_ros.report.bars import pair_bars
+from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.style import canvas_text, short, Style
+from gravity_comp_ros.report.style import short, Style
 from gravity_comp_ros.report.views.equations import numbers
 
 
@@ -43,11 +41,14 @@ def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
                             f'chosen now.', 'quiet')
     lead += _made_of(a, b) + _errors(joints, a.comparison, b.comparison)
     # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
-    parts: list[UIElement] = [gridplot([[_bars(joints, a, b, style)]],
-                                       sizing_mode='stretch_width', toolbar_location=None)]
+    bars = _bars(joints, a, b, style)
+    made = bar_plot(style, 'RMSE of both models', 'RMSE, N·m', 90 + 34 * len(joints), joints, bars,
+                    '0.0000')
+    parts: list[UIElement] = [gridplot([[made]], sizing_mode='stretch_width',
+                                       toolbar_location=None)]
     if plots is not None:
         parts.append(plots)
-    return Section('compare', f'{b.name} against {a.name}', lead,
+    return Section('compare', f'{b.name} against {a.name}', lead + bar_key(bars),
                    column(*parts, sizing_mode='stretch_width'))
 
 
@@ -74,16 +75,7 @@ def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
          'largest N·m, A', 'largest N·m, B'], rows)
 
 
-def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> figure:
-    names = [canvas_text(short(f'{k + 1} {printable(joint)}', 22))
-             for k, joint in enumerate(joints)]
-    made = pair_bars(style, 'RMSE of both models', 'N·m', 110 + 34 * len(joints), names,
-                     (_label('A', a), [a.comparison.joints[joint].rmse for joint in joints]),
-                     (_label('B', b), [b.comparison.joints[joint].rmse for joint in joints]),
-                     [('A', '@first{0.0000} N·m'), ('B', '@second{0.0000} N·m')])
-    made.legend.orientation = 'vertical'
-    return made
-
-
-def _label(letter: str, seen: Seen) -> str:
-    return canvas_text(f'{letter}: {short(printable(seen.name), 44)}')
+def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> list[Bars]:
+    return [Bars(f'{letter}: {short(seen.name, 44)}',
+                 [seen.comparison.joints[joint].rmse for joint in joints], colour)
+            for letter, seen, colour in (('A', a, style.before), ('B', b, style.after))]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from bokeh.layouts import column, row
 from bokeh.models import UIElement
 from gravity_comp_ros.diagnosis import wording
-from gravity_comp_ros.diagnosis.findings import Finding
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.models.applied_effects import target as effect_name
 from gravity_comp_ros.planning.questions import OPEN
 from gravity_comp_ros.report import markup
@@ -34,7 +34,7 @@ def parts(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
                             'Being looked for; the views below are ready.'))
     else:
         shown += _findings(one, add, plans)
-        shown.append(widgets.html(structure(session.diagnosis)))
+        shown.append(widgets.html(_structure(one, session.diagnosis)))
         shown += plan_panel.planned(one, plans)
     if stage is not None and stage.model.applied.effects:
         held = ', '.join(e.target for e in stage.model.applied.effects)
@@ -85,6 +85,14 @@ def _told(number: int, finding: Finding) -> str:
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; error '
             f'{markup.text(wording.change(finding) + rivals)}</span></p>')
+
+
+def _structure(one: OpenSession, diagnosis: Diagnosis) -> str:
+    told = structure(diagnosis)
+    if not told or not one.session.findings():
+        return told
+    # Below findings it is folded, so that the answer is on the same screen.
+    return markup.folded('Beyond the effects', told)
 
 
 def _turn(element: UIElement) -> None:

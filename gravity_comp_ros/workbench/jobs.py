@@ -23,6 +23,7 @@ from gravity_comp_ros.planning.plan import Plan, plan
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
+import numpy as np
 
 Progress = Callable[[str, float], None]
 
@@ -154,6 +155,9 @@ def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
     """Return the model that `gravity_comp fit --joints` gives, and what it is based on."""
     options = job.choice.learning(job.ordered)
     found = learn(recording, known_arm(recording, options), options, progress=progress)
+    # The page has the samples already.
+    none = recording.samples.select(np.zeros(0, dtype=np.int64))
+    found = replace(found, recording=replace(recording, samples=none))
     if found.arm.axes.geometry is not None:
         return found
     # The command lines name the joints, in this order.

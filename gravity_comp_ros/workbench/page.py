@@ -46,6 +46,7 @@ class Page:
         self.pair = PairView()
         self._side: Side | None = None
         self._seen, self._sweeps, self._focus = -1, 0, ''
+        self._outdated = False
         self.live = LiveView(follower, self.style) if follower else None
         self.names = [*((*NAMES, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
         self.view = self.names[0]
@@ -121,6 +122,8 @@ class Page:
         if one is not None:
             if one.version != self._seen:
                 self._refresh()
+            elif self._outdated:
+                self._show(one)
             else:
                 self._say(one)
             if self.views is not None:
@@ -188,13 +191,23 @@ class Page:
         if one is None:
             return
         self._seen = one.version
-        self._make_views(one)
-        self._say(one)
         self._fill_side(one)
         plans = PlanActions(one.plan, self.downloads.give)
         self.missing.children = found_panel.parts(one, self._add, plans)
         self.history.children = [*self._history.parts(one, self.style),
                                  *plan_panel.asking(one, plans)]
+        # The numbers of a new model go out first: its views take their time.
+        stage = one.session.stage
+        self._outdated = self.views is not None and stage is not None \
+            and self.views.contents.model is not stage.model
+        if not self._outdated:
+            self._show(one)
+
+    def _show(self, one: OpenSession) -> None:
+        """Show the verdict and the view of what is there now."""
+        self._outdated = False
+        self._make_views(one)
+        self._say(one)
         self._show_verdict(one)
         self._show_view()
         if self._focus and not one.worker.busy:
@@ -290,6 +303,8 @@ class Page:
         if self.one is None or self.views is None or self.one.session.stage is None:
             self._complain('there is no model yet')
             return
+        if self._outdated:
+            self._show(self.one)
         self.downloads.give('report.html', 'text/html', report_html(self.views.contents))
 
     def _export_commands(self) -> None:

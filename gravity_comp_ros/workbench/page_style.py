@@ -75,6 +75,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 /* On a narrow page the answer comes first, the choices last. */
 @media (max-width: 900px) { .page, .above { grid-template-columns: minmax(0, 1fr) }
   aside { order: 1 } }
+@media print { aside { display: none } }
 </style>
 </head>
 <body>
@@ -109,6 +110,6 @@ def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
     text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
-    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.PLAIN_LINES)
+    text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.LESS_WORK)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 import errno
+import logging
 from pathlib import Path
 import secrets
 import signal
@@ -67,6 +68,8 @@ def serve(options: ServeOptions) -> None:
     """
     # A browser sends a model that it has just got back as a whole, which is harmless.
     warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
+    # A page may be closed while something is on its way to it.
+    logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
     given = tuple(Given(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
     sessions = Sessions(lambda: _session(options, given), options.place,

@@ -12,15 +12,15 @@ from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
-from gravity_comp_ros.report.bars import pair_bars
+from gravity_comp_ros.report.bars import bar_key, bar_plot, Bars
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, plot, short, Style
+from gravity_comp_ros.report.style import plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
 _MOST_PLOTS, _COLUMNS = 9, 3
-_MOST_BARS = 15
+_MOST_BARS, _LONGEST = 15, 48
 _MOST_COEFFICIENTS = 4
 
 
@@ -39,9 +39,10 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
     lead = markup.paragraph(
         'Ranked by how sure they are. Errors are of data that was not fitted, each with the '
         'effects above it, as a share of the range of the measured torque.', 'quiet')
-    lead += findings_table(findings)
+    shown = findings[:_MOST_BARS]
+    lead += findings_table(findings) + bar_key(_bars(shown, style))
     # A grid of its own, because a plot beside a grid is laid out wrongly in an open page.
-    parts: list[UIElement] = [gridplot([[bars(findings[:_MOST_BARS], style)]],
+    parts: list[UIElement] = [gridplot([[_bar_plot(shown, style)]],
                                        sizing_mode='stretch_width', toolbar_location=None)]
     drawn = _added(contents, table, style)
     if drawn is not None:
@@ -73,17 +74,17 @@ def coefficients(finding: Finding, most: int = _MOST_COEFFICIENTS) -> str:
     return markup.units(results.coefficients(finding, most))
 
 
-def bars(findings: tuple[Finding, ...], style: Style) -> figure:
+def _bars(findings: tuple[Finding, ...], style: Style) -> list[Bars]:
     """Return the held-out error of each finding without and with it."""
-    names = [canvas_text(printable(f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'))
+    return [Bars('without it', [100.0 * f.nrmse_before for f in findings], style.before),
+            Bars('with it', [100.0 * f.nrmse_after for f in findings], style.after)]
+
+
+def _bar_plot(findings: tuple[Finding, ...], style: Style) -> figure:
+    names = [f'{k + 1}  {label(f)} · {short(f.joint or "whole arm")}'
              for k, f in enumerate(findings)]
-    made = pair_bars(style, 'Held-out error without and with each', '% of the range of the torque',
-                     92 + 38 * len(names), names,
-                     ('without', [100.0 * f.nrmse_before for f in findings]),
-                     ('with', [100.0 * f.nrmse_after for f in findings]),
-                     [('without', '@first{0.00} %'), ('with', '@second{0.00} %')])
-    made.legend.orientation = 'horizontal'
-    return made
+    return bar_plot(style, 'Held-out error without and with each', '% of the range of the torque',
+                    72 + 38 * len(names), names, _bars(findings, style), '0.00', _LONGEST)
 
 
 def details(findings: tuple[Finding, ...]) -> str:

@@ -9,7 +9,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
 from gravity_comp_ros.report.source import Table
-from gravity_comp_ros.report.style import canvas_text, plot, short, Style
+from gravity_comp_ros.report.style import plot, short, Style
 from gravity_comp_ros.report.tiles import tiles
 
 _HEIGHT, _AXIS = 165, 22
@@ -21,7 +21,7 @@ _AGAINST = (('v', 'own speed', 'rad/s'), ('q', 'own position', 'rad'),
 def section(contents: Contents, table: Table, style: Style) -> Section:
     """Return four plots a joint, coloured by the direction of motion."""
     colours = directions(style)
-    rows = [[_scatter(contents, table, style, n, k, colours, share)
+    rows = [[_scatter(table, style, n, k, colours, share, '' if k else contents.model.joints[n])
              for share in [own_range()] for k in range(len(_AGAINST))]
             for n in contents.numbers]
     grid = tiles(rows, 200)
@@ -38,10 +38,9 @@ def one(contents: Contents, table: Table, style: Style, joint: str, letter: str,
         height: int) -> figure:
     """Return a single one of these plots, of a joint, over what the letter stands for."""
     place = next(k for k, (name, _, _) in enumerate(_AGAINST) if name == letter)
-    made = _scatter(contents, table, style, contents.model.joints.index(joint), place,
-                    directions(style), own_range())
+    made = _scatter(table, style, contents.model.joints.index(joint), place, directions(style),
+                    own_range(), f'residual of {short(printable(joint), 24)}')
     made.height = height
-    made.title.text = canvas_text(f'residual of {short(printable(joint), 24)}')
     made.yaxis.axis_label = 'residual, N·m'
     return made
 
@@ -57,15 +56,14 @@ def own_range() -> DataRange1d:
     return DataRange1d(range_padding=0.06)
 
 
-def _scatter(contents: Contents, table: Table, style: Style, n: int, k: int,
-             colours: LinearColorMapper, share: DataRange1d) -> figure:
+def _scatter(table: Table, style: Style, n: int, k: int, colours: LinearColorMapper,
+             share: DataRange1d, name: str) -> figure:
     letter, title, unit = _AGAINST[k]
-    name = contents.model.joints[n]
     x = 't' if letter == 't' else f'{letter}{n}'
-    made = plot(style, name if k == 0 else '', f'{title}, {unit}',
-                'residual, N·m' if k == 0 else '', _HEIGHT + _AXIS, y_range=share,
+    made = plot(style, name, f'{title}, {unit}', '' if k else 'residual, N·m', _HEIGHT + _AXIS,
+                y_range=share,
                 tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,hover,reset,save')
-    made.scatter(x, f'r{n}', source=table.source, size=3, line_color=None,
+    made.scatter(x, f'r{n}', source=table.source, size=3, marker='square', line_color=None,
                  fill_color={'field': f'd{n}', 'transform': colours}, fill_alpha=0.55,
                  selection_fill_color=style.marked, selection_fill_alpha=0.95,
                  nonselection_fill_alpha=0.12, nonselection_line_color=None,

@@ -48,6 +48,8 @@ told.text = `<p><b>${about}${Math.round(count)} selected</b>: ${where}. ` +
   `RMSE, N·m: ${errors.join(', ')}</p>`
 """
 _TALL, _LOW, _AXIS = 150, 112, 42
+# As wide as the numbers of any torque are, so that all plots begin at the same time.
+_LEFT = 72
 _MOST_LABELS = 12
 
 
@@ -92,7 +94,7 @@ def _numbers(contents: Contents, table: Table) -> Div:
 def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1d,
             first: bool) -> figure:
     name = contents.model.joints[n]
-    made = plot(style, name, '', 'N·m', _TALL, x_range=time)
+    made = plot(style, name, '', 'N·m', _TALL, x_range=time, min_border_left=_LEFT)
     _line(made, table, f'm{n}', color=style.measured, line_width=1.2)
     _line(made, table, f'p{n}', color=style.predicted, line_width=1.4, line_dash=[6, 3])
     _marks(made, table, style, f'm{n}')
@@ -107,8 +109,7 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
 
 def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> figure:
     made = plot(style, '', 'time in s' if last else '', 'residual, N·m', _LOW + _AXIS * last,
-                x_range=time)
-    made.title.visible = False
+                x_range=time, min_border_left=_LEFT)
     _line(made, table, f'r{n}', color=style.residual, line_width=1.0)
     _marks(made, table, style, f'r{n}')
     made.add_tools(_cursor(made, [('residual', f'@r{n}{{0.000}} N·m')]))
