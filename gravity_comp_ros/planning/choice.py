@@ -17,34 +17,53 @@ import numpy as np
 _EXCHANGES = 2
 # Less than this is no help, in the units of `Answer.value`.
 _HELPS = 0.02
+# What a companion counts beside a target.
+_BESIDE = 0.5
 
 
 class Chooser:
     """Chooses among parts by the information that each adds to that of the recordings."""
 
-    def __init__(self, space: Workspace, situation: Situation, questions: Sequence[Question],
+    def __init__(self, space: Workspace, situation: Situation,
+                 questions: tuple[Sequence[Question], Sequence[Question]],
                  parts: Sequence[Part], pace: Pace, duration: float) -> None:
+        """
+        Measure the information of every part.
+
+        :param questions: the targets', and those of companions, which count less.
+        """
         self._space, self._situation, self._pace = space, situation, pace
-        self._questions, self._duration = list(questions), duration
+        self._n_targets, self._duration = len(questions[0]), duration
+        self._questions = [*questions[0], *questions[1]]
+        self._weights = [1.0] * len(questions[0]) + [_BESIDE] * len(questions[1])
         self._travel_times: dict[bytes, float] = {}
-        self._gradient = any(len(q.joints) > 1 for q in questions)
-        self._priors = [situation.prior(q) for q in questions]
+        self._gradient = any(len(q.joints) > 1 for q in self._questions)
+        self._priors = [situation.prior(q) for q in self._questions]
         recorded = situation.recorded
         self._widths = [tuple(width(one, recorded) for one in (q.target, *q.alternatives))
-                        for q in questions]
+                        for q in self._questions]
         self._parts = [part for part in parts if self._time([part]) <= duration]
         seconds = _seconds_a_row(recorded)
-        self._old = [situation.information(q, recorded, seconds) for q in questions]
+        # Friction and zeros of a joint may be others than they were: of usual effects beside the
+        # targets the new motion has to tell by itself.
+        self._old = [situation.information(q, recorded, seconds) for q in questions[0]]
+        self._old += [np.zeros_like(situation.information(q, recorded, seconds))
+                      for q in questions[1]]
         self._new = [self._information(part.segments) for part in self._parts]
 
     def choose(self) -> list[Part]:
-        """Return the parts in the order in which they are played."""
+        """
+        Return the parts in the order in which they are played.
+
+        None comes twice: noise would average out, but what the model lacks there would not.
+        """
         chosen: list[int] = []
         while (best := self._best_addition(chosen)) is not None:
             chosen.append(best)
         for _ in range(_EXCHANGES):
             if not self._exchange(chosen):
                 break
+        self._make_testable(chosen)
         return self._ordered([self._parts[k] for k in chosen])
 
     def assemble(self, chosen: Sequence[Part]) -> tuple[list[Segment],
@@ -65,20 +84,26 @@ class Chooser:
         return motion, stretches
 
     def answers_before(self) -> list[Answer]:
-        """Return what the recordings alone say."""
-        return self._answers(self._old)
+        """Return what the recordings alone say of the targets."""
+        return self._answers(self._old)[:self._n_targets]
 
     def answers_after(self, motion: Sequence[Segment]) -> list[Answer]:
-        """Return what the recordings and a whole motion say."""
+        """Return what the recordings and a whole motion say of the targets."""
         return self._answers([old + new for old, new in zip(
-            self._old, self._information(tuple(motion)))])
+            self._old, self._information(tuple(motion)))])[:self._n_targets]
+
+    def untestable(self, motion: Sequence[Segment]) -> list[str | None]:
+        """Return why a diagnosis of recordings and motion will not look for a target, by target."""
+        both = self._situation.joined(motion)
+        targets = [q.target for q in self._questions[:self._n_targets]]
+        return [one.effect.untestable(both, one.joint or 0) for one in targets]
 
     def helps(self, part: Part) -> list[int]:
         """Return the questions that a part by itself helps to settle."""
         new = self._new[next(k for k, p in enumerate(self._parts) if p is part)]
         before = self._answers(self._old)
         after = self._answers([a + b for a, b in zip(self._old, new)])
-        gains = [b.value - a.value for a, b in zip(before, after)]
+        gains = [b.value - a.value for a, b in zip(before, after)][:self._n_targets]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
     def _best_addition(self, chosen: list[int]) -> int | None:
@@ -89,7 +114,7 @@ class Chooser:
         best, best_gain = None, 0.0
         for k, part in enumerate(self._parts):
             time = self._time([*now, part])
-            if time > self._duration:
+            if k in chosen or time > self._duration:
                 continue
             gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
             if gain > _HELPS and gain / max(time - used, 0.5) > best_gain:
@@ -105,7 +130,7 @@ class Chooser:
             best, best_value = chosen[place], self._value(
                 [a + b for a, b in zip(known, self._new[chosen[place]])])
             for k, part in enumerate(self._parts):
-                if self._time([*others, part]) > self._duration:
+                if k in rest or self._time([*others, part]) > self._duration:
                     continue
                 value = self._value([a + b for a, b in zip(known, self._new[k])])
                 if value > best_value + _HELPS:
@@ -113,6 +138,28 @@ class Chooser:
             if best != chosen[place]:
                 chosen[place], improved = best, True
         return improved
+
+    def _make_testable(self, chosen: list[int]) -> None:
+        """Exchange parts until a diagnosis will look for every target that some part shows."""
+        hidden = self._hidden(chosen)
+        for k in sorted(range(len(self._parts)), key=lambda k: -self._value(self._total([k]))):
+            if not chosen or not hidden:
+                return
+            if k in chosen or self._hidden([*chosen, k]) >= hidden:
+                continue
+            trials = [[*chosen, k]] + [[*chosen[:n], k, *chosen[n + 1:]]
+                                       for n in range(len(chosen))]
+            trials = [each for each in trials
+                      if self._time([self._parts[n] for n in each]) <= self._duration
+                      and self._hidden(each) < hidden]
+            if trials:
+                chosen[:] = max(trials, key=lambda each: self._value(self._total(each)))
+                hidden = self._hidden(chosen)
+
+    def _hidden(self, chosen: Sequence[int]) -> int:
+        """Return how many targets are untestable after some parts."""
+        motion = [segment for k in chosen for segment in self._parts[k].segments]
+        return sum(reason is not None for reason in self.untestable(motion)) if motion else 0
 
     def _ordered(self, parts: list[Part]) -> list[Part]:
         """Return parts so that those of one joint and one posture follow each other."""
@@ -141,8 +188,7 @@ class Chooser:
 
     def _information(self, segments: Sequence[Segment]) -> list[FloatArray]:
         motion = self._situation.planned(tuple(segments), self._gradient)
-        seconds = 1.0 / self._situation.rate
-        return [self._situation.information(q, motion, seconds) for q in self._questions]
+        return [self._situation.planned_information(q, motion) for q in self._questions]
 
     def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
         total = list(self._old)
@@ -155,7 +201,8 @@ class Chooser:
             information, self._priors, self._widths, self._questions)]
 
     def _value(self, information: Sequence[FloatArray]) -> float:
-        return sum(each.value for each in self._answers(information))
+        return sum(weight * each.value for weight, each in zip(
+            self._weights, self._answers(information)))
 
 
 def _seconds_a_row(motion: Motion) -> float:

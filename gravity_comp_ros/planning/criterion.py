@@ -22,8 +22,6 @@ from scipy.linalg import cho_factor, cho_solve
 # Standard errors that a diagnosis asks for before it calls an effect established: it tests many
 # effects on many joints.
 SURE = 4.0
-# Where the chance of a decision is still flat, information counts by its logarithm.
-_SLOPE = 0.1
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,13 @@ class Answer:
 
     @property
     def value(self) -> float:
-        """What the choice of a motion maximises."""
-        return chance(self.separation) + _SLOPE * float(np.log1p(self.separation ** 2))
+        """
+        What the choice of a motion maximises.
+
+        It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
+        one target is not worth all the time.
+        """
+        return float(np.log1p((self.separation / SURE) ** 2))
 
 
 def chance(separation: float) -> float:

@@ -12,15 +12,16 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.noise import correlation_time
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
 from gravity_comp_ros.planning.criterion import Answer, chance
 from gravity_comp_ros.planning.options import PlanOptions, Target
-from gravity_comp_ros.planning.questions import observed_separation, open_targets, question
+from gravity_comp_ros.planning.questions import (
+    companions, observed_separation, open_targets, question, with_stand_ins)
 from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
-from gravity_comp_ros.planning.segments import Pace, sampled
+from gravity_comp_ros.planning.segments import Pace, Played, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace, workspace
 import numpy as np
 
@@ -55,7 +56,9 @@ class Expectation:
 
     `half_width` is half the 95 % interval of each coefficient afterwards, by symbol, in its unit.
     `hardest` is the alternative that comes closest. `assumed` has the coefficients that the effect
-    is taken to have; `measured` says that they come from the recordings.
+    is taken to have; `measured` says that they come from the recordings. Separations are in
+    standard errors from the best that the alternatives can do. `untestable` says why a diagnosis
+    will not look for the effect after all, '' if it will.
     """
 
     target: Target
@@ -65,6 +68,9 @@ class Expectation:
     hardest: str
     assumed: dict[str, float]
     measured: bool
+    separation_before: float
+    separation: float
+    untestable: str
 
     def to_json(self) -> dict[str, Any]:
         """Return one object of `expected` of `plan --json`."""
@@ -72,6 +78,8 @@ class Expectation:
                   for symbol, (width, unit) in self.half_width.items()}
         return {'effect': self.target.effect, 'joint': self.target.joint,
                 'chance_before': self.chance_before, 'chance': self.chance,
+                'separation_before': self.separation_before, 'separation': self.separation,
+                'untestable': self.untestable or None,
                 'closest_alternative': self.hardest or None, 'assumed': self.assumed,
                 'size_is_measured': self.measured, 'half_width': widths}
 
@@ -109,6 +117,54 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
         shows any of them.
     """
     tell = progress or (lambda words, share: None)
+    asked = _asked(samples, model, targets, options, diagnosis, tell)
+    tell('plan', 0.5)
+    chosen = asked.chooser.choose()
+    if not chosen:
+        raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
+                          f'much to the recordings: raise the duration, the speed or the reach, '
+                          f'or widen the position limits')
+    motion, stretches = asked.chooser.assemble(chosen)
+    t, (q, qd, qdd) = sampled(motion, options.rate)
+    tell('plan', 1.0)
+    expected = asked.expectations(motion)
+    notes = (*asked.notes, *(_unlikely(each) for each in expected if each.chance < _LIKELY))
+    return Plan(Trajectory(model.joints, t, q, qd, qdd),
+                _planned_parts(stretches, chosen, asked, model.joints), expected, notes)
+
+
+def expected_of(trajectory: Trajectory, samples: JointSamples, model: GravityModel,
+                targets: Sequence[Target] | None = None, options: PlanOptions = PlanOptions(),
+                diagnosis: Diagnosis | None = None) -> tuple[Expectation, ...]:
+    """
+    Return what to expect of any motion, such as one of the user's own.
+
+    :raises OptionError: as `plan`.
+    """
+    asked = _asked(samples, model, targets, options, diagnosis, lambda words, share: None)
+    return asked.expectations([Played(trajectory)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """The targets that can be planned for, and the one who chooses among parts."""
+
+    named: tuple[Target, ...]
+    questions: tuple[Question, ...]
+    situation: Situation
+    diagnosis: Diagnosis | None
+    chooser: Chooser
+    notes: tuple[str, ...]
+
+    def expectations(self, motion: Sequence[Segment]) -> tuple[Expectation, ...]:
+        each = zip(self.named, self.questions, self.chooser.answers_before(),
+                   self.chooser.answers_after(motion))
+        return tuple(_expectation(*one, self.situation, self.diagnosis, reason or '')
+                     for one, reason in zip(each, self.chooser.untestable(motion)))
+
+
+def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None,
+           options: PlanOptions, diagnosis: Diagnosis | None, tell: Progress) -> _Asked:
     samples = samples.joints(model.joints)
     if targets is None and diagnosis is None:
         tell('diagnose', 0.0)
@@ -119,6 +175,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
         targets = open_targets(diagnosis, situation.recorded)
     if not targets:
         raise OptionError('plan: nothing is left open; name what to settle')
+    targets = [with_stand_ins(target, diagnosis) for target in targets]
     pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
     tell('plan', 0.2)
     parts = _parts(space, model, targets, pace, options)
@@ -126,45 +183,19 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
     questions, named, notes = _questions(targets, parts, situation, diagnosis)
-    chooser = Chooser(space, situation, questions, parts, pace, options.duration)
-    tell('plan', 0.5)
-    chosen = chooser.choose()
-    if not chosen:
-        raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
-                          f'much to the recordings: raise the duration, the speed or the reach, '
-                          f'or widen the position limits')
-    motion, stretches = chooser.assemble(chosen)
-    before, after = chooser.answers_before(), chooser.answers_after(motion)
-    t, (q, qd, qdd) = sampled(motion, options.rate)
-    tell('plan', 1.0)
-    expected = tuple(_expectation(*each, situation, diagnosis) for each in zip(
-        named, questions, before, after))
-    notes += [_unlikely(each) for each in expected if each.chance < _LIKELY]
-    return Plan(Trajectory(model.joints, t, q, qd, qdd),
-                _planned_parts(stretches, chosen, chooser, named, model.joints), expected,
-                tuple(notes))
+    beside, _, _ = _questions(companions(named), parts, situation, None)
+    situation = situation.measured([*questions, *beside])
+    chooser = Chooser(space, situation, (questions, beside), parts, pace, options.duration)
+    return _Asked(tuple(named), tuple(questions), situation, diagnosis, chooser, tuple(notes))
 
 
 def _situation(samples: JointSamples, model: GravityModel) -> Situation:
     few = samples.select(evenly_picked(samples.n_samples, _ROWS))
-    recorded = build_motion(few, model)
-    residual = few.tau - recorded.gravity
-    per_second = np.empty(few.n_joints)
-    step = float(np.median(np.diff(few.t)[np.diff(few.runs) == 0])) if len(few) > 1 else 1.0
-    for n in range(few.n_joints):
-        known = np.column_stack([recorded.direction(n), few.qd[:, n], np.ones(len(few)),
-                                 recorded.qdd[:, n], few.q[:, n], few.q[:, n] ** 2,
-                                 recorded.gravity[:, n]])
-        rest = residual[:, n] - known @ np.linalg.lstsq(known, residual[:, n], rcond=None)[0]
-        time = correlation_time(rest, few.runs) * step
-        # A thinned recording says nothing of correlation between the samples left out.
-        per_second[n] = 1.0 / (max(float(rest.var()), 1e-12) * max(time, 1e-9))
-        per_second[n] *= _thinned(samples, few) if time <= 1.5 * step else 1.0
-    return Situation(recorded, model, NoiseRate(per_second), _RATE)
-
-
-def _thinned(samples: JointSamples, few: JointSamples) -> float:
-    return samples.n_samples / max(few.n_samples, 1)
+    between = np.diff(samples.t)[np.diff(samples.runs) == 0]
+    step = float(np.median(between)) if len(between) else 1.0
+    # The noise is measured once it is known what is looked for.
+    noise = NoiseRate(1.0 / (np.maximum(white_noise(samples), 1e-6) ** 2 * step))
+    return Situation(build_motion(few, model), model, noise, step, _RATE)
 
 
 def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
@@ -174,10 +205,12 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
         if target.joint is not None and target.joint not in names:
             raise OptionError(f'{target.name}: no joint {target.joint}; the joints are '
                               f'{", ".join(names)}')
-    joints = [names.index(target.joint) for target in targets if target.joint in names]
+    elsewhere = [other.partition(':')[2] for target in targets for other in target.alternatives]
+    joints = [names.index(joint) for joint in (*(target.joint for target in targets), *elsewhere)
+              if joint in names]
     if any(target.joint is None for target in targets):
         joints += list(range(len(names)))
-    longest = min(8.0, 0.45 * options.duration)
+    longest = float(np.clip(0.25 * options.duration, 3.0, 8.0))
     found: list[Part] = []
     for joint in dict.fromkeys(joints):
         found += candidates(space, model, joint, pace, longest)
@@ -187,7 +220,7 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
 def _questions(targets: Sequence[Target], parts: Sequence[Part], situation: Situation,
                diagnosis: Diagnosis | None
                ) -> tuple[list[Question], list[Target], list[str]]:
-    noise = np.sqrt(1.0 / situation.noise.per_second / 0.02)
+    noise = np.sqrt(1.0 / (situation.noise.per_second * situation.step))
     questions, named, notes = [], [], []
     for target in targets:
         joint = (list(situation.model.joints).index(target.joint)
@@ -200,17 +233,16 @@ def _questions(targets: Sequence[Target], parts: Sequence[Part], situation: Situ
             notes.append(str(problem))
         else:
             named.append(target)
-    if not questions:
+    if targets and not questions:
         raise OptionError('plan: ' + '; '.join(notes))
     return questions, named, notes
 
 
-def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
-                   chooser: Chooser, named: Sequence[Target],
+def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part], asked: _Asked,
                    joints: tuple[str, ...]) -> tuple[PlannedPart, ...]:
     found: list[PlannedPart] = []
     for (start, end), part in zip(stretches, chosen):
-        settles = tuple(named[k].name for k in chooser.helps(part))
+        settles = tuple(asked.named[k].name for k in asked.chooser.helps(part))
         this = PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what, settles)
         if found and replace(this, start=0.0, end=0.0) == replace(found[-1], start=0.0, end=0.0):
             # The same again is one part.
@@ -220,13 +252,17 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
 
 
 def _unlikely(expected: Expectation) -> str:
+    if expected.untestable:
+        return (f'{expected.target.name}: no part within these limits settles it: '
+                f'{expected.untestable}')
     beside = f' beside {expected.hardest}' if expected.hardest else ''
     return (f'{expected.target.name}: this motion settles it{beside} with a chance of '
             f'{100 * expected.chance:.0f} % only; a longer or faster motion, or more reach, may')
 
 
 def _expectation(target: Target, asked: Question, before: Answer, after: Answer,
-                 situation: Situation, diagnosis: Diagnosis | None) -> Expectation:
+                 situation: Situation, diagnosis: Diagnosis | None,
+                 untestable: str) -> Expectation:
     symbols = asked.target.effect.coefficients_of(
         situation.recorded, asked.target.joint or 0, asked.target.setting)
     widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.spread)}
@@ -237,5 +273,7 @@ def _expectation(target: Target, asked: Question, before: Answer, after: Answer,
         # The recordings have left the question open, whatever they might have said.
         seen = min(seen, observed_separation(target, diagnosis))
     added = max(after.separation ** 2 - before.separation ** 2, 0.0)
-    return Expectation(target, chance(seen), chance(float(np.sqrt(seen ** 2 + added))), widths,
-                       hardest, assumed, asked.known_size)
+    separation = float(np.sqrt(seen ** 2 + added))
+    stated = 0.0 if untestable else chance(separation)
+    return Expectation(target, chance(seen), stated, widths, hardest, assumed,
+                       asked.known_size, seen, separation, untestable)

@@ -57,6 +57,12 @@ class Workspace:
         line = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
         return self.admits(line) and self._near(line)
 
+    def admits_path(self, path: FloatArray) -> bool:
+        """Return whether a path (M, N) is admissible between its points as well."""
+        step = float(np.abs(np.diff(path, axis=0)).max(initial=0.0))
+        return self.admits(path) and (not np.isfinite(self.reach) or bool(
+            (self.distance(path) <= self.reach - 0.5 * step).all()))
+
     def _near(self, line: FloatArray) -> bool:
         """
         Return whether a line that was sampled every `_STEP` is near enough between samples too.
