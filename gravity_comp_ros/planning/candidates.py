@@ -18,7 +18,7 @@ from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 # Shares of the largest speed.
-_SPEEDS = (1.0, 0.4, 0.15)
+_SPEEDS, _TOGETHER = (1.0, 0.4, 0.15), 0.45
 # No part takes longer, s: several short ones are better than one long one.
 _LONGEST = 8.0
 _SHORTEST = 3.0
@@ -128,7 +128,7 @@ def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: 
         up, down = (space.extent(base, s * axis, 1.0) for s in (1.0, -1.0))
         if up + down < _LEAST_STROKE:
             continue
-        speed = 0.5 * pace.speed
+        speed = _TOGETHER * pace.speed
         low, high = _centred(down, up, min(up + down, 0.5 * longest * speed))
         found.append(_to_and_fro(f'both {how}{where}', joints, base, axis, low, high,
                                  pace.slower(speed), longest))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
-from gravity_comp_ros.planning.criterion import Answer, answer
-from gravity_comp_ros.planning.regressors import Question, Situation, width
-from gravity_comp_ros.planning.segments import Pace, Segment
+from gravity_comp_ros.planning.inquiry import Inquiry, Valued
+from gravity_comp_ros.planning.regressors import Situation
+from gravity_comp_ros.planning.segments import Pace, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
@@ -25,30 +23,22 @@ class Chooser:
     """Chooses among parts by the information that each adds to that of the recordings."""
 
     def __init__(self, space: Workspace, situation: Situation,
-                 questions: tuple[Sequence[Question], Sequence[Question]],
+                 inquiries: tuple[Sequence[Inquiry], Sequence[Inquiry]],
                  parts: Sequence[Part], pace: Pace, duration: float) -> None:
         """
         Measure the information of every part.
 
-        :param questions: the targets', and those of companions, which count less.
+        :param inquiries: the targets', and those of companions, which count less.
         """
         self._space, self._situation, self._pace = space, situation, pace
-        self._n_targets, self._duration = len(questions[0]), duration
-        self._questions = [*questions[0], *questions[1]]
-        self._weights = [1.0] * len(questions[0]) + [_BESIDE] * len(questions[1])
+        self._n_targets, self._duration = len(inquiries[0]), duration
+        self._inquiries = [*inquiries[0], *inquiries[1]]
+        self._weights = [1.0] * len(inquiries[0]) + [_BESIDE] * len(inquiries[1])
         self._travel_times: dict[bytes, float] = {}
-        self._gradient = any(len(q.joints) > 1 for q in self._questions)
-        self._priors = [situation.prior(q) for q in self._questions]
-        recorded = situation.recorded
-        self._widths = [tuple(width(one, recorded) for one in (q.target, *q.alternatives))
-                        for q in self._questions]
+        self._blocked: set[int] = set()
+        self._gradient = any(inquiry.uses_gradient for inquiry in self._inquiries)
         self._parts = [part for part in parts if self._time([part]) <= duration]
-        seconds = _seconds_a_row(recorded)
-        # Friction and zeros of a joint may be others than they were: of usual effects beside the
-        # targets the new motion has to tell by itself.
-        self._old = [situation.information(q, recorded, seconds) for q in questions[0]]
-        self._old += [np.zeros_like(situation.information(q, recorded, seconds))
-                      for q in questions[1]]
+        self._old = [inquiry.recorded() for inquiry in self._inquiries]
         self._new = [self._information(part.segments) for part in self._parts]
 
     def choose(self) -> list[Part]:
@@ -83,11 +73,11 @@ class Chooser:
         motion += self._way(at, self._space.start)
         return motion, stretches
 
-    def answers_before(self) -> list[Answer]:
+    def answers_before(self) -> list[Valued]:
         """Return what the recordings alone say of the targets."""
         return self._answers(self._old)[:self._n_targets]
 
-    def answers_after(self, motion: Sequence[Segment]) -> list[Answer]:
+    def answers_after(self, motion: Sequence[Segment]) -> list[Valued]:
         """Return what the recordings and a whole motion say of the targets."""
         return self._answers([old + new for old, new in zip(
             self._old, self._information(tuple(motion)))])[:self._n_targets]
@@ -95,8 +85,7 @@ class Chooser:
     def untestable(self, motion: Sequence[Segment]) -> list[str | None]:
         """Return why a diagnosis of recordings and motion will not look for a target, by target."""
         both = self._situation.joined(motion)
-        targets = [q.target for q in self._questions[:self._n_targets]]
-        return [one.effect.untestable(both, one.joint or 0) for one in targets]
+        return [inquiry.untestable(both) for inquiry in self._inquiries[:self._n_targets]]
 
     def helps(self, part: Part) -> list[int]:
         """Return the questions that a part by itself helps to settle."""
@@ -107,37 +96,46 @@ class Chooser:
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
     def _best_addition(self, chosen: list[int]) -> int | None:
-        now = [self._parts[k] for k in chosen]
-        known = self._total(chosen)
+        used, known = self._time_of(chosen), self._total(chosen)
         value = self._value(known)
-        used = self._time(now)
-        best, best_gain = None, 0.0
-        for k, part in enumerate(self._parts):
-            time = self._time([*now, part])
-            if k in chosen or time > self._duration:
-                continue
-            gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
-            if gain > _HELPS and gain / max(time - used, 0.5) > best_gain:
-                best, best_gain = k, gain / max(time - used, 0.5)
-        return best
+        gains = {}
+        for k in self._free(chosen):
+            time = self._time_of([*chosen, k])
+            if time <= self._duration:
+                gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
+                if gain > _HELPS:
+                    gains[k] = gain / max(time - used, 0.5)
+        return next((k for k in sorted(gains, key=lambda k: -gains[k]) if self._is_clear(k)), None)
 
     def _exchange(self, chosen: list[int]) -> bool:
         """Replace parts by others of the same time or less where that tells more."""
         improved = False
         for place in range(len(chosen)):
             rest = [*chosen[:place], *chosen[place + 1:]]
-            known, others = self._total(rest), [self._parts[k] for k in rest]
+            known = self._total(rest)
             best, best_value = chosen[place], self._value(
                 [a + b for a, b in zip(known, self._new[chosen[place]])])
-            for k, part in enumerate(self._parts):
-                if k in rest or self._time([*others, part]) > self._duration:
+            for k in self._free(rest):
+                if self._time_of([*rest, k]) > self._duration:
                     continue
                 value = self._value([a + b for a, b in zip(known, self._new[k])])
-                if value > best_value + _HELPS:
+                if value > best_value + _HELPS and self._is_clear(k):
                     best, best_value = k, value
             if best != chosen[place]:
                 chosen[place], improved = best, True
         return improved
+
+    def _free(self, chosen: Sequence[int]) -> list[int]:
+        """Return the parts that may be added."""
+        return [k for k in range(len(self._parts)) if k not in chosen and k not in self._blocked]
+
+    def _is_clear(self, k: int) -> bool:
+        """Return whether a part hits nothing; one that does is not looked at again."""
+        _, (path, _, _) = sampled(self._parts[k].segments, self._situation.rate)
+        if self._space.is_clear(path):
+            return True
+        self._blocked.add(k)
+        return False
 
     def _make_testable(self, chosen: list[int]) -> None:
         """Exchange parts until a diagnosis will look for every target that some part shows."""
@@ -145,12 +143,12 @@ class Chooser:
         for k in sorted(range(len(self._parts)), key=lambda k: -self._value(self._total([k]))):
             if not chosen or not hidden:
                 return
-            if k in chosen or self._hidden([*chosen, k]) >= hidden:
+            if k in chosen or self._hidden([*chosen, k]) >= hidden or not self._is_clear(k):
                 continue
             trials = [[*chosen, k]] + [[*chosen[:n], k, *chosen[n + 1:]]
                                        for n in range(len(chosen))]
             trials = [each for each in trials
-                      if self._time([self._parts[n] for n in each]) <= self._duration
+                      if self._time_of(each) <= self._duration
                       and self._hidden(each) < hidden]
             if trials:
                 chosen[:] = max(trials, key=lambda each: self._value(self._total(each)))
@@ -166,6 +164,9 @@ class Chooser:
         ordered = sorted(parts, key=lambda p: (p.joints, tuple(np.round(p.base, 6))))
         # Ordering must not make the ways longer than they were.
         return ordered if self._time(ordered) <= self._duration else parts
+
+    def _time_of(self, chosen: Sequence[int]) -> float:
+        return self._time([self._parts[k] for k in chosen])
 
     def _time(self, parts: Sequence[Part]) -> float:
         time, at = 0.0, self._space.start
@@ -188,7 +189,7 @@ class Chooser:
 
     def _information(self, segments: Sequence[Segment]) -> list[FloatArray]:
         motion = self._situation.planned(tuple(segments), self._gradient)
-        return [self._situation.planned_information(q, motion) for q in self._questions]
+        return [inquiry.planned(motion) for inquiry in self._inquiries]
 
     def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
         total = list(self._old)
@@ -196,17 +197,9 @@ class Chooser:
             total = [a + b for a, b in zip(total, self._new[k])]
         return total
 
-    def _answers(self, information: Sequence[FloatArray]) -> list[Answer]:
-        return [answer(each, prior, widths, q.size) for each, prior, widths, q in zip(
-            information, self._priors, self._widths, self._questions)]
+    def _answers(self, information: Sequence[FloatArray]) -> list[Valued]:
+        return [inquiry.answer(each) for inquiry, each in zip(self._inquiries, information)]
 
     def _value(self, information: Sequence[FloatArray]) -> float:
         return sum(weight * each.value for weight, each in zip(
             self._weights, self._answers(information)))
-
-
-def _seconds_a_row(motion: Motion) -> float:
-    """Return how long a row of recorded samples stands for, in s."""
-    lengths = [float(motion.samples.t[run][-1] - motion.samples.t[run][0])
-               for run in run_slices(motion.samples)]
-    return max(sum(lengths), 1e-9) / motion.samples.n_samples

@@ -17,9 +17,11 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
 from gravity_comp_ros.planning.criterion import Answer, chance
-from gravity_comp_ros.planning.options import PlanOptions, Target
+from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
+from gravity_comp_ros.planning.inquiry import EffectInquiry, GravityInquiry, Inquiry
+from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
 from gravity_comp_ros.planning.questions import (
-    companions, observed_separation, open_targets, question, with_stand_ins)
+    companions, MOST_TARGETS, observed_separation, open_targets, question, with_stand_ins)
 from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
 from gravity_comp_ros.planning.segments import Pace, Played, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace, workspace
@@ -85,13 +87,37 @@ class Expectation:
 
 
 @dataclass(frozen=True)
+class GravityExpectation:
+    """
+    How sure the gravity torque of a joint is, in N·m, over the poses of the recordings.
+
+    Standard deviations as `GravityModel.predict_std` has them, before and after the motion.
+    """
+
+    joint: str
+    before: float
+    after: float
+
+    @property
+    def sentence(self) -> str:
+        return (f'gravity torque of {self.joint}: unsure by ±{1.96 * self.before:.2g} N·m over '
+                f'the recorded poses (95 %), by ±{1.96 * self.after:.2g} N·m after a fit to this '
+                f'motion as well')
+
+
+@dataclass(frozen=True)
 class Plan:
-    """A motion, its parts, and what to expect of it; `notes` are lines for the user."""
+    """
+    A motion, its parts, and what to expect of it; `notes` are lines for the user.
+
+    `gravity` has the joints whose gravity torque was unsure.
+    """
 
     trajectory: Trajectory
     parts: tuple[PlannedPart, ...]
     expectations: tuple[Expectation, ...]
     notes: tuple[str, ...]
+    gravity: tuple[GravityExpectation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `plan --json` prints of the motion."""
@@ -100,6 +126,7 @@ class Plan:
             'start': self.trajectory.q[0].tolist(),
             'parts': [{**asdict(part), 'sentence': part.sentence} for part in self.parts],
             'expected': [expected.to_json() for expected in self.expectations],
+            'gravity': [asdict(each) for each in self.gravity],
             'notes': list(self.notes)}
 
 
@@ -130,7 +157,8 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     expected = asked.expectations(motion)
     notes = (*asked.notes, *(_unlikely(each) for each in expected if each.chance < _LIKELY))
     return Plan(Trajectory(model.joints, t, q, qd, qdd),
-                _planned_parts(stretches, chosen, asked, model.joints), expected, notes)
+                _planned_parts(stretches, chosen, asked, model.joints), expected, notes,
+                asked.gravity(motion))
 
 
 def expected_of(trajectory: Trajectory, samples: JointSamples, model: GravityModel,
@@ -155,12 +183,28 @@ class _Asked:
     diagnosis: Diagnosis | None
     chooser: Chooser
     notes: tuple[str, ...]
+    doubt: GravityDoubt | None
 
     def expectations(self, motion: Sequence[Segment]) -> tuple[Expectation, ...]:
-        each = zip(self.named, self.questions, self.chooser.answers_before(),
-                   self.chooser.answers_after(motion))
-        return tuple(_expectation(*one, self.situation, self.diagnosis, reason or '')
-                     for one, reason in zip(each, self.chooser.untestable(motion)))
+        before, after = self.chooser.answers_before(), self.chooser.answers_after(motion)
+        each = zip(self.named, self.questions, before, after, self.chooser.untestable(motion))
+        return tuple(_expectation(target, asked, old, new, self.situation, self.diagnosis,
+                                  reason or '')
+                     for target, asked, old, new, reason in each
+                     if isinstance(old, Answer) and isinstance(new, Answer))
+
+    def gravity(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
+        """Return what becomes of the doubt about gravity, joint by joint."""
+        if self.doubt is None:
+            return ()
+        after = self.chooser.answers_after(motion)[-1]
+        assert isinstance(after, GravityAnswer)
+        names = self.situation.model.joints
+        return tuple(GravityExpectation(names[n], float(old), float(new)) for n, old, new in zip(
+            self.doubt.joints, after.before, after.std))
+
+    def names(self) -> list[str]:
+        return [target.name for target in self.named] + [GRAVITY] * (self.doubt is not None)
 
 
 def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None,
@@ -171,22 +215,37 @@ def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target]
         diagnosis = diagnose(samples, model)
     space = workspace(samples, options)
     situation = _situation(samples, model)
+    asked_for = targets is not None and any(t.effect == GRAVITY for t in targets)
+    doubt = None
+    if targets is None or asked_for:
+        doubt = gravity_doubt(model, samples.q, samples.tau, white_noise(samples), asked_for)
     if targets is None and diagnosis is not None:
         targets = open_targets(diagnosis, situation.recorded)
-    if not targets:
+        if doubt is not None and len(targets) == MOST_TARGETS:
+            targets = [t for k, t in enumerate(targets) if k < MOST_TARGETS - 1]
+    targets = [target for target in targets or () if target.effect != GRAVITY]
+    if asked_for and doubt is None:
+        raise OptionError('plan: this model holds no uncertainty of its gravity; fit it again')
+    if not targets and doubt is None:
         raise OptionError('plan: nothing is left open; name what to settle')
     targets = [with_stand_ins(target, diagnosis) for target in targets]
     pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
     tell('plan', 0.2)
-    parts = _parts(space, model, targets, pace, options)
+    parts = _parts(space, model, targets, doubt, pace, options)
     if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
     questions, named, notes = _questions(targets, parts, situation, diagnosis)
     beside, _, _ = _questions(companions(named), parts, situation, None)
     situation = situation.measured([*questions, *beside])
-    chooser = Chooser(space, situation, (questions, beside), parts, pace, options.duration)
-    return _Asked(tuple(named), tuple(questions), situation, diagnosis, chooser, tuple(notes))
+    main: list[Inquiry] = [EffectInquiry(each, situation) for each in questions]
+    if doubt is not None:
+        main.append(GravityInquiry(doubt, situation))
+    chooser = Chooser(space, situation, (main, [EffectInquiry(each, situation, True)
+                                                for each in beside]),
+                      parts, pace, options.duration)
+    return _Asked(tuple(named), tuple(questions), situation, diagnosis, chooser, tuple(notes),
+                  doubt)
 
 
 def _situation(samples: JointSamples, model: GravityModel) -> Situation:
@@ -199,7 +258,7 @@ def _situation(samples: JointSamples, model: GravityModel) -> Situation:
 
 
 def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
-           pace: Pace, options: PlanOptions) -> list[Part]:
+           doubt: GravityDoubt | None, pace: Pace, options: PlanOptions) -> list[Part]:
     names = list(model.joints)
     for target in targets:
         if target.joint is not None and target.joint not in names:
@@ -208,6 +267,8 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
     elsewhere = [other.partition(':')[2] for target in targets for other in target.alternatives]
     joints = [names.index(joint) for joint in (*(target.joint for target in targets), *elsewhere)
               if joint in names]
+    if doubt is not None:
+        joints += doubt.joints
     if any(target.joint is None for target in targets):
         joints += list(range(len(names)))
     longest = float(np.clip(0.25 * options.duration, 3.0, 8.0))
@@ -242,7 +303,7 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
                    joints: tuple[str, ...]) -> tuple[PlannedPart, ...]:
     found: list[PlannedPart] = []
     for (start, end), part in zip(stretches, chosen):
-        settles = tuple(asked.named[k].name for k in asked.chooser.helps(part))
+        settles = tuple(asked.names()[k] for k in asked.chooser.helps(part))
         this = PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what, settles)
         if found and replace(this, start=0.0, end=0.0) == replace(found[-1], start=0.0, end=0.0):
             # The same again is one part.

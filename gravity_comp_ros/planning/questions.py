@@ -12,7 +12,7 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
-from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.planning.options import GRAVITY, Target
 from gravity_comp_ros.planning.outcome import finding_of, outcome, UNTESTABLE
 from gravity_comp_ros.planning.regressors import Alternative, Question
 import numpy as np
@@ -27,7 +27,7 @@ _EXPECTED = (*_COMMON, 'torque_offset', 'joint_spring')
 # A joint that travels further, rad, moves; one whose load is a larger share of its torque's range
 # carries gravity.
 _MOVES, _LOADED = 0.02, 0.3
-_MOST_TARGETS = 6
+MOST_TARGETS = 6
 _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 # An effect of unknown size is taken to be this share of the joint's torque range, and no less
 # than this many standard deviations of noise.
@@ -38,11 +38,14 @@ _MOST_WEAK = 3.0
 
 def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Target]:
     """
-    Return the targets of effects `NAME` (every joint) or `NAME:JOINT`.
+    Return the targets of effects `NAME` (every joint) or `NAME:JOINT`; `gravity` is a target too.
 
     :raises OptionError: if an effect or joint is unknown, or asked for twice.
     """
-    return [Target(request.effect.name, request.joint) for request in requests(effects, joints)]
+    named = list(effects)
+    found = [Target(request.effect.name, request.joint) for request in requests(
+        [name for name in named if name != GRAVITY], joints)]
+    return [*found, Target(GRAVITY, None)] if GRAVITY in named else found
 
 
 def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
@@ -74,7 +77,7 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
                 target = Target(effect, joint)
                 found.setdefault((effect, joint), (float(spans[joint]), target))
     ordered = sorted(found.values(), key=lambda pair: -pair[0])
-    return [target for _, target in ordered[:_MOST_TARGETS]]
+    return [target for _, target in ordered[:MOST_TARGETS]]
 
 
 def with_stand_ins(target: Target, diagnosis: Diagnosis | None) -> Target:

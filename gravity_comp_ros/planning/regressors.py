@@ -115,8 +115,7 @@ class Situation:
         How gravity changes with the angles is left out of the planned part.
         """
         old, model = self.recorded, self.model
-        every = old.samples.n_samples / max(recorded_time(old.samples), 1e-9)
-        t, (q, qd, qdd) = sampled(segments, every)
+        t, (q, qd, qdd) = sampled(segments, 1.0 / self.seconds_a_row)
         start = self._end + _PAUSE if old.samples.starts else None
         new = JointSamples.single_run(old.samples.names, t, q, qd, model.predict(q), start=start)
         gravity = np.vstack([old.gravity, new.tau])
@@ -143,9 +142,24 @@ class Situation:
         samples = self.recorded.samples
         return float((np.array(samples.starts)[samples.runs] + samples.t).max())
 
+    @property
+    def skip(self) -> int:
+        """Return how many rows in front of a planned motion are none of it."""
+        return int(self._session is not None)
+
+    @property
+    def seconds_a_row(self) -> float:
+        """Return how long a row of recorded samples stands for, in s."""
+        samples = self.recorded.samples
+        return max(recorded_time(samples), 1e-9) / samples.n_samples
+
     def planned_information(self, question: Question, motion: Motion) -> FloatArray:
         """Return the information matrix of a planned motion."""
-        return self.information(question, motion, 1.0 / self.rate, self._session is not None)
+        return self.information(question, motion, 1.0 / self.rate, self.skip)
+
+    def own_columns(self, motion: Motion) -> FloatArray:
+        """Return the nuisance columns of all joints, (M, N, K)."""
+        return np.stack([_own('', motion, n) for n in range(self.n_joints)], axis=1)
 
     def information(self, question: Question, motion: Motion, seconds: float,
                     skip: int = 0) -> FloatArray:
@@ -164,7 +178,7 @@ class Situation:
                    for one in (question.target, *question.alternatives)]
         every = np.concatenate(effects, axis=2)
         for place, n in enumerate(question.joints):
-            own = _own(question, motion, n)
+            own = _own(question.target.effect.name, motion, n)
             blocks = np.zeros((len(own), len(question.joints), own.shape[1]))
             blocks[:, place] = own
             rows = np.column_stack([gravity[:, n], blocks.reshape(len(own), -1), every[:, n]])
@@ -265,12 +279,12 @@ def _gravity_spread(model: GravityModel) -> FloatArray:
     return np.full(len(model.energy.indices), largest)
 
 
-def _own(question: Question, motion: Motion, joint: int) -> FloatArray:
+def _own(target: str, motion: Motion, joint: int) -> FloatArray:
     """Return a joint's nuisance columns (M, K) without the target's own."""
     qd = motion.samples.qd[:, joint]
     every = {'coulomb_friction': motion.direction(joint), 'viscous_friction': qd,
              'torque_offset': np.ones(len(qd))}
-    kept = [column for name, column in every.items() if name != question.target.effect.name]
+    kept = [column for name, column in every.items() if name != target]
     return np.column_stack([*kept, motion.qdd])
 
 
