@@ -67,17 +67,32 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Scene:
-    """An arm, what is hidden on joint number `joint` (from 0), and what its recording lacks."""
+    """
+    An arm, what is hidden on joint number `joint` (from 0), and what its recording lacks.
+
+    A `small` effect has a share of its usual size, drawn from 0.6 to 10 %: about half of them are
+    found by a motion of some seconds.
+    """
 
     arm: str
     effect: str
     joint: int
     poor: str
     seed: int
+    small: bool = False
 
     @property
     def name(self) -> str:
-        return f'{self.arm}-{self.effect}-{self.joint + 1}-{self.poor}-{self.seed}'
+        size = '-small' if self.small else ''
+        return f'{self.arm}-{self.effect}-{self.joint + 1}-{self.poor}-{self.seed}{size}'
+
+    @property
+    def size(self) -> float:
+        """Return the size of what is hidden."""
+        if not self.small:
+            return self.kind.size
+        drawn = np.random.default_rng([self.seed, len(self.name), *self.name.encode()])
+        return self.kind.size * float(10.0 ** drawn.uniform(-2.2, -1.0))
 
     @property
     def kind(self) -> Kind:
@@ -130,7 +145,7 @@ class Scene:
 
     def _samples(self, motion: motions.Motion, again: int) -> JointSamples:
         arm, place = self.made, '' if self.kind.whole_arm else f':{self.joint + 1}'
-        what = hidden(f'{self.effect}{place}={self.kind.size}', arm).disturbance
+        what = hidden(f'{self.effect}{place}={self.size}', arm).disturbance
         options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + again,
                                    disturbances=(what,))
         return synthesise(arm, motion, options)

@@ -18,7 +18,7 @@ from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 # Shares of the largest speed.
-_SPEEDS, _TOGETHER = (1.0, 0.4, 0.15), 0.45
+_SPEEDS, _TOGETHER = (1.0, 0.6, 0.3), 0.45
 # No part takes longer, s: several short ones are better than one long one.
 _LONGEST = 8.0
 _SHORTEST = 3.0

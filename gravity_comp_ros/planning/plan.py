@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
@@ -17,14 +16,16 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
 from gravity_comp_ros.planning.criterion import Answer, chance
+from gravity_comp_ros.planning.expected import (
+    Expectation, GravityExpectation, Plan, PlannedPart)
 from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
 from gravity_comp_ros.planning.inquiry import EffectInquiry, GravityInquiry, Inquiry
 from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
 from gravity_comp_ros.planning.questions import (
     companions, MOST_TARGETS, observed_separation, open_targets, question, with_stand_ins)
 from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
-from gravity_comp_ros.planning.segments import Pace, Played, sampled, Segment
-from gravity_comp_ros.planning.workspace import Workspace, workspace
+from gravity_comp_ros.planning.segments import Pace, sampled, Segment
+from gravity_comp_ros.planning.workspace import Obstacles, Workspace, workspace
 import numpy as np
 
 Progress = Callable[[str, float], None]
@@ -34,105 +35,9 @@ _ROWS, _RATE = 2500, 25.0
 _LIKELY = 0.5
 
 
-@dataclass(frozen=True)
-class PlannedPart:
-    """A part of the motion: from `start` to `end` in s the joints move as `what` says."""
-
-    start: float
-    end: float
-    joints: tuple[str, ...]
-    what: str
-    settles: tuple[str, ...]
-
-    @property
-    def sentence(self) -> str:
-        names = ' and '.join(self.joints)
-        what = f' ({", ".join(self.settles)})' if self.settles else ''
-        return f'{self.start:.1f} to {self.end:.1f} s: {names} {self.what}{what}'
-
-
-@dataclass(frozen=True)
-class Expectation:
-    """
-    What to expect of a target: chances that it is settled, before and after the motion.
-
-    `half_width` is half the 95 % interval of each coefficient afterwards, by symbol, in its unit.
-    `hardest` is the alternative that comes closest. `assumed` has the coefficients that the effect
-    is taken to have; `measured` says that they come from the recordings. Separations are in
-    standard errors from the best that the alternatives can do. `untestable` says why a diagnosis
-    will not look for the effect after all, '' if it will.
-    """
-
-    target: Target
-    chance_before: float
-    chance: float
-    half_width: dict[str, tuple[float, str]]
-    hardest: str
-    assumed: dict[str, float]
-    measured: bool
-    separation_before: float
-    separation: float
-    untestable: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return one object of `expected` of `plan --json`."""
-        widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}
-                  for symbol, (width, unit) in self.half_width.items()}
-        return {'effect': self.target.effect, 'joint': self.target.joint,
-                'chance_before': self.chance_before, 'chance': self.chance,
-                'separation_before': self.separation_before, 'separation': self.separation,
-                'untestable': self.untestable or None,
-                'closest_alternative': self.hardest or None, 'assumed': self.assumed,
-                'size_is_measured': self.measured, 'half_width': widths}
-
-
-@dataclass(frozen=True)
-class GravityExpectation:
-    """
-    How sure the gravity torque of a joint is, in N·m, over the poses of the recordings.
-
-    Standard deviations as `GravityModel.predict_std` has them, before and after the motion.
-    """
-
-    joint: str
-    before: float
-    after: float
-
-    @property
-    def sentence(self) -> str:
-        return (f'gravity torque of {self.joint}: unsure by ±{1.96 * self.before:.2g} N·m over '
-                f'the recorded poses (95 %), by ±{1.96 * self.after:.2g} N·m after a fit to this '
-                f'motion as well')
-
-
-@dataclass(frozen=True)
-class Plan:
-    """
-    A motion, its parts, and what to expect of it; `notes` are lines for the user.
-
-    `gravity` has the joints whose gravity torque was unsure.
-    """
-
-    trajectory: Trajectory
-    parts: tuple[PlannedPart, ...]
-    expectations: tuple[Expectation, ...]
-    notes: tuple[str, ...]
-    gravity: tuple[GravityExpectation, ...] = ()
-
-    def to_json(self) -> dict[str, Any]:
-        """Return what `plan --json` prints of the motion."""
-        return {
-            'duration_s': self.trajectory.duration, 'joints': list(self.trajectory.joints),
-            'start': self.trajectory.q[0].tolist(),
-            'parts': [{**asdict(part), 'sentence': part.sentence} for part in self.parts],
-            'expected': [expected.to_json() for expected in self.expectations],
-            'gravity': [asdict(each) for each in self.gravity],
-            'notes': list(self.notes)}
-
-
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
-         progress: Progress | None = None) -> Plan:
+         progress: Progress | None = None, obstacles: Obstacles | None = None) -> Plan:
     """
     Return the motion that settles most within the limits.
 
@@ -140,11 +45,12 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     :param model: gravity with an energy (chain or potential).
     :param targets: what to settle; None for what the diagnosis leaves open.
     :param diagnosis: of the same samples; made if it is needed and not given.
+    :param obstacles: what the arm must not hit, itself for one.
     :raises OptionError: if nothing is left open, a target is unknown, or no admissible motion
         shows any of them.
     """
     tell = progress or (lambda words, share: None)
-    asked = _asked(samples, model, targets, options, diagnosis, tell)
+    asked = _asked(samples, model, targets, options, diagnosis, tell, obstacles)
     tell('plan', 0.5)
     chosen = asked.chooser.choose()
     if not chosen:
@@ -159,18 +65,6 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     return Plan(Trajectory(model.joints, t, q, qd, qdd),
                 _planned_parts(stretches, chosen, asked, model.joints), expected, notes,
                 asked.gravity(motion))
-
-
-def expected_of(trajectory: Trajectory, samples: JointSamples, model: GravityModel,
-                targets: Sequence[Target] | None = None, options: PlanOptions = PlanOptions(),
-                diagnosis: Diagnosis | None = None) -> tuple[Expectation, ...]:
-    """
-    Return what to expect of any motion, such as one of the user's own.
-
-    :raises OptionError: as `plan`.
-    """
-    asked = _asked(samples, model, targets, options, diagnosis, lambda words, share: None)
-    return asked.expectations([Played(trajectory)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,12 +102,13 @@ class _Asked:
 
 
 def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None,
-           options: PlanOptions, diagnosis: Diagnosis | None, tell: Progress) -> _Asked:
+           options: PlanOptions, diagnosis: Diagnosis | None, tell: Progress,
+           obstacles: Obstacles | None = None) -> _Asked:
     samples = samples.joints(model.joints)
     if targets is None and diagnosis is None:
         tell('diagnose', 0.0)
         diagnosis = diagnose(samples, model)
-    space = workspace(samples, options)
+    space = workspace(samples, options, obstacles)
     situation = _situation(samples, model)
     asked_for = targets is not None and any(t.effect == GRAVITY for t in targets)
     doubt = None

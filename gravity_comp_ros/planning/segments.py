@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Protocol
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.data.trajectory import Trajectory
 import numpy as np
 
 _Path = tuple[FloatArray, FloatArray, FloatArray]
@@ -128,24 +127,6 @@ class Wave:
         window = _window(t, self.duration)
         q, qd, qdd, _ = _wave(t, window, self.amplitude, self.frequency)
         return self.pose + q, qd, qdd
-
-
-@dataclass(frozen=True, eq=False)
-class Played:
-    """A trajectory from elsewhere."""
-
-    trajectory: Trajectory
-
-    @property
-    def duration(self) -> float:
-        return self.trajectory.duration
-
-    @property
-    def end(self) -> FloatArray:
-        return self.trajectory.q[-1]
-
-    def at(self, t: FloatArray) -> _Path:
-        return self.trajectory.at(t)
 
 
 def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,
