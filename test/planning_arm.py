@@ -1,10 +1,13 @@
 """A small arm with a model, and recordings that leave something open."""
 
+from dataclasses import replace
+
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
 NAMES = ('shoulder', 'elbow', 'wrist')
@@ -20,6 +23,12 @@ def model() -> GravityModel:
                                     Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
     return GravityModel(made.joints, 'chain', made.torques, made.energy, made.noise,
                         made.coverage, {}, CHAIN)
+
+
+def unsure_model(spread: float = 0.2) -> GravityModel:
+    """Return the same, each of its parameters unsure by `spread`."""
+    made = model()
+    return replace(made, uncertainty=ChainUncertainty(CHAIN, spread ** 2 * np.eye(12)))
 
 
 def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction: float = 0.0,

@@ -70,7 +70,7 @@ class Scene:
     """
     An arm, what is hidden on joint number `joint` (from 0), and what its recording lacks.
 
-    A `small` effect has a share of its usual size, drawn from 0.6 to 10 %: about half of them are
+    A `small` effect has a share of its usual size, drawn from 1 to 50 %: about half of them are
     found by a motion of some seconds.
     """
 
@@ -92,7 +92,7 @@ class Scene:
         if not self.small:
             return self.kind.size
         drawn = np.random.default_rng([self.seed, len(self.name), *self.name.encode()])
-        return self.kind.size * float(10.0 ** drawn.uniform(-2.2, -1.0))
+        return self.kind.size * float(10.0 ** drawn.uniform(-2.0, -0.3))
 
     @property
     def kind(self) -> Kind:

@@ -12,8 +12,8 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.planning.criterion import chance
-from gravity_comp_ros.planning.outcome import SETTLED
 import numpy as np
 
 WAYS = ('planned', 'planned_short', 'random', 'random_near', 'fourier')
@@ -45,16 +45,27 @@ def settled(results: Sequence[dict[str, Any]]) -> str:
 
 
 def calibration(results: Sequence[dict[str, Any]]) -> str:
-    """Return how often targets were decided, by the chance that was stated."""
-    pairs = [(chance(e['separation']), e['outcome'] in SETTLED)
-             for e in expectations(results)]
-    lines = ['| stated chance | targets | mean stated | decided |', '|---|---|---|---|']
+    """
+    Return how often a hidden effect was found, by the chance that is stated of its true size.
+
+    A plan assumes a size where none was measured. Here it is that of the simulation.
+    """
+    pairs = [(true_chance(e), e['outcome'] in FOUND) for e in expectations(results)
+             if 'share' in e]
+    lines = ['| stated chance | motions | mean stated | found |', '|---|---|---|---|']
     for low, high in zip(_BINS, _BINS[1:]):
         here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         if here:
             stated, came = np.mean(here, axis=0)
             lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {came:.0%} |')
     return '\n'.join(lines)
+
+
+def true_chance(expected: dict[str, Any]) -> float:
+    """Return the chance that a plan would state if it knew the size of the effect."""
+    if expected['untestable']:
+        return 0.0
+    return chance(expected['share'] * expected['separation'])
 
 
 def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

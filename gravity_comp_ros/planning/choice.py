@@ -39,7 +39,7 @@ class Chooser:
         self._gradient = any(inquiry.uses_gradient for inquiry in self._inquiries)
         self._parts = [part for part in parts if self._time([part]) <= duration]
         self._old = [inquiry.recorded() for inquiry in self._inquiries]
-        self._new = [self._information(part.segments) for part in self._parts]
+        self._new = [self._of_part(part) for part in self._parts]
 
     def choose(self) -> list[Part]:
         """
@@ -90,21 +90,17 @@ class Chooser:
     def helps(self, part: Part) -> list[int]:
         """Return the questions that a part by itself helps to settle."""
         new = self._new[next(k for k, p in enumerate(self._parts) if p is part)]
-        before = self._answers(self._old)
-        after = self._answers([a + b for a, b in zip(self._old, new)])
-        gains = [b.value - a.value for a, b in zip(before, after)][:self._n_targets]
+        gains = [0.0 if b is None else inquiry.answer(a + b).value - inquiry.answer(a).value
+                 for inquiry, a, b in zip(self._inquiries[:self._n_targets], self._old, new)]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
     def _best_addition(self, chosen: list[int]) -> int | None:
         used, known = self._time_of(chosen), self._total(chosen)
-        value = self._value(known)
-        gains = {}
+        values, gains = self._values(known), {}
         for k in self._free(chosen):
             time = self._time_of([*chosen, k])
-            if time <= self._duration:
-                gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
-                if gain > _HELPS:
-                    gains[k] = gain / max(time - used, 0.5)
+            if time <= self._duration and (gain := self._gain(known, values, k)) > _HELPS:
+                gains[k] = gain / max(time - used, 0.5)
         return next((k for k in sorted(gains, key=lambda k: -gains[k]) if self._is_clear(k)), None)
 
     def _exchange(self, chosen: list[int]) -> bool:
@@ -113,14 +109,15 @@ class Chooser:
         for place in range(len(chosen)):
             rest = [*chosen[:place], *chosen[place + 1:]]
             known = self._total(rest)
-            best, best_value = chosen[place], self._value(
-                [a + b for a, b in zip(known, self._new[chosen[place]])])
+            values = self._values(known)
+            best, most = chosen[place], self._gain(known, values, chosen[place])
             for k in self._free(rest):
-                if self._time_of([*rest, k]) > self._duration:
+                # Ways between parts depend on their order.
+                if self._time_of([*chosen[:place], k, *chosen[place + 1:]]) > self._duration:
                     continue
-                value = self._value([a + b for a, b in zip(known, self._new[k])])
-                if value > best_value + _HELPS and self._is_clear(k):
-                    best, best_value = k, value
+                gain = self._gain(known, values, k)
+                if gain > most + _HELPS and self._is_clear(k):
+                    best, most = k, gain
             if best != chosen[place]:
                 chosen[place], improved = best, True
         return improved
@@ -140,8 +137,12 @@ class Chooser:
     def _make_testable(self, chosen: list[int]) -> None:
         """Exchange parts until a diagnosis will look for every target that some part shows."""
         hidden = self._hidden(chosen)
-        for k in sorted(range(len(self._parts)), key=lambda k: -self._value(self._total([k]))):
-            if not chosen or not hidden:
+        if not chosen or not hidden:
+            return
+        values = self._values(self._old)
+        gains = [self._gain(self._old, values, k) for k in range(len(self._parts))]
+        for k in np.argsort(gains)[::-1].tolist():
+            if not hidden:
                 return
             if k in chosen or self._hidden([*chosen, k]) >= hidden or not self._is_clear(k):
                 continue
@@ -151,7 +152,7 @@ class Chooser:
                       if self._time_of(each) <= self._duration
                       and self._hidden(each) < hidden]
             if trials:
-                chosen[:] = max(trials, key=lambda each: self._value(self._total(each)))
+                chosen[:] = max(trials, key=self._value)
                 hidden = self._hidden(chosen)
 
     def _hidden(self, chosen: Sequence[int]) -> int:
@@ -191,15 +192,32 @@ class Chooser:
         motion = self._situation.planned(tuple(segments), self._gradient)
         return [inquiry.planned(motion) for inquiry in self._inquiries]
 
+    def _of_part(self, part: Part) -> list[FloatArray | None]:
+        """Return the information of a part; None of an effect whose joint it does not move."""
+        concerned = [inquiry.joint is None or inquiry.joint in part.joints
+                     for inquiry in self._inquiries]
+        motion = self._situation.planned(part.segments, self._gradient)
+        return [inquiry.planned(motion) if here else None
+                for inquiry, here in zip(self._inquiries, concerned)]
+
     def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
         total = list(self._old)
         for k in chosen:
-            total = [a + b for a, b in zip(total, self._new[k])]
+            total = [a if b is None else a + b for a, b in zip(total, self._new[k])]
         return total
 
     def _answers(self, information: Sequence[FloatArray]) -> list[Valued]:
         return [inquiry.answer(each) for inquiry, each in zip(self._inquiries, information)]
 
-    def _value(self, information: Sequence[FloatArray]) -> float:
-        return sum(weight * each.value for weight, each in zip(
-            self._weights, self._answers(information)))
+    def _values(self, information: Sequence[FloatArray]) -> list[float]:
+        return [each.value for each in self._answers(information)]
+
+    def _gain(self, known: Sequence[FloatArray], values: Sequence[float], k: int) -> float:
+        """Return what a part adds to the value of what is known."""
+        return sum(weight * (inquiry.answer(a + b).value - value) for weight, inquiry, a, b, value
+                   in zip(self._weights, self._inquiries, known, self._new[k], values)
+                   if b is not None)
+
+    def _value(self, chosen: Sequence[int]) -> float:
+        """Return what some parts are worth, recordings included."""
+        return float(np.dot(self._weights, self._values(self._total(chosen))))

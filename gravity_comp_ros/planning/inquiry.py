@@ -36,6 +36,10 @@ class Inquiry(Protocol):
     def uses_gradient(self) -> bool:
         """Return whether it asks how gravity changes with the angles."""
 
+    @property
+    def joint(self) -> int | None:
+        """Return the joint that has to move; None if any may."""
+
     def recorded(self) -> FloatArray:
         """Return the information that the recordings have."""
 
@@ -60,6 +64,10 @@ class EffectInquiry:
     @property
     def uses_gradient(self) -> bool:
         return len(self.question.joints) > 1
+
+    @property
+    def joint(self) -> int | None:
+        return self.question.joints[0] if len(self.question.joints) == 1 else None
 
     @cached_property
     def _prior(self) -> FloatArray:
@@ -97,6 +105,7 @@ class GravityInquiry:
     doubt: GravityDoubt
     situation: Situation
     uses_gradient: bool = False
+    joint: int | None = None
 
     def recorded(self) -> FloatArray:
         return self.doubt.nothing()
