@@ -3,8 +3,8 @@ Fit the chance that an effect is found to its separation, by maximum likelihood.
 
     python -m bench.planning.calibrate small.jsonl [more.jsonl ...]
 
-The chance is Phi(ln(s / s_half) / width), s the separation at the true size. Give it the results of
-`bench.planning.run --small` on the arms that are tuned on.
+The chance is Phi(ln(s / s_half) / width), s the separation at the true size. Give it the results
+of `bench.planning.run --small` on the arms that are tuned on.
 """
 
 from __future__ import annotations

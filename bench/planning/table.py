@@ -1,5 +1,5 @@
 """
-Tables of `bench.planning.run`: what was settled by which motion, and how often a stated chance came.
+Tables of `bench.planning.run`: what was settled by which motion, and how often effects were found.
 
     python -m bench.planning.table results.jsonl [more.jsonl ...]
 """

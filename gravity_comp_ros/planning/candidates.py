@@ -151,7 +151,8 @@ def _of_three_joints(space: Workspace, joint: int, words: str, base: FloatArray,
         wave = _admissible(space, base, amplitude, frequency, duration, pace)
         if wave is not None:
             where = f' {words}' if words else ''
-            found.append(Part(f'in sines of their own, {how}{where}', tuple(joints), base, (wave,)))
+            found.append(Part(f'in sines of their own, {how}{where}', tuple(joints), base,
+                              (wave,)))
     return found
 
 

@@ -83,7 +83,7 @@ class Chooser:
             self._old, self._information(tuple(motion)))])[:self._n_targets]
 
     def untestable(self, motion: Sequence[Segment]) -> list[str | None]:
-        """Return why a diagnosis of recordings and motion will not look for a target, by target."""
+        """Return by target why a diagnosis of recordings and motion will not look for it."""
         both = self._situation.joined(motion)
         return [inquiry.untestable(both) for inquiry in self._inquiries[:self._n_targets]]
 

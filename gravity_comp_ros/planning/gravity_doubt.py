@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+from gravity_comp_ros.models.uncertainty import EnergyUncertainty
 import numpy as np
 
 _POSES = 300
@@ -122,6 +123,6 @@ def _columns(model: GravityModel, q: FloatArray) -> FloatArray:
     """Return how torque changes with what the covariance is of, (M, N, K)."""
     if model.chain is not None:
         return np.asarray(model.chain.jacobian(q).transpose(2, 1, 0))
-    indices = getattr(model.uncertainty, 'indices')
-    columns = np.asarray(EnergyDesign(q, np.ones_like(q)).columns(indices))
+    assert isinstance(model.uncertainty, EnergyUncertainty)
+    columns = np.asarray(EnergyDesign(q, np.ones_like(q)).columns(model.uncertainty.indices))
     return columns.reshape(model.n_joints, len(q), -1).transpose(1, 0, 2)

@@ -1,4 +1,4 @@
-"""What became of a plan: which targets a later diagnosis settles, and whether that was expected."""
+"""What became of a plan: which targets a later diagnosis settles, as expected or not."""
 
 from __future__ import annotations
 

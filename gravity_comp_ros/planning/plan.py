@@ -10,6 +10,7 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -33,6 +34,8 @@ Progress = Callable[[str, float], None]
 # Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
 _ROWS, _RATE = 2500, 25.0
 _LIKELY = 0.5
+# The share of the samples that are slower than a joint's top speed; no motion is slower, rad/s.
+_TOP, _SLOWEST = 0.98, 0.03
 
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
@@ -124,7 +127,7 @@ def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target]
     if not targets and doubt is None:
         raise OptionError('plan: nothing is left open; name what to settle')
     targets = [with_stand_ins(target, diagnosis) for target in targets]
-    pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
+    pace = _pace(options, targets, samples)
     tell('plan', 0.2)
     parts = _parts(space, model, targets, doubt, pace, options)
     if not parts:
@@ -141,6 +144,23 @@ def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target]
                       parts, pace, options.duration)
     return _Asked(tuple(named), tuple(questions), situation, diagnosis, chooser, tuple(notes),
                   doubt)
+
+
+def _pace(options: PlanOptions, targets: Sequence[Target], samples: JointSamples) -> Pace:
+    """
+    Return the limits of speed, acceleration and jerk.
+
+    What changes with time shows where a motion is like the earlier one. At other speeds the
+    change mixes with that of friction by speed, and may even cancel it.
+    """
+    pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
+    changing = [list(samples.names).index(target.joint) for target in targets
+                if target.joint in samples.names
+                and 's' in known_effect(target.effect).setting_units.values()]
+    if not changing:
+        return pace
+    top = np.quantile(np.abs(samples.qd[:, changing]), _TOP, axis=0).max()
+    return pace.slower(max(float(top), _SLOWEST))
 
 
 def _situation(samples: JointSamples, model: GravityModel) -> Situation:

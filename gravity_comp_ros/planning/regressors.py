@@ -206,7 +206,8 @@ class Situation:
         for n in range(self.n_joints):
             known = np.column_stack([
                 motion.direction(n), qd[:, n], np.ones(len(qd)), motion.qdd,
-                qd[:, one] * qd[:, other], self._gravity(motion)[:, n], *(columns[:, n] for columns in effects)])
+                qd[:, one] * qd[:, other], self._gravity(motion)[:, n],
+                *(columns[:, n] for columns in effects)])
             rates[n] = _worth(residual[:, n], known, samples, self.step)
         return replace(self, noise=NoiseRate(rates), memo={})
 
