@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
 from gravity_comp_ros.planning.inquiry import Inquiry, Valued
 from gravity_comp_ros.planning.regressors import Situation
@@ -82,10 +83,13 @@ class Chooser:
         return self._answers([old + new for old, new in zip(
             self._old, self._information(tuple(motion)))])[:self._n_targets]
 
-    def untestable(self, motion: Sequence[Segment]) -> list[str | None]:
+    def untestable(self, both: Motion) -> list[str | None]:
         """Return by target why a diagnosis of recordings and motion will not look for it."""
-        both = self._situation.joined(motion)
         return [inquiry.untestable(both) for inquiry in self._inquiries[:self._n_targets]]
+
+    def joined(self, motion: Sequence[Segment]) -> Motion:
+        """Return recordings and a planned motion as a diagnosis of both will see them."""
+        return self._situation.joined(motion)
 
     def helps(self, part: Part) -> list[int]:
         """Return the questions that a part by itself helps to settle."""
@@ -152,13 +156,14 @@ class Chooser:
                       if self._time_of(each) <= self._duration
                       and self._hidden(each) < hidden]
             if trials:
-                chosen[:] = max(trials, key=self._value)
+                chosen[:] = trials[int(np.argmax([self._value(each) for each in trials]))]
                 hidden = self._hidden(chosen)
 
     def _hidden(self, chosen: Sequence[int]) -> int:
         """Return how many targets are untestable after some parts."""
         motion = [segment for k in chosen for segment in self._parts[k].segments]
-        return sum(reason is not None for reason in self.untestable(motion)) if motion else 0
+        return sum(reason is not None for reason in self.untestable(self.joined(motion))) \
+            if motion else 0
 
     def _ordered(self, parts: list[Part]) -> list[Part]:
         """Return parts so that those of one joint and one posture follow each other."""

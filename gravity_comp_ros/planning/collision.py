@@ -107,8 +107,9 @@ def collision_check(urdf: Path | None, joints: Sequence[str],
     if urdf is None:
         return None, ('not checked whether the links of the arm hit each other: a description '
                       'with collision geometry (--urdf) would tell')
+    text = read_text(urdf).decode('utf-8', 'replace')
     try:
-        found = self_collision(read_text(urdf), joints, recorded, urdf.resolve().parent)
+        found = self_collision(text, joints, recorded, urdf.resolve().parent)
     except CollisionsUnchecked as problem:
         return None, f'not checked whether the links of the arm hit each other: {problem}'
     left_out = (f'; {", ".join(found.overlapping)} overlap in recorded poses and are left out'

@@ -12,7 +12,8 @@ counts. D-optimality asks for the information on the coefficients, S_ee itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
@@ -27,15 +28,31 @@ SURE = 4.0
 @dataclass(frozen=True)
 class Answer:
     """
-    `separation` is the square root of lambda for the worst alternative, number `worst`.
+    How far a target is from what could explain it, and how exactly its size is known.
 
-    `worst` is None if nuisance terms alone come closest. `spread` (K,) are standard errors of the
-    target's coefficients beside nuisance terms.
+    `separations` are the square roots of lambda beside nuisance terms alone, then beside each
+    alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
+    terms.
     """
 
-    separation: float
-    worst: int | None
+    separations: tuple[float, ...]
     spread: FloatArray
+
+    @property
+    def separation(self) -> float:
+        """Return that of the worst alternative."""
+        return min(self.separations)
+
+    @property
+    def worst(self) -> int | None:
+        """Return the number of the worst alternative, None if nuisance terms come closest."""
+        number = int(np.argmin(self.separations))
+        return number - 1 if number else None
+
+    def without(self, alternatives: Collection[int]) -> Answer:
+        """Return what is left if some alternatives are none."""
+        return replace(self, separations=tuple(
+            np.inf if k - 1 in alternatives else s for k, s in enumerate(self.separations)))
 
     @property
     def value(self) -> float:
@@ -76,11 +93,10 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
         inverse = _inverse(left[there, there], information[full, full])
         separations.append(_separation(own - left[:k, there] @ inverse @ left[there, :k], size))
         at += width
-    worst = int(np.argmin(separations))
     variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
     spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
                       np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    return Answer(separations[worst], worst - 1 if worst else None, spread)
+    return Answer(tuple(separations), spread)
 
 
 def _separation(information: FloatArray, size: FloatArray) -> float:

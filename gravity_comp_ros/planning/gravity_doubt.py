@@ -88,11 +88,12 @@ class GravityDoubt:
         cross = information[:r, r:]
         told = information[:r, :r] - cross @ np.linalg.solve(nuisance, cross.T)
         before = self._std(np.eye(r))
-        return GravityAnswer(self._std(np.linalg.inv(np.eye(r) + 0.5 * (told + told.T))), before)
+        left = np.asarray(np.linalg.inv(np.eye(r) + 0.5 * (told + told.T)))
+        return GravityAnswer(self._std(left), before)
 
     def _std(self, left: FloatArray) -> FloatArray:
         variance = np.einsum('ij,nji->n', left, self.spread[list(self.joints)])
-        return np.sqrt(np.maximum(variance, 0.0))
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def gravity_doubt(model: GravityModel, q: FloatArray, tau: FloatArray, noise: FloatArray,

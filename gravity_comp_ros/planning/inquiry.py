@@ -113,8 +113,8 @@ class GravityInquiry:
     def planned(self, motion: Motion) -> FloatArray:
         own, situation = self.situation.own_columns(motion), self.situation
         # A fit of gravity takes slow samples only, and few of them a second.
-        slow = (np.abs(motion.samples.qd) < _GATE.max_speed).all(axis=1)
-        slow[:situation.skip] = False
+        slow = np.flatnonzero((np.abs(motion.samples.qd) < _GATE.max_speed).all(axis=1))
+        slow = slow[slow >= situation.skip]
         kept = min(1.0, (_GATE.rate_hz or np.inf) * situation.step)
         weights = situation.noise.per_second * kept / situation.rate
         return self.doubt.information(motion.samples.q[slow], own[slow], weights)

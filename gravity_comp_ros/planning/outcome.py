@@ -102,7 +102,9 @@ def _outcome(one: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
         raise BagError(f'the plan was for joint {target.joint}, which is none of '
                        f'{", ".join(diagnosis.joints)}')
     finding = finding_of(target, diagnosis)
-    symbol, width = next(iter(one['half_width'].items()), ('', {}))
+    widths: Mapping[str, Mapping[str, Any]] = one['half_width']
+    symbol = next(iter(widths), '')
+    width = widths.get(symbol, {})
     found = finding.coefficients.get(symbol) if finding is not None else None
     return Outcome(target, float(one['chance']), outcome(target, diagnosis), width.get('value'),
                    None if found is None else 0.5 * (found.ci95[1] - found.ci95[0]),

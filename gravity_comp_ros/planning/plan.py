@@ -84,11 +84,15 @@ class _Asked:
 
     def expectations(self, motion: Sequence[Segment]) -> tuple[Expectation, ...]:
         before, after = self.chooser.answers_before(), self.chooser.answers_after(motion)
-        each = zip(self.named, self.questions, before, after, self.chooser.untestable(motion))
-        return tuple(_expectation(target, asked, old, new, self.situation, self.diagnosis,
-                                  reason or '')
-                     for target, asked, old, new, reason in each
-                     if isinstance(old, Answer) and isinstance(new, Answer))
+        both = self.chooser.joined(motion)
+        each = zip(self.named, self.questions, before, after, self.chooser.untestable(both))
+        found = []
+        for target, asked, old, new, reason in each:
+            assert isinstance(old, Answer) and isinstance(new, Answer)
+            none = asked.never_tested(both, target.alternatives)
+            found.append(_expectation(target, asked, old.without(none), new.without(none),
+                                      self.situation, self.diagnosis, reason or ''))
+        return tuple(found)
 
     def gravity(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
         """Return what becomes of the doubt about gravity, joint by joint."""

@@ -60,6 +60,16 @@ class Question:
     joints: tuple[int, ...]
     known_size: bool
 
+    def never_tested(self, both: Motion, named: Sequence[str]) -> set[int]:
+        """
+        Return the alternatives that a diagnosis of a motion does not consider.
+
+        :param named: alternatives that count whatever the motion.
+        """
+        names = {name.partition(':')[0] for name in named}
+        return {k for k, other in enumerate(self.alternatives) if other.effect.name not in names
+                and other.effect.untestable(both, other.joint or 0) is not None}
+
 
 @dataclass(frozen=True, eq=False)
 class NoiseRate:
