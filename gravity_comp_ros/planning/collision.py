@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
-from gravity_comp_ros.description.urdf import read_text
 import numpy as np
 
 # Links that come as near as this hit each other, m: points of a path are a hundredth of a radian
@@ -107,6 +106,7 @@ def collision_check(urdf: Path | None, joints: Sequence[str],
     if urdf is None:
         return None, ('not checked whether the links of the arm hit each other: a description '
                       'with collision geometry (--urdf) would tell')
+    from gravity_comp_ros.description.urdf import read_text
     text = read_text(urdf).decode('utf-8', 'replace')
     try:
         found = self_collision(text, joints, recorded, urdf.resolve().parent)
