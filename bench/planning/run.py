@@ -32,7 +32,7 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning import Expectation, plan, Plan, PlanOptions, Target
+from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.outcome import outcome
 from gravity_comp_ros.simulation import motions
 

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     terminal.warn(*found.notes)
     if args.json:
         terminal.emit_json({**found.to_json(), 'output': str(args.output), 'links': links,
-                             'links_checked': check is not None,
+                            'links_checked': check is not None,
                             'bags': [r.to_json() for r in recording.reports]}, args.json)
     return 0
 
