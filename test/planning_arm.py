@@ -1,9 +1,13 @@
 """A small arm with a model, and recordings that leave something open."""
 
+from dataclasses import replace
+
 from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
+from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
 NAMES = ('shoulder', 'elbow', 'wrist')
@@ -21,6 +25,12 @@ def model() -> GravityModel:
                         made.coverage, {}, CHAIN)
 
 
+def unsure_model(spread: float = 0.2) -> GravityModel:
+    """Return the same, each of its parameters unsure by `spread`."""
+    made = model()
+    return replace(made, uncertainty=ChainUncertainty(CHAIN, spread ** 2 * np.eye(12)))
+
+
 def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction: float = 0.0,
             span: float = 1.0) -> JointSamples:
     """Return a recording in which every joint turns one way all the time, now fast, now slowly."""
@@ -35,3 +45,11 @@ def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction:
 
 def both(*runs: JointSamples) -> JointSamples:
     return concatenate(runs)
+
+
+def played(trajectory: Trajectory, seed: int = 1, friction: float = 0.0) -> JointSamples:
+    """Return what the arm records on a motion."""
+    q, qd = trajectory.q, trajectory.qd
+    noise = NOISE * np.random.default_rng(seed).normal(size=q.shape)
+    tau = CHAIN.torque(q) + friction * np.tanh(qd / 0.002) + noise
+    return JointSamples.single_run(NAMES, trajectory.t, q, qd, tau, 'new')

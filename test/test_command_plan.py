@@ -8,7 +8,7 @@ from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.recordings.trajectory_files import read_trajectory
 import numpy as np
-from planning_arm import model, NAMES, one_way
+from planning_arm import model, NAMES, one_way, played
 import pytest
 import urdf_snippets as robots
 
@@ -48,15 +48,40 @@ def test_a_plan_is_written_told_and_played(folder, tmp_path, capsys):
     out = tmp_path / 'new.mcap'
     assert main(['synth', '--arm', str(folder / 'arm.urdf'), '--motion', str(motion), '--noise',
                  '0.01', '-o', str(out)]) == 0
-    played = read_bag(out).samples
-    at = np.interp(played.t, found.t, found.q[:, 1])
-    np.testing.assert_allclose(played.q[:, played.names.index('elbow')], at, atol=2e-3)
+    moved = read_bag(out).samples
+    at = np.interp(moved.t, found.t, found.q[:, 1])
+    np.testing.assert_allclose(moved.q[:, moved.names.index('elbow')], at, atol=2e-3)
 
 
 def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
     out = tmp_path / 'wide.csv'
     assert main(planned(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
     assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
+
+
+@pytest.mark.parametrize('friction, verdict', [(0.5, 'established'), (0.0, 'absent')])
+def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
+    motion, stated = tmp_path / 'motion.csv', tmp_path / 'plan.json'
+    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, friction=friction))])
+    old = str(tmp_path / 'old.mcap')
+    line = planned(folder, motion, '--json', stated)
+    assert main([line[0], old, *line[2:]]) == 0
+    assert f'--plan {stated}' in ' '.join(capsys.readouterr().out.split())
+    new = played(read_trajectory(motion), friction=friction)
+    write_bag(tmp_path / 'new.mcap', [joint_states(new)])
+    line = ['diagnose', old, str(tmp_path / 'new.mcap'), '--model', str(folder / 'arm.json'),
+            '--effects', 'coulomb_friction,viscous_friction', '--plan', str(stated)]
+    out = tmp_path / 'found.json'
+    assert main([*line, '--json', str(out)]) == 0
+    (came,) = json.loads(out.read_text())['plan']
+    assert came['verdict'] == verdict and came['settled'] and came['as_expected']
+    assert '1 of 1 planned for are settled' in ' '.join(capsys.readouterr().out.split())
+    if friction:
+        # The interval is as wide as it was to be; few blocks of data leave it vague.
+        assert 0.2 < came['found_half_width'] / came['half_width'] < 5.0
+    stated.write_text('{}')
+    assert main(line) == 1
+    assert 'is not what `plan --json` writes' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('argv, status, words', [

@@ -1,142 +1,175 @@
 """
 Does a planned motion settle what a poor recording leaves open, sooner than other motion does.
 
-Run from the root of the repository:
+Run from the root of the repository; what is in the results already is not run again:
 
-    python -m bench.planning.run results.json --seeds 2 --arms iiwa7,six_axis
+    python -m bench.planning.run results.jsonl --arms iiwa7,six_axis --seeds 0,1
+    python -m bench.planning.table results.jsonl
 
-Each case is an arm with one hidden effect and a poor recording of 60 s. Those that the diagnosis
-does not settle go on with 20 s more: planned, slow random motion of all joints, and a Fourier
-series that excites all parameters alike. A case is settled rightly if the diagnosis of both
-recordings finds the effect on its joint, established or likely, and nothing else on that joint.
-The diagnosis knows the effects of `KNOWN` only, which takes a tenth of the time.
+Each case is an arm with one hidden effect and a poor recording of 60 s. Those whose diagnosis is
+not right go on with a planned motion of 20 s or of 7 s, and with 20 s of slow random motion of
+all joints, of slow random motion of three joints near recorded poses, and of a Fourier series that
+excites all parameters alike. A case is settled rightly if the diagnosis of both recordings finds
+the effect on its joint, established or likely, and nothing else there. The plan is for all that
+the diagnosis leaves open; in a tie it is for the hidden effect, as somebody asks who suspects it.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections import defaultdict
 import json
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from bench.planning.scenes import (
-    ARMS, EFFECTS, fourier, MORE_SECONDS, played, POOR, random_slow, Scene)
+from bench.planning.rivals import fourier, MORE_SECONDS, played, random_near, random_slow
+from bench.planning.scenes import KINDS, known_axes, Scene
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.data.samples import concatenate, JointSamples
-from gravity_comp_ros.diagnosis.diagnose import diagnose, DiagnosisOptions
-from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning import plan, PlanOptions
+from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
+from gravity_comp_ros.planning.outcome import outcome
+from gravity_comp_ros.simulation import motions
 
-KNOWN = ('coulomb_friction', 'viscous_friction', 'load_dependent_friction', 'torque_offset',
-         'joint_spring', 'inertia')
-WAYS = ('planned', 'random', 'fourier')
-_SURE = ('established', 'likely')
-_ALWAYS_THERE = ('inertia',)
+SHORT_SECONDS = 7.0
+_ALWAYS_THERE = ('inertia', 'coriolis', 'rigid_body_dynamics')
 
 
 def main() -> int:
-    """Run what is missing, and print the table."""
+    """Run what is missing."""
     args = parser().parse_args()
     path = Path(args.results)
-    done: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    lines = path.read_text().splitlines() if path.exists() else []
+    done = {json.loads(line)['name'] for line in lines}
     deadline = time.monotonic() + args.minutes * 60
     for scene in scenes(args):
         if scene.name in done or time.monotonic() > deadline:
             continue
-        done[scene.name] = run(scene)
-        path.write_text(json.dumps(done, indent=1))
-        print(scene.name, {k: v for k, v in done[scene.name].items() if k != 'parts'}, flush=True)
-    print(table(done))
+        with path.open('a') as file:
+            file.write(json.dumps(run(scene, args.ways.split(','))) + '\n')
     return 0
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Planned motion against random and Fourier.')
-    out.add_argument('results', help='JSON file; what is in it is not run again')
-    out.add_argument('--arms', default=','.join(ARMS))
-    out.add_argument('--seeds', type=int, default=2)
+    out.add_argument('results', help='file of JSON lines')
+    out.add_argument('--arms', default='iiwa7,six_axis')
+    out.add_argument('--effects', default=','.join(KINDS))
+    out.add_argument('--seeds', default='0,1')
+    out.add_argument('--ways', default=','.join(WAYS))
+    out.add_argument('--poor', default=None, help='only these kinds of poor recordings')
+    out.add_argument('--small', action='store_true', help='small effects, asked for by name')
     out.add_argument('--minutes', type=float, default=1e9, help='begin no case after this time')
     return out
 
 
 def scenes(args: argparse.Namespace) -> list[Scene]:
     """Return all cases, seed by seed."""
-    return [Scene(arm, effect, joint, poor, seed) for seed in range(args.seeds)
-            for poor in POOR for arm in args.arms.split(',') for effect in EFFECTS
-            for joint in (1 + 2 * (seed % 2),)]
+    wanted = args.poor.split(',') if args.poor else None
+    return [Scene(arm, effect, 0 if KINDS[effect].whole_arm else 1 + 2 * (seed % 2), poor, seed,
+                  args.small)
+            for seed in map(int, args.seeds.split(',')) for effect in args.effects.split(',')
+            for poor in KINDS[effect].poor if wanted is None or poor in wanted
+            for arm in args.arms.split(',')]
 
 
-def run(scene: Scene) -> dict[str, Any]:
-    """Return whether the effect was settled before, and after 20 s more of each kind."""
+def run(scene: Scene, ways: list[str]) -> dict[str, Any]:
+    """Return how it was judged before, and after more motion of each kind."""
+    found: dict[str, Any] = {'name': scene.name, 'arm': scene.arm, 'effect': scene.effect,
+                             'poor': scene.poor, 'tie': scene.kind.is_tie, 'ways': {}}
     try:
-        return _run(scene)
+        case = Case(scene)
     except GravityCompError as problem:
-        return {'error': str(problem)}
+        return {**found, 'error': str(problem)}
+    found['before'] = judged(case.first, scene)
+    found['left'] = outcome(scene.truth, case.first)
+    if found['before'] == 'right':
+        return found
+    for way in ways:
+        try:
+            found['ways'][way] = case.after(way)
+        except GravityCompError as problem:
+            found['ways'][way] = {'error': str(problem)}
+    return found
 
 
-def _run(scene: Scene) -> dict[str, Any]:
-    old = scene.recorded(scene.poor_motion(), 0)
-    slow = slow_samples(old).samples
-    model = fit(slow, FitOptions('chain')).model
-    first = diagnose(old, model, DiagnosisOptions(effects=KNOWN))
-    result: dict[str, Any] = {'before': judged(first, scene, old)}
-    if result['before'] == 'right':
-        return result
-    options = PlanOptions(MORE_SECONDS)
-    started = time.process_time()
-    try:
-        found = plan(old, model, None, options, first)
-        result['plan_seconds'] = time.process_time() - started
-        result['parts'] = [part.sentence for part in found.parts]
-        result['chance'] = {e.target.name: e.chance for e in found.expectations}
-        more = {'planned': played(found.trajectory)}
-    except GravityCompError as problem:
-        result['planned'], more = f'no plan: {problem}', {}
-    more['random'] = random_slow(old, options, scene.seed)
-    more['fourier'] = fourier(old, model, options, scene.seed)
-    for way, motion in more.items():
-        both = concatenate([old, scene.recorded(motion, 1)])
-        result[way] = judged(again(both, model), scene, both)
-    return result
+class Case:
+    """A scene with its poor recording, model and first diagnosis."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.old = scene, scene.recorded()
+        axes = known_axes(scene.made) if scene.kind.known_axes else None
+        slow = slow_samples(self.old).samples
+        self.model: GravityModel = fit(slow, FitOptions('chain', geometry=axes)).model
+        self.first = diagnose(self.old, self.model)
+        self.targets = [scene.truth] if scene.kind.is_tie or scene.small else None
+
+    def after(self, way: str) -> dict[str, Any]:
+        """Return how the case is judged after more motion."""
+        motion, said = WAYS[way](self)
+        both = concatenate([self.old, self.scene.later(motion)])
+        diagnosis = diagnose(both, self.model)
+        for expected in said.get('expected', ()):
+            target = Target(expected['effect'], expected['joint'])
+            expected['outcome'] = outcome(target, diagnosis)
+            if target.effect == self.scene.effect:
+                assumed = next(iter(expected['assumed'].values()))
+                expected['share'] = abs(self.scene.size / assumed)
+        return {'verdict': judged(diagnosis, self.scene), 'duration': motion.t[-1], **said,
+                'left': outcome(self.scene.truth, diagnosis), 'sure': sure(diagnosis)}
+
+    def planned(self, seconds: float) -> tuple[motions.Motion, dict[str, Any]]:
+        """Return the planned motion, and what was expected of it."""
+        started = time.process_time()
+        found: Plan = plan(self.old, self.model, self.targets, PlanOptions(seconds), self.first)
+        return played(found.trajectory), {
+            'plan_seconds': time.process_time() - started,
+            'parts': [part.sentence for part in found.parts],
+            'expected': told(found.expectations)}
+
+    def rival(self, way: str) -> tuple[motions.Motion, dict[str, Any]]:
+        """Return a motion that knows nothing of what is open."""
+        options, seed = PlanOptions(MORE_SECONDS), self.scene.seed
+        if way == 'random':
+            return random_slow(self.old, options, seed), {}
+        if way == 'fourier':
+            return fourier(self.old, self.model, options, seed), {}
+        return random_near(self.old, options, self.scene.joint, seed), {}
 
 
-def again(samples: JointSamples, model: GravityModel) -> Diagnosis:
-    """Return the diagnosis of both recordings beside a model of both."""
-    fresh = fit(slow_samples(samples).samples, FitOptions('chain')).model
-    return diagnose(samples, fresh, DiagnosisOptions(effects=KNOWN))
+WAYS = {'planned': lambda case: case.planned(MORE_SECONDS),
+        'planned_short': lambda case: case.planned(SHORT_SECONDS),
+        **{way: (lambda case, way=way: case.rival(way))
+           for way in ('random', 'random_near', 'fourier')}}
 
 
-def judged(diagnosis: Diagnosis, scene: Scene, samples: JointSamples) -> str:
+def told(expectations: tuple[Expectation, ...]) -> list[dict[str, Any]]:
+    """Return what was expected, without the widths of intervals."""
+    return [{**each.to_json(), 'half_width': None} for each in expectations]
+
+
+def sure(diagnosis: Diagnosis) -> list[str]:
+    """Return the established and likely effects by name and joint."""
+    return [f'{f.effect}:{f.joint}' for f in diagnosis.findings
+            if f.verdict in FOUND and f.effect not in _ALWAYS_THERE]
+
+
+def judged(diagnosis: Diagnosis, scene: Scene) -> str:
     """Return 'right', 'open' (the effect is not sure) or 'wrong' (another one is sure)."""
-    joint = samples.names[scene.joint]
-    sure = {f.effect for f in diagnosis.findings
-            if f.joint == joint and f.verdict in _SURE} - set(_ALWAYS_THERE)
-    if sure - {scene.effect}:
-        return 'wrong: ' + ', '.join(sorted(str(effect) for effect in sure - {scene.effect}))
-    return 'right' if scene.effect in sure else 'open'
-
-
-def table(done: dict[str, Any]) -> str:
-    """Return the counts by what the poor recording lacks."""
-    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for name, result in done.items():
-        rows[name.split('-')[3]].append(result)
-    lines = ['| recording | cases | right at once | left | planned | random | Fourier |',
-             '|---|---|---|---|---|---|---|']
-    for poor, results in rows.items():
-        left = [r for r in results if 'error' not in r and r['before'] != 'right']
-        counts = [sum(r.get(way) == 'right' for r in left) for way in WAYS]
-        at_once = sum(r.get('before') == 'right' for r in results)
-        lines.append(f'| {poor} | {len(results)} | {at_once} | {len(left)} | '
-                     + ' | '.join(map(str, counts)) + ' |')
-    return '\n'.join(lines)
+    truth = scene.truth
+    name = scene.made.joints[scene.joint]
+    here = {str(f.effect) for f in diagnosis.findings if f.verdict in FOUND
+            and f.joint in (name, None) and f.effect is not None} - set(_ALWAYS_THERE)
+    wrong = here - {truth.effect} - set(scene.kind.beside)
+    if wrong:
+        return 'wrong: ' + ', '.join(sorted(wrong))
+    return 'right' if truth.effect in here else 'open'
 
 
 if __name__ == '__main__':

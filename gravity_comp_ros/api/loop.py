@@ -15,6 +15,7 @@ The loop as functions: fit, compare, diagnose, add effects, update.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.axes import AxesOptions, known_axes
@@ -30,6 +31,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.applied_effects import target
+from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
 from gravity_comp_ros.planning.questions import named_targets
@@ -138,17 +140,23 @@ def update(model: Model, recording: Recording, *, urdf: str | Path | None = None
 
 
 def plan(model: Model, recording: Recording, effects: Iterable[str] | None = None, *,
-         options: PlanOptions = PlanOptions(), progress: Progress | None = None) -> MotionPlan:
+         urdf: str | Path | None = None, options: PlanOptions = PlanOptions(),
+         progress: Progress | None = None) -> MotionPlan:
     """
     Plan the motion that settles what a recording leaves open.
 
         gc.plan(model, train, ['coulomb_friction:elbow']).save('motion.yaml')
 
-    :param effects: `NAME` or `NAME:JOINT`; without, what a diagnosis cannot settle.
+    :param effects: `NAME`, `NAME:JOINT`, or `gravity` for the poses where the model is unsure;
+        without, what a diagnosis cannot settle.
+    :param urdf: a robot description, by whose collision geometry no links hit each other.
     :param options: duration, limits and reach of the motion.
     :raises DataError: if there is nothing to settle, or no motion that would.
     :raises OptionError: if an effect or joint is unknown, or a limit makes no sense.
     """
     targets = None if effects is None else named_targets(effects, model.joints)
-    return MotionPlan(plan_motion(recording.used, model.gravity, targets, options,
-                                  progress=progress))
+    samples = recording.used.joints(model.joints)
+    check, links = collision_check(None if urdf is None else Path(urdf), model.joints, samples.q)
+    found = plan_motion(samples, model.gravity, targets, options, progress=progress,
+                        obstacles=check)
+    return MotionPlan(replace(found, notes=(*found.notes, links)))

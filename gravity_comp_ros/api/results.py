@@ -75,7 +75,8 @@ class MotionPlan(Shown):
     """
     A motion that settles what recordings leave open, and what to expect of it.
 
-    Nothing here sees obstacles, people or the arm's own links. `raw` is the result of the core.
+    Obstacles and people are not known here; a note says whether the arm's own links were
+    checked. `raw` is the result of the core.
     """
 
     raw: Plan

@@ -26,9 +26,12 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
+from gravity_comp_ros.planning.outcome import Outcome, outcomes, read_expected, summary
 from gravity_comp_ros.recordings.bag import ReadReport
 
 
+_PLANNED = ('to settle', 'stated chance', 'verdict now', 'as expected', 'expected interval',
+            'interval now')
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 
 
@@ -41,6 +44,7 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     for name in args.effects or ():
         known_effect(name)
+    expected = None if args.plan is None else read_expected(args.plan)
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
@@ -57,6 +61,7 @@ def _run(args: argparse.Namespace) -> int:
     diagnosis = replace(diagnosis, findings=findings)
     terminal.warn(*broken_plug_ins())
     check = data_check.check(samples, diagnosis)
+    came = None if expected is None else outcomes(expected, diagnosis)
     if args.html:
         _write_page(args, samples, beside, diagnosis, reports, fitted=model is None)
     if args.json != '-':
@@ -66,12 +71,15 @@ def _run(args: argparse.Namespace) -> int:
             terminal.show(f'{len(recording.samples) - len(samples)} samples that were held out of '
                           'the fit are left out here, for `compare --holdout`')
         _show(args, diagnosis, check, model)
+        if came is not None:
+            _show_outcomes(came)
         terminal.show(f'diagnosed in {seconds:.1f} s')
     if args.json:
         terminal.emit_json(
             {**results.Diagnosis(diagnosis).to_json(),
              'model': args.model.name if args.model else None,
              'data': check.to_json(), 'bags': [r.to_json() for r in reports],
+             'plan': None if came is None else [one.to_json() for one in came],
              'left_out_plug_ins': list(broken_plug_ins()), 'seconds': seconds}, args.json)
     return 0
 
@@ -148,6 +156,19 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         for line in unseen:
             terminal.show(f'  {terminal.safe(line)}')
     terminal.show('')
+
+
+def _show_outcomes(came: list[Outcome]) -> None:
+    rows = [[one.target.name, f'{100 * one.chance:.0f} %', one.verdict,
+             'yes' if one.as_expected else 'no', _width(one.half_width, one.unit),
+             _width(one.found_half_width, one.unit)] for one in came]
+    terminal.show('', terminal.table('what the plan expected', _PLANNED, rows, keys=1,
+                                     left=('verdict now',)),
+                  terminal.safe(summary(came)), '')
+
+
+def _width(value: float | None, unit: str) -> str:
+    return '–' if value is None else f'± {value:.2g} {unit}'.strip()
 
 
 def _table(diagnosis: Diagnosis) -> ScreenTable:

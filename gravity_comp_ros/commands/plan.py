@@ -12,6 +12,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
+from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
@@ -24,17 +25,21 @@ def run(args: argparse.Namespace) -> int:
     targets = _targets(args, model)
     with terminal.progress() as report:
         recording = reading.load_all(args, report)
-        found = plan(recording.samples, model, targets, _options(args, model), progress=report)
+        check, links = collision_check(args.urdf, model.joints,
+                                       recording.samples.joints(model.joints).q)
+        found = plan(recording.samples, model, targets, _options(args, model), progress=report,
+                     obstacles=check)
     trajectory = found.trajectory
     if args.effort:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
     comments = [part.sentence for part in found.parts]
     write_trajectory(args.output, trajectory, comments, args.goal)
     if args.json != '-':
-        _show(args, found)
+        _show(args, found, links)
     terminal.warn(*found.notes)
     if args.json:
-        terminal.emit_json({**found.to_json(), 'output': str(args.output),
+        terminal.emit_json({**found.to_json(), 'output': str(args.output), 'links': links,
+                            'links_checked': check is not None,
                             'bags': [r.to_json() for r in recording.reports]}, args.json)
     return 0
 
@@ -62,7 +67,7 @@ def _options(args: argparse.Namespace, model: GravityModel) -> PlanOptions:
                        low=low, high=high, start=start)
 
 
-def _show(args: argparse.Namespace, found: Plan) -> None:
+def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
     length = f'{found.trajectory.duration:.1f} s'
     terminal.show(f'[bold]{len(found.parts)} parts, {length}[/bold]')
     for part in found.parts:
@@ -70,8 +75,10 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
     rows = [list(results.expected_row(each)) for each in found.expectations]
     terminal.show('', terminal.table('what to expect', results.EXPECTED, rows,
                                      results.EXPECTED[3:]))
+    terminal.show(*(f'  {terminal.safe(each.sentence)}' for each in found.gravity))
     start = ', '.join(f'{value:.3f}' for value in found.trajectory.q[0])
     terminal.show('', terminal.safe(f'bring the arm to {start} rad first'),
+                  terminal.safe(links),
                   'obstacles are not known here: keep the space around the arm clear',
                   terminal.safe(f'written to {args.output}'))
     # The recording of the motion has no name yet.
@@ -80,4 +87,9 @@ def _show(args: argparse.Namespace, found: Plan) -> None:
         bags[-1] = bags[-1].with_stem(f'{bags[-1].stem}_played')
     next_step.show(f'play it on the arm (`gravity_comp plan --help` shows how), record it as '
                    f'{bags[-1]}, and diagnose all together',
-                   next_step.command('diagnose', args, bags=bags, model=args.model))
+                   next_step.command('diagnose', args, *_expected(args), bags=bags,
+                                     model=args.model))
+
+
+def _expected(args: argparse.Namespace) -> list[str]:
+    return ['--plan', str(args.json)] if args.json and args.json != '-' else []

@@ -1,6 +1,7 @@
 """Motions that settle what recordings leave open."""
 
+from gravity_comp_ros.planning.expected import Expectation, Plan, PlannedPart
 from gravity_comp_ros.planning.options import PlanOptions, Target
-from gravity_comp_ros.planning.plan import Expectation, Plan, plan, PlannedPart
+from gravity_comp_ros.planning.plan import plan
 
 __all__ = ['Expectation', 'Plan', 'PlanOptions', 'PlannedPart', 'Target', 'plan']

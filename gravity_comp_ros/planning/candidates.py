@@ -1,7 +1,9 @@
 """
 Parts that a planned motion may be made of, each as a person would move to test something.
 
-Every part begins and ends at rest at one pose, its `base`, and moves one or two joints.
+Every part begins and ends at rest at one pose, its `base`, and moves one to three joints.
+Short strokes at creeping speed are none of them: by the criterion they tell much, but the
+direction of the joint is then the least certain, and a diagnosis sees little in them.
 """
 
 from __future__ import annotations
@@ -11,18 +13,19 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.segments import Hold, Line, Pace, Segment, wave_within
+from gravity_comp_ros.planning.segments import Hold, Line, Pace, Segment, Wave, wave_within
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 # Shares of the largest speed.
-_SPEEDS = (1.0, 0.4, 0.15)
+_SPEEDS, _TOGETHER = (1.0, 0.6, 0.3), 0.45
 # No part takes longer, s: several short ones are better than one long one.
 _LONGEST = 8.0
 _SHORTEST = 3.0
-_SMALL_STROKES = (0.01, 0.03)
 _STOPS, _STOP = 4, 0.6
 _LEAST_STROKE = 0.02
+# Sizes of waves that are tried, and time between the points at which they are checked, s.
+_SHARES, _CHECK = (1.0, 0.7, 0.5, 0.3, 0.15), 0.02
 _MOST_BASES = 5
 
 
@@ -49,6 +52,7 @@ def candidates(space: Workspace, model: GravityModel, joint: int, pace: Pace,
         for partner in (joint - 1, joint + 1):
             if 0 <= partner < space.n_joints:
                 found += _of_two_joints(space, (joint, partner), words, base, pace, longest)
+        found += _of_three_joints(space, joint, words, base, pace, longest)
     return found
 
 
@@ -105,10 +109,6 @@ def _of_one_joint(space: Workspace, joint: int, words: str, base: FloatArray, pa
     if slow < pace.speed:
         found.append(_to_and_fro(f'slowly through its range{where}', (joint,), base, axis, -down,
                                  up, pace.slower(slow), longest))
-    for stroke in _SMALL_STROKES:
-        low, high = _centred(down, up, min(stroke, up + down))
-        found.append(_to_and_fro(f'to and fro by {stroke:g} rad{where}', (joint,), base, axis,
-                                 low, high, pace.slower(max(0.02, stroke)), longest))
     found.append(_stairs(f'in steps up and down{where}', joint, base, axis, down, up, pace,
                          longest))
     amplitude = min(up, down) * axis
@@ -128,11 +128,44 @@ def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: 
         up, down = (space.extent(base, s * axis, 1.0) for s in (1.0, -1.0))
         if up + down < _LEAST_STROKE:
             continue
-        speed = 0.5 * pace.speed
+        speed = _TOGETHER * pace.speed
         low, high = _centred(down, up, min(up + down, 0.5 * longest * speed))
         found.append(_to_and_fro(f'both {how}{where}', joints, base, axis, low, high,
                                  pace.slower(speed), longest))
     return [part for part in found if part.duration <= 1.5 * longest]
+
+
+def _of_three_joints(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
+                     longest: float) -> list[Part]:
+    """Return sines of a joint and its neighbours, each with a frequency of its own."""
+    joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < space.n_joints]
+    frequency, amplitude = np.ones(space.n_joints), np.zeros(space.n_joints)
+    duration = min(longest, 8.0)
+    for order, n in enumerate(joints):
+        frequency[n] = (order % 3 + 1) / duration
+        axis = np.eye(space.n_joints)[n]
+        amplitude[n] = min(space.extent(base, sign * axis, 1.0) for sign in (1.0, -1.0))
+    found = []
+    for how, turn in (('slowly', 0), ('in another order', 1)):
+        frequency[joints] = np.roll(frequency[joints], turn)
+        wave = _admissible(space, base, amplitude, frequency, duration, pace)
+        if wave is not None:
+            where = f' {words}' if words else ''
+            found.append(Part(f'in sines of their own, {how}{where}', tuple(joints), base,
+                              (wave,)))
+    return found
+
+
+def _admissible(space: Workspace, base: FloatArray, amplitude: FloatArray, frequency: FloatArray,
+                duration: float, pace: Pace) -> Wave | None:
+    """Return the widest of some waves that stays within the workspace."""
+    for share in _SHARES:
+        wave = wave_within(base, share * amplitude, frequency, duration, pace)
+        if np.abs(wave.amplitude).max() < _LEAST_STROKE:
+            return None
+        if space.admits_path(wave.at(np.arange(0.0, duration, _CHECK))[0]):
+            return wave
+    return None
 
 
 def _centred(down: float, up: float, stroke: float) -> tuple[float, float]:

@@ -4,47 +4,57 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.planning.candidates import Part, travel
-from gravity_comp_ros.planning.criterion import Answer, answer
-from gravity_comp_ros.planning.regressors import Question, Situation, width
-from gravity_comp_ros.planning.segments import Pace, Segment
+from gravity_comp_ros.planning.inquiry import Inquiry, Valued
+from gravity_comp_ros.planning.regressors import Situation
+from gravity_comp_ros.planning.segments import Pace, sampled, Segment
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 _EXCHANGES = 2
 # Less than this is no help, in the units of `Answer.value`.
 _HELPS = 0.02
+# What a companion counts beside a target.
+_BESIDE = 0.5
 
 
 class Chooser:
     """Chooses among parts by the information that each adds to that of the recordings."""
 
-    def __init__(self, space: Workspace, situation: Situation, questions: Sequence[Question],
+    def __init__(self, space: Workspace, situation: Situation,
+                 inquiries: tuple[Sequence[Inquiry], Sequence[Inquiry]],
                  parts: Sequence[Part], pace: Pace, duration: float) -> None:
+        """
+        Measure the information of every part.
+
+        :param inquiries: the targets', and those of companions, which count less.
+        """
         self._space, self._situation, self._pace = space, situation, pace
-        self._questions, self._duration = list(questions), duration
+        self._n_targets, self._duration = len(inquiries[0]), duration
+        self._inquiries = [*inquiries[0], *inquiries[1]]
+        self._weights = [1.0] * len(inquiries[0]) + [_BESIDE] * len(inquiries[1])
         self._travel_times: dict[bytes, float] = {}
-        self._gradient = any(len(q.joints) > 1 for q in questions)
-        self._priors = [situation.prior(q) for q in questions]
-        recorded = situation.recorded
-        self._widths = [tuple(width(one, recorded) for one in (q.target, *q.alternatives))
-                        for q in questions]
+        self._blocked: set[int] = set()
+        self._gradient = any(inquiry.uses_gradient for inquiry in self._inquiries)
         self._parts = [part for part in parts if self._time([part]) <= duration]
-        seconds = _seconds_a_row(recorded)
-        self._old = [situation.information(q, recorded, seconds) for q in questions]
-        self._new = [self._information(part.segments) for part in self._parts]
+        self._old = [inquiry.recorded() for inquiry in self._inquiries]
+        self._new = [self._of_part(part) for part in self._parts]
 
     def choose(self) -> list[Part]:
-        """Return the parts in the order in which they are played."""
+        """
+        Return the parts in the order in which they are played.
+
+        None comes twice: noise would average out, but what the model lacks there would not.
+        """
         chosen: list[int] = []
         while (best := self._best_addition(chosen)) is not None:
             chosen.append(best)
         for _ in range(_EXCHANGES):
             if not self._exchange(chosen):
                 break
+        self._make_testable(chosen)
         return self._ordered([self._parts[k] for k in chosen])
 
     def assemble(self, chosen: Sequence[Part]) -> tuple[list[Segment],
@@ -64,61 +74,105 @@ class Chooser:
         motion += self._way(at, self._space.start)
         return motion, stretches
 
-    def answers_before(self) -> list[Answer]:
-        """Return what the recordings alone say."""
-        return self._answers(self._old)
+    def answers_before(self) -> list[Valued]:
+        """Return what the recordings alone say of the targets."""
+        return self._answers(self._old)[:self._n_targets]
 
-    def answers_after(self, motion: Sequence[Segment]) -> list[Answer]:
-        """Return what the recordings and a whole motion say."""
+    def answers_after(self, motion: Sequence[Segment]) -> list[Valued]:
+        """Return what the recordings and a whole motion say of the targets."""
         return self._answers([old + new for old, new in zip(
-            self._old, self._information(tuple(motion)))])
+            self._old, self._information(tuple(motion)))])[:self._n_targets]
+
+    def untestable(self, both: Motion) -> list[str | None]:
+        """Return by target why a diagnosis of recordings and motion will not look for it."""
+        return [inquiry.untestable(both) for inquiry in self._inquiries[:self._n_targets]]
+
+    def joined(self, motion: Sequence[Segment]) -> Motion:
+        """Return recordings and a planned motion as a diagnosis of both will see them."""
+        return self._situation.joined(motion)
 
     def helps(self, part: Part) -> list[int]:
         """Return the questions that a part by itself helps to settle."""
         new = self._new[next(k for k, p in enumerate(self._parts) if p is part)]
-        before = self._answers(self._old)
-        after = self._answers([a + b for a, b in zip(self._old, new)])
-        gains = [b.value - a.value for a, b in zip(before, after)]
+        gains = [0.0 if b is None else inquiry.answer(a + b).value - inquiry.answer(a).value
+                 for inquiry, a, b in zip(self._inquiries[:self._n_targets], self._old, new)]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
     def _best_addition(self, chosen: list[int]) -> int | None:
-        now = [self._parts[k] for k in chosen]
-        known = self._total(chosen)
-        value = self._value(known)
-        used = self._time(now)
-        best, best_gain = None, 0.0
-        for k, part in enumerate(self._parts):
-            time = self._time([*now, part])
-            if time > self._duration:
-                continue
-            gain = self._value([a + b for a, b in zip(known, self._new[k])]) - value
-            if gain > _HELPS and gain / max(time - used, 0.5) > best_gain:
-                best, best_gain = k, gain / max(time - used, 0.5)
-        return best
+        used, known = self._time_of(chosen), self._total(chosen)
+        values, gains = self._values(known), {}
+        for k in self._free(chosen):
+            time = self._time_of([*chosen, k])
+            if time <= self._duration and (gain := self._gain(known, values, k)) > _HELPS:
+                gains[k] = gain / max(time - used, 0.5)
+        return next((k for k in sorted(gains, key=lambda k: -gains[k]) if self._is_clear(k)), None)
 
     def _exchange(self, chosen: list[int]) -> bool:
         """Replace parts by others of the same time or less where that tells more."""
         improved = False
         for place in range(len(chosen)):
             rest = [*chosen[:place], *chosen[place + 1:]]
-            known, others = self._total(rest), [self._parts[k] for k in rest]
-            best, best_value = chosen[place], self._value(
-                [a + b for a, b in zip(known, self._new[chosen[place]])])
-            for k, part in enumerate(self._parts):
-                if self._time([*others, part]) > self._duration:
+            known = self._total(rest)
+            values = self._values(known)
+            best, most = chosen[place], self._gain(known, values, chosen[place])
+            for k in self._free(rest):
+                # Ways between parts depend on their order.
+                if self._time_of([*chosen[:place], k, *chosen[place + 1:]]) > self._duration:
                     continue
-                value = self._value([a + b for a, b in zip(known, self._new[k])])
-                if value > best_value + _HELPS:
-                    best, best_value = k, value
+                gain = self._gain(known, values, k)
+                if gain > most + _HELPS and self._is_clear(k):
+                    best, most = k, gain
             if best != chosen[place]:
                 chosen[place], improved = best, True
         return improved
+
+    def _free(self, chosen: Sequence[int]) -> list[int]:
+        """Return the parts that may be added."""
+        return [k for k in range(len(self._parts)) if k not in chosen and k not in self._blocked]
+
+    def _is_clear(self, k: int) -> bool:
+        """Return whether a part hits nothing; one that does is not looked at again."""
+        _, (path, _, _) = sampled(self._parts[k].segments, self._situation.rate)
+        if self._space.is_clear(path):
+            return True
+        self._blocked.add(k)
+        return False
+
+    def _make_testable(self, chosen: list[int]) -> None:
+        """Exchange parts until a diagnosis will look for every target that some part shows."""
+        hidden = self._hidden(chosen)
+        if not chosen or not hidden:
+            return
+        values = self._values(self._old)
+        gains = [self._gain(self._old, values, k) for k in range(len(self._parts))]
+        for k in np.argsort(gains)[::-1].tolist():
+            if not hidden:
+                return
+            if k in chosen or self._hidden([*chosen, k]) >= hidden or not self._is_clear(k):
+                continue
+            trials = [[*chosen, k]] + [[*chosen[:n], k, *chosen[n + 1:]]
+                                       for n in range(len(chosen))]
+            trials = [each for each in trials
+                      if self._time_of(each) <= self._duration
+                      and self._hidden(each) < hidden]
+            if trials:
+                chosen[:] = trials[int(np.argmax([self._value(each) for each in trials]))]
+                hidden = self._hidden(chosen)
+
+    def _hidden(self, chosen: Sequence[int]) -> int:
+        """Return how many targets are untestable after some parts."""
+        motion = [segment for k in chosen for segment in self._parts[k].segments]
+        return sum(reason is not None for reason in self.untestable(self.joined(motion))) \
+            if motion else 0
 
     def _ordered(self, parts: list[Part]) -> list[Part]:
         """Return parts so that those of one joint and one posture follow each other."""
         ordered = sorted(parts, key=lambda p: (p.joints, tuple(np.round(p.base, 6))))
         # Ordering must not make the ways longer than they were.
         return ordered if self._time(ordered) <= self._duration else parts
+
+    def _time_of(self, chosen: Sequence[int]) -> float:
+        return self._time([self._parts[k] for k in chosen])
 
     def _time(self, parts: Sequence[Part]) -> float:
         time, at = 0.0, self._space.start
@@ -141,25 +195,34 @@ class Chooser:
 
     def _information(self, segments: Sequence[Segment]) -> list[FloatArray]:
         motion = self._situation.planned(tuple(segments), self._gradient)
-        seconds = 1.0 / self._situation.rate
-        return [self._situation.information(q, motion, seconds) for q in self._questions]
+        return [inquiry.planned(motion) for inquiry in self._inquiries]
+
+    def _of_part(self, part: Part) -> list[FloatArray | None]:
+        """Return the information of a part; None of an effect whose joint it does not move."""
+        concerned = [inquiry.joint is None or inquiry.joint in part.joints
+                     for inquiry in self._inquiries]
+        motion = self._situation.planned(part.segments, self._gradient)
+        return [inquiry.planned(motion) if here else None
+                for inquiry, here in zip(self._inquiries, concerned)]
 
     def _total(self, chosen: Sequence[int]) -> list[FloatArray]:
         total = list(self._old)
         for k in chosen:
-            total = [a + b for a, b in zip(total, self._new[k])]
+            total = [a if b is None else a + b for a, b in zip(total, self._new[k])]
         return total
 
-    def _answers(self, information: Sequence[FloatArray]) -> list[Answer]:
-        return [answer(each, prior, widths, q.size) for each, prior, widths, q in zip(
-            information, self._priors, self._widths, self._questions)]
+    def _answers(self, information: Sequence[FloatArray]) -> list[Valued]:
+        return [inquiry.answer(each) for inquiry, each in zip(self._inquiries, information)]
 
-    def _value(self, information: Sequence[FloatArray]) -> float:
-        return sum(each.value for each in self._answers(information))
+    def _values(self, information: Sequence[FloatArray]) -> list[float]:
+        return [each.value for each in self._answers(information)]
 
+    def _gain(self, known: Sequence[FloatArray], values: Sequence[float], k: int) -> float:
+        """Return what a part adds to the value of what is known."""
+        return sum(weight * (inquiry.answer(a + b).value - value) for weight, inquiry, a, b, value
+                   in zip(self._weights, self._inquiries, known, self._new[k], values)
+                   if b is not None)
 
-def _seconds_a_row(motion: Motion) -> float:
-    """Return how long a row of recorded samples stands for, in s."""
-    lengths = [float(motion.samples.t[run][-1] - motion.samples.t[run][0])
-               for run in run_slices(motion.samples)]
-    return max(sum(lengths), 1e-9) / motion.samples.n_samples
+    def _value(self, chosen: Sequence[int]) -> float:
+        """Return what some parts are worth, recordings included."""
+        return float(np.dot(self._weights, self._values(self._total(chosen))))

@@ -12,42 +12,65 @@ counts. D-optimality asks for the information on the coefficients, S_ee itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
 
-# Standard errors that a diagnosis asks for before it calls an effect established: it tests many
-# effects on many joints.
-SURE = 4.0
-# Where the chance of a decision is still flat, information counts by its logarithm.
-_SLOPE = 0.1
+# Separation, in standard errors, with which a diagnosis finds every other effect, and the standard
+# deviation of its logarithm. It tests many effects on many joints, on data that it has not fitted.
+# Fitted to simulated arms (`bench.planning.calibrate`).
+_HALF, _WIDTH = 7.69, 0.59
+# Information is worth its logarithm from about this separation on.
+_SCALE = 4.0
 
 
 @dataclass(frozen=True)
 class Answer:
     """
-    `separation` is the square root of lambda for the worst alternative, number `worst`.
+    How far a target is from what could explain it, and how exactly its size is known.
 
-    `worst` is None if nuisance terms alone come closest. `spread` (K,) are standard errors of the
-    target's coefficients beside nuisance terms.
+    `separations` are the square roots of lambda beside nuisance terms alone, then beside each
+    alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
+    terms.
     """
 
-    separation: float
-    worst: int | None
+    separations: tuple[float, ...]
     spread: FloatArray
 
     @property
+    def separation(self) -> float:
+        """Return that of the worst alternative."""
+        return min(self.separations)
+
+    @property
+    def worst(self) -> int | None:
+        """Return the number of the worst alternative, None if nuisance terms come closest."""
+        number = int(np.argmin(self.separations))
+        return number - 1 if number else None
+
+    def without(self, alternatives: Collection[int]) -> Answer:
+        """Return what is left if some alternatives are none."""
+        return replace(self, separations=tuple(
+            np.inf if k - 1 in alternatives else s for k, s in enumerate(self.separations)))
+
+    @property
     def value(self) -> float:
-        """What the choice of a motion maximises."""
-        return chance(self.separation) + _SLOPE * float(np.log1p(self.separation ** 2))
+        """
+        What the choice of a motion maximises.
+
+        It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
+        one target is not worth all the time.
+        """
+        return float(np.log1p((self.separation / _SCALE) ** 2))
 
 
 def chance(separation: float) -> float:
-    """Return the chance that a diagnosis settles a question with this separation."""
-    return float(special.ndtr(separation - SURE))
+    """Return the chance that a diagnosis finds an effect with this separation."""
+    return float(special.ndtr(np.log(max(separation, 1e-9) / _HALF) / _WIDTH))
 
 
 def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
@@ -73,11 +96,10 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
         inverse = _inverse(left[there, there], information[full, full])
         separations.append(_separation(own - left[:k, there] @ inverse @ left[there, :k], size))
         at += width
-    worst = int(np.argmin(separations))
     variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
     spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
                       np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    return Answer(separations[worst], worst - 1 if worst else None, spread)
+    return Answer(tuple(separations), spread)
 
 
 def _separation(information: FloatArray, size: FloatArray) -> float:

@@ -9,6 +9,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
+# The target that is no effect: gravity where the model is unsure of it.
+GRAVITY = 'gravity'
+
 
 @dataclass(frozen=True)
 class Target:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, Verdict
@@ -11,7 +12,8 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.effects.request import known_effect, requests
 from gravity_comp_ros.errors import GravityCompError, OptionError
-from gravity_comp_ros.planning.options import Target
+from gravity_comp_ros.planning.options import GRAVITY, Target
+from gravity_comp_ros.planning.outcome import finding_of, outcome, UNTESTABLE
 from gravity_comp_ros.planning.regressors import Alternative, Question
 import numpy as np
 from scipy import special
@@ -19,12 +21,13 @@ from scipy import special
 OPEN = ('ambiguous', 'untestable', 'weak')
 # Effects that most joints have: worth asking for where the recording cannot show them.
 _COMMON = ('coulomb_friction', 'viscous_friction', 'load_dependent_friction')
+_USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 # What else is expected in a joint. A rarer effect is an alternative only if a diagnosis names it.
 _EXPECTED = (*_COMMON, 'torque_offset', 'joint_spring')
 # A joint that travels further, rad, moves; one whose load is a larger share of its torque's range
 # carries gravity.
 _MOVES, _LOADED = 0.02, 0.3
-_MOST_TARGETS = 6
+MOST_TARGETS = 6
 _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 # An effect of unknown size is taken to be this share of the joint's torque range, and no less
 # than this many standard deviations of noise.
@@ -35,11 +38,14 @@ _MOST_WEAK = 3.0
 
 def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Target]:
     """
-    Return the targets of effects `NAME` (every joint) or `NAME:JOINT`.
+    Return the targets of effects `NAME` (every joint) or `NAME:JOINT`; `gravity` is a target too.
 
     :raises OptionError: if an effect or joint is unknown, or asked for twice.
     """
-    return [Target(request.effect.name, request.joint) for request in requests(effects, joints)]
+    named = list(effects)
+    found = [Target(request.effect.name, request.joint) for request in requests(
+        [name for name in named if name != GRAVITY], joints)]
+    return [*found, Target(GRAVITY, None)] if GRAVITY in named else found
 
 
 def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
@@ -71,7 +77,27 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
                 target = Target(effect, joint)
                 found.setdefault((effect, joint), (float(spans[joint]), target))
     ordered = sorted(found.values(), key=lambda pair: -pair[0])
-    return [target for _, target in ordered[:_MOST_TARGETS]]
+    return [target for _, target in ordered[:MOST_TARGETS]]
+
+
+def with_stand_ins(target: Target, diagnosis: Diagnosis | None) -> Target:
+    """Return a target whose alternatives have what was found elsewhere and could be it as well."""
+    elsewhere = [f'{f.effect}:{f.joint}' if f.joint else str(f.effect)
+                 for f in (diagnosis.findings if diagnosis else ())
+                 if f.effect and target.name in f.rivals]
+    return replace(target, alternatives=tuple(dict.fromkeys([*target.alternatives, *elsewhere])))
+
+
+def companions(targets: Sequence[Target]) -> list[Target]:
+    """
+    Return usual effects on the joints of the targets, which a diagnosis has to tell beside them.
+
+    A motion that shows nothing but its target leaves the rest of the torque to many explanations,
+    and an effect that corrects friction is looked for only where friction is found.
+    """
+    there = {(target.effect, target.joint) for target in targets}
+    return [Target(effect, joint) for joint in dict.fromkeys(t.joint for t in targets)
+            if joint is not None for effect in _USUAL if (effect, joint) not in there]
 
 
 def observed_separation(target: Target, diagnosis: Diagnosis) -> float:
@@ -83,10 +109,9 @@ def observed_separation(target: Target, diagnosis: Diagnosis) -> float:
 
     :return: infinity for what the diagnosis does not leave open.
     """
-    finding = _finding(target, diagnosis)
+    finding = finding_of(target, diagnosis)
     if finding is None:
-        report = diagnosis.joints.get(target.joint or '')
-        return 0.0 if report is not None and target.effect in report.untestable else np.inf
+        return 0.0 if outcome(target, diagnosis) == UNTESTABLE else np.inf
     if finding.verdict not in OPEN:
         return np.inf
     if finding.verdict != Verdict.WEAK:
@@ -105,7 +130,7 @@ def question(target: Target, motion: Motion, probe: Motion, noise: FloatArray,
     """
     effect = known_effect(target.effect)
     joint = _joint(effect, target.joint, motion.samples.names)
-    finding = _finding(target, diagnosis)
+    finding = finding_of(target, diagnosis)
     settings = [dict(finding.setting)] if finding and finding.setting else _settings(
         effect, motion, probe, joint)
     if not settings:
@@ -168,13 +193,6 @@ def _settings(effect: Effect, motion: Motion, probe: Motion,
     return []
 
 
-def _finding(target: Target, diagnosis: Diagnosis | None) -> Finding | None:
-    for finding in diagnosis.findings if diagnosis else ():
-        if (finding.effect, finding.joint) == (target.effect, target.joint):
-            return finding
-    return None
-
-
 def _known_size(finding: Finding | None) -> FloatArray | None:
     if finding is None or not finding.coefficients:
         return None
@@ -184,11 +202,18 @@ def _known_size(finding: Finding | None) -> FloatArray | None:
 
 def _typical_size(one: Alternative, motion: Motion, probe: Motion,
                   noise: FloatArray) -> FloatArray:
-    """Return coefficients whose torque would be worth knowing."""
-    columns = one.effect.columns(probe, one.joint or 0, one.setting)
-    flat = columns.reshape(-1, columns.shape[-1])
-    rms = np.sqrt((flat ** 2).mean(axis=0))
+    """
+    Return coefficients whose torque would be worth knowing at its largest.
+
+    The largest counts: friction that fades, or that differs near reversals only, has a small
+    mean square, and would be taken to be enormous.
+    """
+    torque = np.maximum(_WORTH * np.ptp(motion.samples.tau, axis=0), _ABOVE_NOISE * noise)
     joint = one.joint or 0
-    torque = max(_WORTH * float(np.ptp(motion.samples.tau[:, joint])),
-                 _ABOVE_NOISE * float(noise[joint]))
-    return np.asarray(torque / np.maximum(rms, 1e-9) / np.sqrt(len(rms)))
+    per_torque = np.zeros(0)
+    for where in (motion, probe):
+        columns = one.effect.columns_of_arm(where, joint, one.setting)
+        share = np.abs(columns).max(axis=0) / torque[:, None]
+        per_torque = np.maximum(share.max(axis=0), per_torque) if len(per_torque) else \
+            share.max(axis=0)
+    return np.asarray(1.0 / np.maximum(per_torque, 1e-9) / np.sqrt(len(per_torque)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
@@ -17,12 +18,20 @@ _STEP = 0.01
 _ROUNDING = 1e-9
 
 
+class Obstacles(Protocol):
+    """What the arm may hit."""
+
+    def hits(self, q: FloatArray) -> bool:
+        """Return whether the arm hits something at one of the poses q (M, N)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Workspace:
     """
     Admissible poses: within `low` and `high` (N,), and within `reach` of one of `poses` (P, N).
 
     The distance of two poses is that of the joint that differs most. `start` is one of them.
+    `obstacles` says of poses whether the arm hits something.
     """
 
     low: FloatArray
@@ -30,6 +39,7 @@ class Workspace:
     poses: FloatArray
     reach: float
     start: FloatArray
+    obstacles: Obstacles | None = None
 
     @property
     def n_joints(self) -> int:
@@ -55,7 +65,23 @@ class Workspace:
         """Return whether the straight line between two poses is admissible."""
         count = 2 + int(np.abs(b - a).max() / _STEP)
         line = a + np.linspace(0.0, 1.0, count)[:, None] * (b - a)
-        return self.admits(line) and self._near(line)
+        return self.admits(line) and self._near(line) and self.is_clear(line)
+
+    def is_clear(self, path: FloatArray) -> bool:
+        """Return whether the arm hits nothing on a path (M, N), as far as that can be told."""
+        if self.obstacles is None:
+            return True
+        moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
+        far = np.concatenate([[0.0], np.cumsum(moved)])
+        places = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP))
+        return not self.obstacles.hits(np.column_stack([np.interp(places, far, q)
+                                                        for q in path.T]))
+
+    def admits_path(self, path: FloatArray) -> bool:
+        """Return whether a path (M, N) is admissible between its points as well."""
+        step = float(np.abs(np.diff(path, axis=0)).max(initial=0.0))
+        return self.admits(path) and (not np.isfinite(self.reach) or bool(
+            (self.distance(path) <= self.reach - 0.5 * step).all()))
 
     def _near(self, line: FloatArray) -> bool:
         """
@@ -77,7 +103,8 @@ class Workspace:
             np.argmin(inside) * _STEP if len(steps) else 0.0)
 
 
-def workspace(samples: JointSamples, options: PlanOptions) -> Workspace:
+def workspace(samples: JointSamples, options: PlanOptions,
+              obstacles: Obstacles | None = None) -> Workspace:
     """
     Return the workspace that the options allow, from recorded poses.
 
@@ -98,8 +125,11 @@ def workspace(samples: JointSamples, options: PlanOptions) -> Workspace:
     if start.shape != (samples.n_joints,) or low.shape != start.shape:
         raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
                           f'{start.size}')
-    found = Workspace(low, high, poses, options.reach, start)
+    found = Workspace(low, high, poses, options.reach, start, obstacles)
     if not found.admits(start):
         raise OptionError('plan: the start pose is not among the poses that the motion may '
                           'reach: it lies outside the limits or far from every recorded pose')
+    if not found.is_clear(start[None]):
+        raise OptionError('plan: at the start pose the arm hits itself, by the geometry of the '
+                          'description')
     return found

@@ -13,6 +13,7 @@ examples:
   gravity_comp diagnose run1.mcap                         beside a model fitted on the spot
   gravity_comp diagnose run1.mcap --effects coulomb_friction,viscous_friction --json
   gravity_comp diagnose run1.mcap --model arm.json --html report.html    plots to look at
+  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   was it settled
 
 which recordings: those of the fit and any others of the same arm with the same payload, fast ones
 too. More runs settle more; errors are always of blocks that were left out.
@@ -42,6 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--holdout', action='store_true',
                         help='leave out what `fit --holdout` held out, and check that there is '
                         'some; with a model that part is left out anyway')
+    parser.add_argument('--plan', metavar='PLAN.json', type=Path, default=None,
+                        help='compare with what `plan --json PLAN.json` expected of the new '
+                        'recording')
     arguments.add_reading(parser)
     arguments.add_json(parser)
     arguments.add_html(parser, f'{arguments.DRAWN}; without --model its axes are those of the '

@@ -23,11 +23,13 @@ examples:
   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
       trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
   gravity_comp synth --motion motion.yaml -o new.mcap              plays it on a simulated arm
-  gravity_comp diagnose run1.mcap new.mcap --model arm.json        what is settled now
+  gravity_comp plan run1.mcap --model arm.json --json plan.json -o motion.yaml
+  gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   what is settled now
 
-The motion begins and ends at rest at one recorded pose, and moves one or two joints at a time
-within recorded poses. Bring the arm to the first point before it is played. Nothing here sees
-obstacles, people or the arm's own links: keep clear of them.
+The motion begins and ends at rest at one recorded pose, and moves one to three joints at a time
+within recorded poses. Bring the arm to the first point before it is played. Obstacles and people
+are not known here: keep the space clear. With --urdf and pinocchio it is checked that the links of
+the arm do not hit each other.
 """
 
 
@@ -39,14 +41,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('-o', '--output', metavar='MOTION', type=_motion_file, required=True,
                         help=f'write the motion here ({", ".join(ENDINGS)})')
     parser.add_argument('--settle', metavar='EFFECT:JOINT,...', default=None,
-                        help='settle these (default: what `diagnose` finds ambiguous, untestable '
-                        'or weak)')
+                        help='settle these; `gravity` for the poses where the model is unsure '
+                        '(default: what `diagnose` finds ambiguous, untestable or weak, and '
+                        'gravity where it is unsure)')
     group = parser.add_argument_group('limits')
     group.add_argument('--within', choices=('recorded', 'limits'), default='recorded',
                        help='stay near recorded poses, or within the position limits of --urdf '
                        '(default: recorded)')
     group.add_argument('--urdf', metavar='FILE.urdf', type=Path, default=None,
-                       help='the robot description, for --within limits')
+                       help='the robot description: its collision geometry says whether links '
+                       'hit each other, and --within limits takes its limits')
     group.add_argument('--reach', metavar='RAD', type=arguments.positive, default=REACH,
                        help='how far each joint may be from a recorded pose '
                        '(default: %(default)s)')

@@ -1,0 +1,65 @@
+"""Motion that a plan is compared with: slow random motion, and a Fourier planner."""
+
+from __future__ import annotations
+
+from bench.planning.poor import RATE
+from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.trajectory import Trajectory
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.planning import PlanOptions
+from gravity_comp_ros.planning.workspace import workspace
+from gravity_comp_ros.simulation import motions
+import numpy as np
+
+MORE_SECONDS = 20.0
+_DRAWS = 30
+
+
+def played(trajectory: Trajectory) -> motions.Motion:
+    """Return a planned motion as the arm plays it."""
+    return motions.sample('planned', trajectory.at, trajectory.duration, RATE)
+
+
+def random_slow(samples: JointSamples, options: PlanOptions, seed: int) -> motions.Motion:
+    """Return slow random motion of all joints within the recorded range, as fast as a plan."""
+    low, high = samples.q.min(axis=0), samples.q.max(axis=0)
+    limit = np.full(samples.n_joints, options.max_speed)
+    sines = motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
+    return motions.multisine(low - 1e-3, high + 1e-3, limit, seed, sines, MORE_SECONDS, RATE)
+
+
+def random_near(samples: JointSamples, options: PlanOptions, joint: int,
+                seed: int) -> motions.Motion:
+    """
+    Return the same of a joint and its neighbours only, no further from recorded poses than a plan.
+
+    It begins where a plan begins, and is as wide as the limits admit.
+    """
+    space, free = workspace(samples, options), random_slow(samples, options, seed)
+    mine = np.abs(np.arange(samples.n_joints) - joint) <= 1
+    start, middle = space.start, 0.5 * (free.q.min(axis=0) + free.q.max(axis=0))
+    size = next((s for s in np.linspace(1.0, 0.05, 20)
+                 if space.admits(start + s * mine * (free.q - middle))), 0.0)
+
+    def path(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        q, qd, qdd = free.path(t)
+        return start + size * mine * (q - middle), size * mine * qd, size * mine * qdd
+
+    return motions.sample('random near', path, MORE_SECONDS, RATE)
+
+
+def fourier(samples: JointSamples, model: GravityModel, options: PlanOptions,
+            seed: int) -> motions.Motion:
+    """Return the best of 30 random Fourier series by D-optimality of all parameters alike."""
+    drawn = [random_slow(samples, options, 1000 + 100 * seed + draw) for draw in range(_DRAWS)]
+    return max(drawn, key=lambda motion: sum(_log_det(model, motion, n)
+                                             for n in range(samples.n_joints)))
+
+
+def _log_det(model: GravityModel, motion: motions.Motion, joint: int) -> float:
+    gravity = (model.chain.jacobian(motion.q)[:, joint].T if model.chain is not None
+               else model.predict(motion.q)[:, [joint]])
+    qd = motion.qd[:, joint]
+    rows = np.column_stack([gravity, np.tanh(qd / 0.005), qd, np.ones(len(qd)),
+                            motion.qdd[:, joint]])
+    return float(np.linalg.slogdet(rows.T @ rows + 1e-3 * np.eye(rows.shape[1]))[1])

@@ -1,0 +1,82 @@
+"""
+Tables of `bench.planning.run`: what was settled by which motion, and how often effects were found.
+
+    python -m bench.planning.table results.jsonl [more.jsonl ...]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from gravity_comp_ros.diagnosis.findings import FOUND
+from gravity_comp_ros.planning.criterion import chance
+import numpy as np
+
+WAYS = ('planned', 'planned_short', 'random', 'random_near', 'fourier')
+_BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
+
+
+def main() -> int:
+    """Print the tables of some files."""
+    found = [json.loads(line) for name in sys.argv[1:]
+             for line in Path(name).read_text().splitlines()]
+    print(settled(found), calibration(found), sep='\n\n')
+    return 0
+
+
+def settled(results: Sequence[dict[str, Any]]) -> str:
+    """Return the counts of cases that are right, by poor recording or tie."""
+    groups = dict.fromkeys(_group(r) for r in results)
+    lines = ['| recording | cases | right at once | left | planned 20 s | planned 7 s | '
+             'random 20 s | random, 3 joints | Fourier 20 s |', '|---|' * 1 + '---|' * 8]
+    rows = [[r for r in results if _group(r) == group] for group in groups]
+    for name, cases in [*zip(groups, rows), ('all', list(results))]:
+        left = [r for r in cases if r['ways']]
+        counts = [sum(r['ways'].get(way, {}).get('verdict') == 'right' for r in left)
+                  for way in WAYS]
+        at_once = sum(r.get('before') == 'right' for r in cases)
+        lines.append(f'| {name} | {len(cases)} | {at_once} | {len(left)} | '
+                     + ' | '.join(map(str, counts)) + ' |')
+    return '\n'.join(lines)
+
+
+def calibration(results: Sequence[dict[str, Any]]) -> str:
+    """
+    Return how often a hidden effect was found, by the chance that is stated of its true size.
+
+    A plan assumes a size where none was measured. Here it is that of the simulation.
+    """
+    pairs = [(true_chance(e), e['outcome'] in FOUND) for e in expectations(results)
+             if 'share' in e]
+    lines = ['| stated chance | motions | mean stated | found |', '|---|---|---|---|']
+    for low, high in zip(_BINS, _BINS[1:]):
+        here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
+        if here:
+            stated, came = np.mean(here, axis=0)
+            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {came:.0%} |')
+    return '\n'.join(lines)
+
+
+def true_chance(expected: dict[str, Any]) -> float:
+    """Return the chance that a plan would state if it knew the size of the effect."""
+    if expected['untestable']:
+        return 0.0
+    return chance(expected['share'] * expected['separation'])
+
+
+def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return every target of every motion, with what was expected and what came."""
+    return [{**e, 'way': way, 'name': r['name'], 'verdict': done['verdict']} for r in results
+            for way, done in r['ways'].items() for e in done.get('expected', ())]
+
+
+def _group(result: dict[str, Any]) -> str:
+    return str(result['effect'] if result['tie'] else result['poor'])
+
+
+if __name__ == '__main__':
+    sys.exit(main())
