@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
 
-# Of all recordings together, so that those of seven joints take 0.3 GB: half an hour at 1 kHz.
-_MOST_MESSAGES = 1_800_000
+# Of all recordings together: those of seven joints then take 0.2 GB.
+_MOST_MESSAGES = 1_000_000
 
 
 def _silent(word: str, share: float) -> None:
