@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
@@ -12,6 +12,8 @@ from gravity_comp_ros.evaluation.compare import compare
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms, motions
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 import pytest
 from rough_links import two_links
@@ -145,3 +147,18 @@ def test_long_recordings_cost_no_more_than_short_ones():
     found = fit(JointSamples.single_run(ARM.joints, t, q, qd, tau))
     assert found.report.n_samples == 20000 and found.report.n_fitted <= 1001
     assert gravity_error(found.model) < 0.1
+
+
+def test_a_few_strokes_add_to_what_slow_motion_has_shown():
+    # Strokes start and stop at up to 0.6 rad/s^2: 3 N·m of inertia in some samples, at low speed.
+    arm = arms.iiwa7()
+    slow = motions.multisine(0.5 * arm.lower, 0.5 * arm.upper, arm.max_speed, 7,
+                             motions.MultisineOptions(max_speed=0.15), 100.0, 4.0)
+    strokes = motions.multisine(0.05 * arm.lower, 0.05 * arm.upper, arm.max_speed, 8,
+                                motions.MultisineOptions(band=1.2, max_speed=0.14), 15.0, 20.0)
+    parts = [synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.1), k))
+             for k, motion in enumerate((slow, strokes))]
+    poses = np.random.default_rng(0).uniform(0.4 * arm.lower, 0.4 * arm.upper, (300, 7))
+    model = fit(concatenate(parts), FitOptions('chain')).model
+    wrong = model.predict(poses) - arms.gravity_torque(arm, poses)
+    assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 0.1

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import OptionError
 INPUTS = {'bags': 'a recording', 'bag': 'the recording', 'table': 'the table',
           'model': 'the model (--model)', 'previous': 'the earlier model (--previous)',
           'urdf': 'the robot description (--urdf)', 'arm': 'the robot description (--arm)',
-          'motion': 'the motion (--motion)',
+          'motion': 'the motion (--motion)', 'plan': 'the plan (--plan)',
           'folder': 'the folder of recordings', 'models': 'the folder of models (--models)'}
 OUTPUTS = {'output': '-o', 'json': '--json', 'html': '--html'}
 

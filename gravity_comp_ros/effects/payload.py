@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import product
 
+from gravity_comp_ros.data.runs import recorded_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation as facts
 from gravity_comp_ros.effects.change_points import (
@@ -26,6 +27,8 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
+# s: shorter motion before and after shows other poses, not another payload.
+_SHORTEST = 10.0
 # The last joints get every feature, the one before them those of two factors.
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
@@ -93,6 +96,10 @@ class PayloadChange(Effect):
             return 'the model has no gravity that a payload could add to'
         if not change_points(motion):
             return 'there is no time before and after'
+        seconds = recorded_time(motion.samples)
+        if seconds < _SHORTEST:
+            return (f'the recordings take {seconds:.1f} s: a payload needs {_SHORTEST / 2:.0f} s '
+                    f'of motion before its change and after it')
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,

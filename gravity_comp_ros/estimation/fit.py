@@ -36,6 +36,8 @@ MIN_SAMPLES = 10
 CHOICES = ('auto', *FORMULATIONS)
 # rad/s. Recordings whose joints are faster for a tenth of the time have inertia in their torque.
 _FAST, _FAST_SHARE = 0.2, 0.1
+# rad/s^2. So do recordings in which they start and stop like this for a fiftieth of the time.
+_UNEVEN, _UNEVEN_SHARE = 0.3, 0.02
 
 Progress = Callable[[str, float], None]
 
@@ -225,9 +227,16 @@ def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]
 
 
 def fast_accelerations(samples: JointSamples) -> FloatArray | None:
-    """Return accelerations (M, N) in rad/s^2 where the motion is fast, None where it is slow."""
+    """
+    Return accelerations (M, N) in rad/s^2 where inertia shows, None where motion is slow and even.
+
+    A few poses that are reached and left quickly would be set aside as outliers without inertia,
+    and they may be the only ones that show an axis.
+    """
     fast = (np.abs(samples.qd) > _FAST).any(axis=1)
-    return accelerations(samples) if fast.mean() > _FAST_SHARE else None
+    qdd = accelerations(samples)
+    uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
+    return qdd if fast.mean() > _FAST_SHARE or uneven.mean() > _UNEVEN_SHARE else None
 
 
 def _check(samples: JointSamples) -> None:
