@@ -28,7 +28,7 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
 # s: shorter motion before and after shows other poses, not another payload.
-_SHORTEST = 10.0
+_SHORTEST = 20.0
 # The last joints get every feature, the one before them those of two factors.
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
