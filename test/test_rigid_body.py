@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from fast_arms import drawn, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate, JointSamples
@@ -27,7 +28,6 @@ import pytest
 from serial_arms import geometry_of
 
 G = STANDARD_GRAVITY
-FAST = MultisineOptions(band=0.8, max_speed=1.5)
 
 
 def parameters_of(arm):
@@ -37,17 +37,6 @@ def parameters_of(arm):
         m, mx, my, mz, xx, xy, yy, xz, yz, zz = inertia.toDynamicParameters()
         found += [m, mx, my, mz, xx, xy, xz, yy, yz, zz]
     return np.array(found)
-
-
-def drawn(n, count, seed):
-    rng = np.random.default_rng(seed)
-    return (rng.uniform(-3, 3, (count, n)), rng.normal(size=(count, n)),
-            2.0 * rng.normal(size=(count, n)))
-
-
-def of_motion(arm, q, qd, qdd):
-    """Return the torque (M, N) of motion alone."""
-    return arms.inverse_dynamics(arm, q, qd, qdd) - arms.gravity_torque(arm, q)
 
 
 @settings(max_examples=25, deadline=None)
@@ -130,18 +119,6 @@ def mass_matrices(geometry, parameters, q):
     unit = np.tile(np.eye(n), (len(q), 1))
     rows = np.repeat(q, n, axis=0)
     return (regressor(geometry, rows, 0 * rows, unit) @ parameters).reshape(-1, n, n)
-
-
-def recording(arm, seed, duration, rate=100.0):
-    """Return fast motion with LuGre friction on every joint."""
-    size = 0.05 * np.abs(arms.gravity_torque(arm, np.random.default_rng(0).uniform(
-        arm.lower, arm.upper, (200, arm.n_joints)))).max(axis=0)
-    friction = [Friction(n, LuGre(max(float(x), 0.2), max(float(x), 0.2)))
-                for n, x in enumerate(size)]
-    motion = multisine(arm.lower, arm.upper, np.full(arm.n_joints, 2.0), seed, FAST, duration,
-                       rate)
-    return synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=0.05), seed,
-                                                    disturbances=friction))
 
 
 def two_runs(arm, seed):

@@ -1,5 +1,6 @@
 """The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
 
+from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
@@ -7,19 +8,13 @@ from gravity_comp_ros.effects.arm_dynamics import chain_dynamics
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.generated import generated_arm
-from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
-from gravity_comp_ros.simulation.noise import NoiseOptions
-from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
 from serial_arms import geometry_of
 
-G, NOISE = STANDARD_GRAVITY, 0.05
-FAST = MultisineOptions(band=0.8, max_speed=1.5)
+G = STANDARD_GRAVITY
 
 
 def chain_of(arm):
@@ -30,17 +25,6 @@ def chain_of(arm):
     flat = columns.reshape(len(columns), -1).T
     moments = np.linalg.lstsq(flat, arms.gravity_torque(arm, q).T.ravel(), rcond=1e-10)[0]
     return Chain(axes, moments.reshape(-1, 2))
-
-
-def drawn(n, count, seed):
-    rng = np.random.default_rng(seed)
-    return (rng.uniform(-3, 3, (count, n)), rng.normal(size=(count, n)),
-            2.0 * rng.normal(size=(count, n)))
-
-
-def of_motion(arm, q, qd, qdd):
-    """Return the torque (M, N) of motion alone."""
-    return arms.inverse_dynamics(arm, q, qd, qdd) - arms.gravity_torque(arm, q)
 
 
 @settings(max_examples=15, deadline=None)
@@ -97,22 +81,10 @@ def test_parts_of_a_motion_have_the_columns_of_the_whole():
     assert parts.shape[2] == len(dynamics.usual) == len(dynamics.coefficients())
 
 
-def recording(arm, seed, duration):
-    """Return fast motion with LuGre friction on every joint."""
-    size = 0.05 * np.abs(arms.gravity_torque(arm, np.random.default_rng(0).uniform(
-        arm.lower, arm.upper, (200, arm.n_joints)))).max(axis=0)
-    friction = [Friction(n, LuGre(max(float(x), 0.2), max(float(x), 0.2)))
-                for n, x in enumerate(size)]
-    motion = multisine(arm.lower, arm.upper, np.full(arm.n_joints, 2.0), seed, FAST, duration,
-                       50.0)
-    return synthesise(arm, motion, SynthesisOptions(NoiseOptions(absolute=NOISE), seed,
-                                                    disturbances=friction))
-
-
 @pytest.mark.parametrize('formulation', ['auto', 'potential'])
 def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     arm = generated_arm(22, 4)
-    runs = concatenate([recording(arm, k, 15.0) for k in range(2)])
+    runs = concatenate([recording(arm, k, 15.0, 50.0) for k in range(2)])
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
@@ -121,7 +93,7 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
     better = gc.add_effects(model, data, sure, all_samples=True)
-    later = gc.Recording(recording(arm, 90, 15.0), gate=None)
+    later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:
         assert before[name].rmse > 5.0 * NOISE

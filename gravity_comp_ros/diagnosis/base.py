@@ -19,7 +19,7 @@ from gravity_comp_ros.diagnosis.serial_arm import fit_chain, fit_serial_arm, tan
 from gravity_comp_ros.diagnosis.torque_of_motion import beside, left_beside
 from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.effects.motion import build_motion, Motion
-from gravity_comp_ros.effects.motion_fit import fit_motion
+from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.effects.predict import installed, joint_number
 from gravity_comp_ros.estimation.base_level import levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -119,7 +119,8 @@ def _on_axes(axes: Geometry, part: JointSamples, few: JointSamples) -> _Gravity:
     for _ in range(_TURNS):
         dynamics = described_dynamics(chosen)
         assert dynamics is not None and chosen.chain is not None
-        found = fit_motion(columns_on_axes(chosen.chain, part.q), 2, motion, dynamics)
+        columns = columns_on_axes(chosen.chain, part.q)
+        found = MotionProblem.of(columns, 2, motion, dynamics).fit()
         cleaned = replace(part, tau=part.tau - found.beside)
         chosen = levelled(_with_axes(axes, cleaned.select(rows)), part.q)
     return _Gravity(chosen, left=cleaned.tau - chosen.predict(part.q))

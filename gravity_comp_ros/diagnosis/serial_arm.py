@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.arm_dynamics import chain_dynamics
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_fit import fit_motion
+from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.estimation.base_level import is_level
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -52,7 +52,7 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
             return None
         gravity = tangent(samples.q, chain)
         n_tilts = gravity.shape[2] - chain.moments.size
-        found = fit_motion(gravity, n_tilts, motion, chain_dynamics(chain))
+        found = MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain)).fit()
         cleaned = replace(samples, tau=samples.tau - found.beside)
         chain = fit_chain(cleaned, chain)
     now, then = (np.log(np.maximum(part.std(axis=0), 1e-9)) for part in (found.residual, left))

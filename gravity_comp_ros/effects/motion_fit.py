@@ -39,43 +39,13 @@ class MotionFit:
     residual: FloatArray
 
 
-def fit_motion(gravity: FloatArray, n_tilts: int, motion: Motion, dynamics: Dynamics,
-               share: float = 1.0) -> MotionFit:
-    """
-    Return the fit of everything to the torques of all joints.
-
-    :param gravity: (M, N, K) columns of gravity; the first `n_tilts` are those of axes, the others
-        those of moments.
-    :param share: of the usual sizes of the coefficients of the dynamics.
-    """
-    problem = _Problem.of(gravity, n_tilts, motion, dynamics)
-    found, residual = problem.settled(share)
-    k = gravity.shape[2]
-    return MotionFit(found[problem.dynamic], problem.x[:, :, k:] @ found[k:], residual)
-
-
-def held_out_errors(gravity: FloatArray, n_tilts: int, motion: Motion, dynamics: Dynamics,
-                    shares: Sequence[float]) -> FloatArray:
-    """Return the weighted mean square (S,) that fits with each share leave of other parts."""
-    problem = _Problem.of(gravity, n_tilts, motion, dynamics)
-    m, n, k = problem.x.shape
-    weight = _weight(problem.settled(1.0)[1])
-    x, y = problem.x * weight[None, :, None], motion.samples.tau * weight
-    parts = np.array_split(np.arange(m), _FOLDS)
-    products = [(rows.T @ rows, rows.T @ y[part].ravel())
-                for part in parts for rows in [x[part].reshape(-1, k)]]
-    gram, right = (np.sum(list(each), axis=0) for each in zip(*products))
-    errors = np.zeros(len(shares))
-    for part, (inside, aim) in zip(parts, products):
-        for number, share in enumerate(shares):
-            found = _ridge(gram - inside, right - aim, problem.prior(share))
-            errors[number] += float(((y[part] - x[part] @ found) ** 2).sum())
-    return errors / (m * n)
-
-
 @dataclass(frozen=True, eq=False)
-class _Problem:
-    """Columns x (M, N, K), those of the dynamics among them, and usual sizes (K,)."""
+class MotionProblem:
+    """
+    Columns x (M, N, K) of gravity, motion and friction, `tau` (M, N) in N·m, and usual sizes (K,).
+
+    Columns number `dynamic` are those of the dynamics; `samples_each` count as an independent one.
+    """
 
     x: FloatArray
     tau: FloatArray
@@ -84,7 +54,14 @@ class _Problem:
     samples_each: float
 
     @classmethod
-    def of(cls, gravity: FloatArray, n_tilts: int, motion: Motion, dynamics: Dynamics) -> _Problem:
+    def of(cls, gravity: FloatArray, n_tilts: int, motion: Motion,
+           dynamics: Dynamics) -> MotionProblem:
+        """
+        Return the problem of a motion.
+
+        :param gravity: (M, N, K) columns of gravity; the first `n_tilts` are those of axes, the
+            others those of moments.
+        """
         samples = motion.samples
         m, n = samples.q.shape
         k = gravity.shape[2]
@@ -95,15 +72,41 @@ class _Problem:
         usual[dynamic] = dynamics.usual
         return cls(x, samples.tau, usual, dynamic, m / min(independent(samples), _MOST))
 
-    def prior(self, share: float) -> FloatArray:
+    def fit(self, share: float = 1.0) -> MotionFit:
+        """
+        Return the fit to all samples.
+
+        :param share: of the usual sizes of the coefficients of the dynamics.
+        """
+        found, residual = self._settled(share)
+        k = self.dynamic.start
+        return MotionFit(found[self.dynamic], self.x[:, :, k:] @ found[k:], residual)
+
+    def held_out_errors(self, shares: Sequence[float]) -> FloatArray:
+        """Return the weighted mean square (S,) that fits with each share leave of other parts."""
+        m, n, k = self.x.shape
+        weight = _weight(self._settled(1.0)[1])
+        x, y = self.x * weight[None, :, None], self.tau * weight
+        parts = np.array_split(np.arange(m), _FOLDS)
+        products = [(rows.T @ rows, rows.T @ y[part].ravel())
+                    for part in parts for rows in [x[part].reshape(-1, k)]]
+        gram, right = (np.sum(list(each), axis=0) for each in zip(*products))
+        errors = np.zeros(len(shares))
+        for part, (inside, aim) in zip(parts, products):
+            for number, share in enumerate(shares):
+                found = _ridge(gram - inside, right - aim, self._prior(share))
+                errors[number] += float(((y[part] - x[part] @ found) ** 2).sum())
+        return errors / (m * n)
+
+    def _prior(self, share: float) -> FloatArray:
         """Return the information (K,) before any data, in samples of unit weight."""
         usual = self.usual.copy()
         usual[self.dynamic] *= share
         return np.asarray(usual ** -2.0 * self.samples_each)
 
-    def settled(self, share: float) -> tuple[FloatArray, FloatArray]:
+    def _settled(self, share: float) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (K,) and the residual (M, N) with each joint weighted by its own."""
-        prior, residual = self.prior(share), self.tau
+        prior, residual = self._prior(share), self.tau
         for _ in range(_ROUNDS):
             weight = _weight(residual)
             rows = (self.x * weight[None, :, None]).reshape(self.tau.size, -1)

@@ -17,7 +17,7 @@ from gravity_comp_ros.effects.arm_dynamics import (
     chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_fit import fit_motion, held_out_errors
+from gravity_comp_ros.effects.motion_fit import MotionProblem
 import numpy as np
 
 # rad/s^2: below, the torque of motion hides in the noise.
@@ -120,10 +120,9 @@ def _physical_share(motion: Motion, dynamics: ChainDynamics) -> float:
     part = motion.at(evenly_picked(motion.samples.n_samples, _FITTED))
     q = part.samples.q
     gravity = dynamics.chain.jacobian(q).transpose(2, 1, 0)
-    errors = held_out_errors(gravity, 2 * q.shape[1], part, dynamics, _SHARES)
-    for share in _SHARES[int(errors.argmin()):]:
-        found = fit_motion(gravity, 2 * q.shape[1], part, dynamics, share)
-        least, largest = _least_energy(dynamics, found.dynamics, q)
+    problem = MotionProblem.of(gravity, 2 * q.shape[1], part, dynamics)
+    for share in _SHARES[int(problem.held_out_errors(_SHARES).argmin()):]:
+        least, largest = _least_energy(dynamics, problem.fit(share).dynamics, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
     return share
