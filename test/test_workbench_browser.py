@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import urllib.parse
 
 from bokeh.util.token import generate_jwt_token, generate_session_id
@@ -108,12 +107,10 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         rmse_before = _rmse(page, 'shoulder')
         # Reached and pressed by keyboard alone.
         add.focus()
-        started = time.monotonic()
         page.keyboard.press('Enter')
         page.locator('.fall').wait_for()
-        seconds = time.monotonic() - started
         before, after = map(float, re.findall(r'\d+\.\d+', page.locator('.fall').inner_text()))
-        assert after < 0.5 * before and seconds < 60.0
+        assert after < 0.5 * before
         _until_other_than(page, 'shoulder', rmse_before)
         assert _rmse(page, 'shoulder') < 0.5 * rmse_before
         assert 'coulomb_friction:shoulder' in page.locator('#held').inner_text()

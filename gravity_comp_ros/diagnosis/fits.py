@@ -34,6 +34,7 @@ class Fits:
     layout: Layout
     blocks: Blocks
     _information: dict[_Key, Prior] = field(default_factory=dict, init=False, repr=False)
+    _fits: dict[tuple[int, bytes], Fit] = field(default_factory=dict, init=False, repr=False)
     _errors: dict[tuple[int, bytes], FloatArray] = field(
         default_factory=dict, init=False, repr=False)
     _with: dict[tuple[int | None, bytes, bytes], FloatArray] = field(
@@ -72,7 +73,13 @@ class Fits:
 
     def fit(self, joint: int, chosen: Sequence[AnyTrial]) -> Fit:
         """Return the fit of one joint with these effects."""
-        return solve(self.rows[joint], *self._asked(joint, chosen))
+        key = (joint, self._key(chosen))
+        if key not in self._fits:
+            if len(self._fits) >= _KEPT:
+                self._fits.clear()
+            self._fits[key] = solve(self.rows[joint],
+                                    *self._asked(joint, _in_one_order(chosen)))
+        return self._fits[key]
 
     def _asked(self, joint: int, chosen: Sequence[AnyTrial]) -> tuple[IntArray, int, Prior]:
         """Return the columns of a fit, how many of them are shared, and the prior on those."""

@@ -133,19 +133,28 @@ class _Findings:
 
 
 def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Return effects so that each next one takes most off the errors that are left."""
+    """
+    Return effects so that each next one takes most off the errors that are left.
+
+    An effect takes less off beside more others, as a rule: only the first of those that are left
+    is worked out again.
+    """
     ordered: list[Candidate] = []
-    remaining = list(chosen)
-    while remaining:
-        gains = []
-        for place in {c.acts_on for c in remaining}:
-            here = [c for c in remaining if c.acts_on == place]
-            now = fits.errors(place, ordered)
-            for c, after in zip(here, fits.errors_with_each(place, ordered, here)):
-                gains.append((float((now - after).sum()), -remaining.index(c), c))
-        best = max(gains, key=lambda entry: entry[:2])[2]
-        ordered.append(best)
-        remaining.remove(best)
+    gains = {c: float('inf') for c in chosen}
+    fresh: set[Candidate] = set()
+    while gains:
+        best = max(gains, key=lambda c: gains[c])
+        if best in fresh:
+            ordered.append(best)
+            del gains[best]
+            # Effects of one joint touch those of another by gravity alone.
+            fresh = {c for c in fresh if not {c.acts_on, best.acts_on} & {None}
+                     and c.acts_on != best.acts_on}
+        else:
+            before = fits.errors(best.acts_on, ordered)
+            after, = fits.errors_with_each(best.acts_on, ordered, [best])
+            gains[best] = float((before - after).sum())
+            fresh.add(best)
     return ordered
 
 

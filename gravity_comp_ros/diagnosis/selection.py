@@ -103,14 +103,28 @@ class _Search:
                          self.criteria.options.alpha)
 
     def _remove_all(self, fault: Callable[[Candidate], float], limit: float) -> None:
-        """Drop what has a fault of a limit or more, or is not physical, the worst first."""
+        """
+        Drop what has a fault of a limit or more, or is not physical, the worst of each joint.
+
+        Effects of one joint hide each other; those of others touch it by gravity and motion
+        alone. So faults of other joints are worked out again only once nothing idle is left.
+        """
+        faults: dict[int, float] = {}
         while self.chosen:
-            faults = {id(c): fault(c) for c in self.chosen}
+            new = [c for c in self.chosen if id(c) not in faults]
+            faults.update({id(c): fault(c) for c in new})
             idle = [c for c in self.chosen if faults[id(c)] >= limit
                     or not self.criteria.is_physical(c, self.chosen)]
-            if not idle:
+            if idle:
+                worst = _worst_of_each_joint(idle, faults)
+                joints = {c.acts_on for c in worst}
+                self._change([c for c in self.chosen if c not in worst])
+                faults = {id(c): faults[id(c)] for c in self.chosen
+                          if not joints & {None, c.acts_on} and not c.shared}
+            elif len(new) < len(self.chosen):
+                faults.clear()
+            else:
                 break
-            self._change(self._without(max(idle, key=lambda c: faults[id(c)])))
 
     def add_all(self) -> None:
         """Add effects as long as one pays."""
@@ -224,6 +238,15 @@ class _Search:
                 self._old.add(id(c))
             elif c.joint in joints:
                 self._gains.pop(id(c), None)
+
+
+def _worst_of_each_joint(idle: Sequence[Candidate],
+                         faults: Mapping[int, float]) -> list[Candidate]:
+    """Return the idle effect with the largest fault of each joint, or alone if it is shared."""
+    ordered = sorted(idle, key=lambda c: -faults[id(c)])
+    if ordered[0].shared:
+        return ordered[:1]
+    return list({c.joint: c for c in reversed(ordered) if not c.shared}.values())
 
 
 def _is_alike(candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) -> bool:
