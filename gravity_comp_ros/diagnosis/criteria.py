@@ -131,7 +131,11 @@ class Criteria:
 
     def is_physical(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
         """Return whether the coefficients of a chosen effect can be those of an arm."""
-        return self.implausible(candidate, self.fits.coefficients(candidate, chosen)) is None
+        return self.unphysical(candidate, chosen) is None
+
+    def unphysical(self, candidate: Candidate, chosen: Sequence[Candidate]) -> str | None:
+        """Return why the coefficients of a chosen effect are not those of an arm, or None."""
+        return self.implausible(candidate, self.fits.coefficients(candidate, chosen))
 
     def start(self, refused: Collection[Key]) -> list[Candidate]:
         """

@@ -40,8 +40,14 @@ def estimates(fits: Fits, chosen: Sequence[Candidate], motion: Motion,
 
 
 def each_may_be_nothing(sizes: Mapping[str, Estimate]) -> bool:
-    """Return whether every interval holds 0."""
-    return all(low <= 0.0 <= high for low, high in (one.ci95 for one in sizes.values()))
+    """
+    Return whether every coefficient may be 0.
+
+    Intervals are widened for their number (Bonferroni): of twenty, one misses 0 by chance.
+    """
+    wider = special.ndtri(1.0 - 0.5 * _DOUBT / max(len(sizes), 1)) / special.ndtri(0.975)
+    return all(abs(one.value) <= wider * 0.5 * (one.ci95[1] - one.ci95[0])
+               for one in sizes.values())
 
 
 def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate) -> bool:

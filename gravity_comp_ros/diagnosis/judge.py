@@ -97,13 +97,14 @@ class _Findings:
             c.effect.name if c.joint == candidate.joint or c.joint is None
             else f'{c.effect.name}:{scale.names[c.joint]}'
             for c in alternatives(self.selection, candidate, self.chosen)
-        ) + rest_angles(candidate, self.chosen)
+        ) + rest_angles(self.fits, scale.motion, candidate, self.chosen)
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
         sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
         proof = Proof(kept, kept.p < self.selection.criteria.options.alpha,
                       scale.runs_better(kept), before, after,
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
                       found, twins, sizes, candidate.n_free(scale.motion),
+                      self.selection.criteria.unphysical(candidate, self.chosen),
                       self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
         name = None if candidate.joint is None else scale.names[candidate.joint]

@@ -261,13 +261,50 @@ def _is_alike(candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) 
 
 def alternatives(selection: Selection, candidate: Candidate,
                  chosen: Sequence[Candidate]) -> list[Candidate]:
-    """Return effects as simple that would explain as much in a chosen one's place."""
+    """
+    Return effects as simple that would explain as much in a chosen one's place.
+
+    Where gravity can imitate an effect in this motion, both grow beyond all bounds against each
+    other. So a size that is not physical does not rule out what every joint may have.
+    """
     criteria = selection.criteria
     rest = [c for c in chosen if c is not candidate]
+    usual = [c for c in criteria.replacements(candidate, chosen, ()) if _is_usual(c, candidate)]
     others = [c for c in criteria.replacements(candidate, chosen, selection.refused)
               if c.complexity <= candidate.complexity and c.key != candidate.key]
     found: dict[tuple[str, int | None], Candidate] = {}
-    for other, now, then in criteria.with_each_instead(candidate, others, chosen):
-        if not_worse(now, then) and criteria.is_physical(other, [*rest, other]):
+    for other, now, then in criteria.with_each_instead(
+            candidate, list({id(c): c for c in (*others, *usual)}.values()), chosen):
+        if not_worse(now, then) and (_is_usual(other, candidate)
+                                     or criteria.is_physical(other, [*rest, other])):
             found.setdefault(other.key, other)
-    return list(found.values())
+    spring = _spring_at_rest(criteria, candidate, chosen)
+    return [*found.values(), *([spring] if spring and spring.key not in found else [])]
+
+
+def _is_usual(other: Candidate, candidate: Candidate) -> bool:
+    """Return whether every joint may have the other, and it can look like the candidate."""
+    return (other.effect.expectation == Expectation.COMMON and other.key != candidate.key
+            and other.effect.name in candidate.effect.confounders
+            and other.complexity <= candidate.complexity)
+
+
+def _spring_at_rest(criteria: Criteria, candidate: Candidate,
+                    chosen: Sequence[Candidate]) -> Candidate | None:
+    """
+    Return the spring that explains as much as a rare effect, where it may rest at any angle.
+
+    A spring is described about the mean angle of the motion; its rest is an offset beside it.
+    """
+    if (candidate.effect.expectation != Expectation.RARE
+            or 'joint_spring' not in candidate.effect.confounders):
+        return None
+    pair = {c.effect.name: c for c in reversed(criteria.candidates) if c.joint == candidate.joint
+            and c.effect.name in ('joint_spring', 'torque_offset')}
+    spring = pair.get('joint_spring')
+    if spring is None or any(c.key == spring.key for c in chosen):
+        return None
+    rest = [c for c in chosen if c is not candidate and c not in pair.values()]
+    now, then = (criteria.fits.errors(candidate.acts_on, effects)
+                 for effects in (chosen, [*rest, *pair.values()]))
+    return spring if not_worse(now, then) else None

@@ -12,6 +12,7 @@ from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.effects.effect import Expectation
+from gravity_comp_ros.effects.excitation import lacks_postures
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.evaluation.gain import Gain, not_worse
@@ -27,8 +28,9 @@ class Proof:
     `kept` is its gain beside the rest, `proven` says that chance does not explain that, and
     `runs_better` is the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
-    count as independent; `free` coefficients are kept near no value by a prior; `alternatives`
-    explain as much; `twins` look the same in this motion; `elsewhere` are the errors (B, J)
+    count as independent; `free` coefficients are kept near no value by a prior; `unphysical` says
+    why the coefficients are not those of an arm, None if they may be; `alternatives` explain as
+    much; `twins` look the same in this motion; `elsewhere` are the errors (B, J)
     without and with it where poses like those judged were left out of the fit, None if all poses
     are alike.
     """
@@ -43,6 +45,7 @@ class Proof:
     twins: tuple[str, ...]
     sizes: Mapping[str, Estimate]
     free: int
+    unphysical: str | None
     elsewhere: tuple[FloatArray, FloatArray] | None
 
 
@@ -60,6 +63,8 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
             f'{options.fewest_effective:.0f} is needed')
     if not proof.proven:
         return Verdict.WEAK, 'chance may explain what it takes off the error'
+    if proof.unphysical is not None:
+        return Verdict.WEAK, f'its size is not that of an arm: {proof.unphysical}'
     if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
@@ -106,17 +111,19 @@ def _too_few(proof: Proof, options: VerdictOptions) -> str:
             f'{_asked(proof, options):.0f} is needed for {coefficients}')
 
 
-def rest_angles(candidate: Candidate, chosen: Sequence[Candidate]) -> tuple[str, ...]:
+def rest_angles(fits: Fits, motion: Motion, candidate: Candidate,
+                chosen: Sequence[Candidate]) -> tuple[str, ...]:
     """
     Return the springs that an offset on their joint may be a part of.
 
     A spring is described about the mean angle of the motion. Where it rests is an offset beside
-    it.
+    it. A spring that pulls in one posture alone looks like gravity, but for that offset.
     """
     if candidate.effect.name != 'torque_offset':
         return ()
-    return tuple(c.effect.name for c in chosen
-                 if c.joint == candidate.joint and c.effect.name == 'joint_spring')
+    spring = 'joint_spring', candidate.joint
+    hidden = spring in fits.layout.untestable and lacks_postures(motion, candidate.place)
+    return spring[:1] if hidden or any(c.key == spring for c in chosen) else ()
 
 
 def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,

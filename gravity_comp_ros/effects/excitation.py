@@ -11,6 +11,10 @@ STILL = 0.01
 # Speeds beyond this many sign widths have a sure direction.
 _SURE = 2.0
 _LEAST_SHARE = 0.01
+# Another joint that turns less than this, in rad, leaves the posture as it is.
+_SAME_POSTURE = 0.1
+# Parts of a joint's travel at either end in which the other joints are looked at.
+_END = 0.3
 _LEAST_SAMPLES = 5
 
 
@@ -95,6 +99,24 @@ def lacks_load(motion: Motion, joint: int) -> str | None:
     middle, spread = float(load.mean()), float(load.std())
     if spread < max(0.1 * middle, 0.02):
         return (f'the load hardly varies ({middle:.3g} N·m with a spread of {spread:.2g} N·m)')
+    return None
+
+
+def lacks_postures(motion: Motion, joint: int) -> str | None:
+    """
+    Return why a torque of the angle looks like gravity, if the others stand while a joint moves.
+
+    The gravity of a joint changes with the posture of the others; what pulls at it does not.
+    """
+    q = motion.samples.q
+    if q.shape[1] == 1 or not len(q):
+        return None
+    others = np.delete(q, joint, axis=1)
+    low, high = np.quantile(q[:, joint], (_END / 2, 1.0 - _END / 2))
+    for end in (q[:, joint] <= low, q[:, joint] >= high):
+        if np.ptp(others[end], axis=0).max() < _SAME_POSTURE:
+            return ('the other joints stand still while it moves, so that a torque of its angle '
+                    'looks like gravity')
     return None
 
 

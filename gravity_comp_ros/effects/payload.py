@@ -22,6 +22,7 @@ from gravity_comp_ros.effects.change_points import (
     change, change_points, finer_points, UNITS)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.plausibility import too_much_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
@@ -33,6 +34,8 @@ _SHORTEST = 20.0
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
 _LEAST_TRAVEL = 0.1
+# The sizes of all terms of a force add up to this many times its largest torque, no more.
+_CANCELLING = 3.0
 # The largest share of a payload is reached at least to this part further out, but for the links of
 # a wrist, which may have no length: so many joints are not asked.
 _REACHES, _WRIST = 0.5, 2
@@ -200,6 +203,14 @@ class ToolForce(Effect):
                 n < 3 or facts.travel(motion, n - 2) < _LEAST_TRAVEL):
             return 'the last joints hardly move, so a tool force is the same as offsets'
         return None
+
+    def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
+                    joint: int) -> str | None:
+        # Terms of a force add to it. Large ones that cancel in this motion do not in the next.
+        apart = np.abs(self.columns(motion, joint, setting) * values).sum(axis=2) / _CANCELLING
+        if reason := too_much_torque(apart, motion, joint):
+            return f'its terms cancel each other: {reason}'
+        return super().implausible(values, setting, motion, joint)
 
 
 def _tool_features(n_joints: int) -> list[tuple[int, int]]:

@@ -12,6 +12,8 @@ import numpy as np
 _LOWEST = 4
 _HIGHEST = 320
 _LEAST_TRAVEL = 0.1
+# Periods in the travel: one is any smooth torque, and only what comes again repeats.
+_LEAST_PERIODS = 2.0
 
 
 class TorqueRipple(Effect):
@@ -46,8 +48,9 @@ class TorqueRipple(Effect):
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         # The ratio of a gear need not be a whole number.
-        width = np.pi / facts.travel(motion, joint)
-        return [{'k': setting['k'] + part * width} for part in (-0.5, -0.25, 0.25, 0.5)]
+        width, lowest = np.pi / facts.travel(motion, joint), _lowest(motion, joint)
+        return [{'k': k} for part in (-0.5, -0.25, 0.25, 0.5)
+                if (k := setting['k'] + part * width) >= lowest]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         lowest, highest = _range(motion, joint)
@@ -61,16 +64,20 @@ def _range(motion: Motion, joint: int) -> tuple[int, int]:
     """
     Return the lowest and the highest k that the motion can tell.
 
-    One period must fit into the travel, or it is a spring; and most samples must be less than
-    half a period apart.
+    Two periods must fit into the travel, and most samples must be less than half a period apart.
     """
     travel = facts.travel(motion, joint)
     steps = np.abs(np.diff(motion.samples.q[:, joint]))[np.diff(motion.samples.runs) == 0]
     steps = steps[steps > 0]
     if travel < _LEAST_TRAVEL or not steps.size:
         return _HIGHEST + 1, 0
-    lowest = max(_LOWEST, int(np.ceil(2 * np.pi / travel)))
-    return lowest, min(_HIGHEST, int(np.pi / float(np.quantile(steps, 0.75))))
+    highest = int(np.pi / float(np.quantile(steps, 0.75)))
+    return int(np.ceil(_lowest(motion, joint))), min(_HIGHEST, highest)
+
+
+def _lowest(motion: Motion, joint: int) -> float:
+    """Return the k of as many periods as a ripple must have to be one."""
+    return max(float(_LOWEST), _LEAST_PERIODS * 2 * np.pi / facts.travel(motion, joint))
 
 
 EFFECTS = (TorqueRipple(),)
