@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from bench.campaign.judging import judging_case
 from bench.campaign.score import score
+from bench.planning.scenes import Scene
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.wording import FOUND
@@ -91,3 +92,16 @@ def test_a_tilted_base_is_found_and_the_law_that_it_breaks():
     assert all(result.named) and not result.false
     assert 'level base' in {law.law for law in diagnosis.laws}
     assert all(law.holds_with_effects for law in diagnosis.laws if law.law == 'level base')
+
+
+@pytest.mark.parametrize('arm, joint, seed', [
+    ('iiwa7', 1, 20), ('iiwa7', 3, 21), ('six_axis', 2, 20), ('drawn0', 3, 20)])
+def test_a_spring_that_pulls_in_one_posture_is_taken_for_nothing_else(arm, joint, seed):
+    """Each was said to be a ripple, a cable, an offset of -49 N·m or a force in the tool."""
+    scene = Scene(arm, 'joint_spring', joint, 'settled', seed)
+    diagnosis = diagnose(scene.recorded())
+    name = scene.made.joints[joint]
+    moves = {'rigid_body_dynamics', 'inertia', 'coriolis'}
+    found = [f for f in diagnosis.findings if f.verdict in FOUND and f.effect not in moves]
+    assert not found, [f.to_json() for f in found]
+    assert 'stand still' in diagnosis.joints[name].untestable['joint_spring']

@@ -4,6 +4,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
 from gravity_comp_ros.diagnosis.evidence import joint_rows
+from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
@@ -57,3 +58,11 @@ def test_what_is_not_there_may_be_nothing_in_nineteen_of_twenty():
         fits, _, candidate = chosen(rng.normal(size=(2000, 3)), rng.normal(size=2000))
         said.append(all_may_be_nothing(fits, [candidate], candidate))
     assert 0.85 <= np.mean(said) < 1.0
+
+
+def test_of_many_intervals_one_misses_0_by_chance():
+    sizes = {f'c{k}': Estimate(0.0, 'N·m', (-1.0, 1.0)) for k in range(31)}
+    just_off = Estimate(1.05, 'N·m', (0.05, 2.05))
+    assert not each_may_be_nothing({'one': just_off})
+    assert each_may_be_nothing({**sizes, 'one': just_off})
+    assert not each_may_be_nothing({**sizes, 'one': Estimate(1.8, 'N·m', (0.8, 2.8))})

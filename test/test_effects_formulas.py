@@ -178,3 +178,15 @@ def test_the_longest_ripple_fits_twice_into_the_travel(travel, lowest):
     assert found[0] == lowest and found[-1] <= 320
     finer = known_effect('torque_ripple').refine(motion, 0, {'k': float(lowest)})
     assert all(s['k'] * travel >= 4 * np.pi - 0.01 for s in finer) or travel == 6.0
+
+
+@pytest.mark.parametrize('others, told', [(0.0, True), (0.05, True), (0.3, False)])
+def test_a_pull_shows_where_the_others_change_their_posture(others, told):
+    t = np.arange(0.0, 60.0, 0.1)
+    q = np.column_stack([others * np.sin(0.23 * t), 0.4 * np.sin(t)])
+    samples = JointSamples.single_run(('a', 'b'), t, q, np.gradient(q, t, axis=0), q)
+    still = np.zeros((len(t), 2))
+    motion = Motion(samples, still, still, np.zeros((len(t), 2, 2)), np.array([WIDTH, WIDTH]))
+    for name in ('joint_spring', 'cable_stiffness'):
+        reason = known_effect(name).untestable(motion, 1)
+        assert (reason is not None and 'stand still' in reason) == told
