@@ -29,7 +29,7 @@ PAINTED = """() => {
   for (const view of Bokeh.index.roots) walk(view)
   return found
 }"""
-# Style sheets of all elements: how many are their own, how many are shared, and how many there are.
+# Style sheets of elements: how many are their own, how many are shared, how many texts there are.
 SHEETS = """() => {
   let own = 0, worn = 0
   const all = new Set()

@@ -9,7 +9,7 @@ const layout = part('models/layouts/layout_dom', 'LayoutDOMView')
 const toolbar = part('models/tools/toolbar', 'ToolbarView')
 const canvas = part('models/canvas/canvas', 'CanvasView')
 // Texts that change are many, so those of long ago are made again.
-const MOST = 3000
+const MOST = 1000
 
 if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.prototype) {
   // Most sheets are empty for ever, and most others say the same in every plot: so each text is one
