@@ -500,6 +500,8 @@ def test_a_recording_is_dropped_into_the_page(folder, server, watched):
         page.evaluate(DROP, [name, base64.b64encode(b'no recording').decode()])
         words = page.locator('#bring-words')
         words.filter(has_text='is no MCAP or rosbag2 recording').wait_for()
+        page.evaluate(DROP, ['empty.mcap', ''])
+        words.filter(has_text='empty.mcap: the file is no MCAP or rosbag2 recording').wait_for()
         page.evaluate(DROP, [name, base64.b64encode(
             (folder / 'run1.mcap').read_bytes()).decode()])
         words.filter(has_text='was brought').wait_for()
@@ -527,7 +529,7 @@ def test_a_recording_is_dropped_into_the_page(folder, server, watched):
                 (place + 'a.sh', {**own, **site}, 415),
                 (place + 'a.mcap', {'Host': host, 'Content-Length': str(2 ** 40), **site}, 413)):
             assert _asked(address, path, headers, 'PUT')[0] == status, (path, headers)
-        assert len(tab.complaints) == 1 and '415' in tab.complaints[0]
+        assert len(tab.complaints) == 2 and all('415' in told for told in tab.complaints)
 
 
 def _asked(address, path, headers, method='GET'):

@@ -80,7 +80,8 @@ def _cell(place: int, value: object, is_text: bool) -> str:
 
 
 # What Bokeh does without need, undone before anything is drawn.
-LESS_WORK = Path(__file__).with_name('less_work.js').read_text()
+LESS_WORK = ''.join(f'{{{Path(__file__).with_name(name).read_text()}}}'
+                    for name in ('shared_styles.js', 'less_work.js'))
 
 # Buttons of `command` copy; a click inside a shadow root is seen here by its path.
 COPY = """

@@ -15,6 +15,7 @@ MOST_BYTES = 2 * 2 ** 30
 _BEGINNINGS = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\x00'}
 _LONGEST = 60
 _PARTIAL = '.partial'
+_OTHER = 'the file is no MCAP or rosbag2 recording, whatever its name'
 
 
 def safe_name(name: str) -> str | None:
@@ -75,7 +76,7 @@ class Bring(RequestHandler):
         if len(self._begun) < len(wanted):
             self._begun += chunk[:len(wanted) - len(self._begun)]
             if not wanted.startswith(self._begun):
-                self._refuse(415, 'the file is no MCAP or rosbag2 recording, whatever its name')
+                self._refuse(415, _OTHER)
                 return
         try:
             self._file.write(chunk)
@@ -85,6 +86,9 @@ class Bring(RequestHandler):
     def put(self) -> None:
         """Give the whole file to the session."""
         if self._file is None or self._path is None:
+            return
+        if self._begun != _BEGINNINGS[self._path.suffix]:
+            self._refuse(415, _OTHER)  # empty, or hardly begun
             return
         self._file.close()
         self._path.with_suffix(_PARTIAL).rename(self._path)
@@ -121,7 +125,7 @@ const bring = async (files) => {
   const place = `bring?session=${session}&name=${encodeURIComponent(file.name)}`
   const answer = file.size > MOST ? null :
     await fetch(place, {method: 'PUT', body: file}).catch(() => null)
-  words.textContent = !answer ? `${file.name} could not be brought: is it too large?`
+  words.textContent = !answer ? `${file.name} could not be brought: is it a folder, or too large?`
     : answer.ok ? `${file.name} was brought.` : `${file.name}: ${await answer.text()}`
 }
 document.getElementById('bring').addEventListener('change', (event) => bring(event.target.files))

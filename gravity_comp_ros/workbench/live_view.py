@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from bokeh.layouts import column, gridplot
+from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, DataRange1d, Div, Span, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import plot, Style
+from gravity_comp_ros.report.tiles import tiles
 from gravity_comp_ros.workbench import widgets
 
 _SHOWN = 3000
@@ -110,8 +111,7 @@ class LiveView:
         time = DataRange1d(follow='end', follow_interval=60.0, range_padding=0.0)
         rows = [[_torque(name, k, source, time, self.style),
                  _residual(k, source, time, self.style)] for k, name in enumerate(self._joints)]
-        self._plots.children = [gridplot(rows, merge_tools=True, sizing_mode='stretch_width',
-                                         toolbar_options={'logo': None})] if rows else []
+        self._plots.children = [tiles(rows, 300)] if rows else []
 
     def _stream(self, source: ColumnDataSource) -> None:
         self._seen, t, measured, predicted = self.follower.rows(self._seen)

@@ -99,7 +99,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 <script nonce="NONCE">COPY</script>
 <script nonce="NONCE">{BRING}</script>
 <script nonce="NONCE">FORGET</script>
-<script nonce="NONCE">{PLAIN}</script>
+<script nonce="NONCE">PLAIN</script>
 {{ plot_script | replace('<script', '<script nonce="NONCE"') }}
 </body>
 </html>

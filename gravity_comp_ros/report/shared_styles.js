@@ -1,0 +1,94 @@
+// Every element of a plot has half a dozen style sheets of its own, and a report has thousands of
+// elements. Runs before anything is drawn; a page works without this as well, only slower.
+const part = (path, name) => {
+  try { return Bokeh.require(path)[name].prototype } catch { return {} }
+}
+const sheet = part('core/dom', 'InlineStyleSheet')
+const component = part('core/dom_view', 'DOMComponentView')
+const layout = part('models/layouts/layout_dom', 'LayoutDOMView')
+const toolbar = part('models/tools/toolbar', 'ToolbarView')
+const canvas = part('models/canvas/canvas', 'CanvasView')
+// Texts that change are many, so those of long ago are made again.
+const MOST = 1000
+
+if (sheet._update && component.empty && 'adoptedStyleSheets' in ShadowRoot.prototype) {
+  // Most sheets are empty for ever, and most others say the same in every plot: so each text is one
+  // sheet, which all elements share.
+  const {install, uninstall, _update} = sheet, {empty} = component, shared = new Map()
+  const made = (text) => {
+    let found = shared.get(text)
+    if (!found) {
+      if (shared.size >= MOST) shared.clear()
+      shared.set(text, found = new CSSStyleSheet())
+      found.replaceSync(text)
+    }
+    return found
+  }
+  const put = (root) => {
+    root.adoptedStyleSheets = root.sheets.flatMap(each => each.text ? [made(each.text)] : [])
+  }
+
+  // While a layout is made, styles reach the page only where its sizes are asked for: else the
+  // browser computes them anew for every plot, several times.
+  const late = new Set()
+  let laying = false
+  const dress = (root) => laying ? late.add(root) : put(root)
+  const settle = () => {
+    for (const root of late) put(root)
+    late.clear()
+  }
+  const asking = (view, name) => {
+    const asks = view[name]
+    if (asks) view[name] = function () {
+      settle()
+      return asks.call(this)
+    }
+  }
+  const {invalidate_layout} = layout
+  if (invalidate_layout && layout.update_bbox) {
+    asking(layout, 'update_bbox')
+    asking(toolbar, '_after_render')
+    layout.invalidate_layout = function () {
+      if (laying) return invalidate_layout.call(this)
+      laying = true
+      try { invalidate_layout.call(this) } finally {
+        laying = false
+        settle()
+      }
+    }
+    // A canvas gets its size when its plot is laid out, and needs none before.
+    if (canvas._after_render) canvas._after_render = function () { this.update_style() }
+  }
+
+  Object.defineProperty(sheet, 'css', {get() { return this.text || '' }})
+  sheet._update = function (text) {
+    if (text === this.text) return
+    this.text = text
+    if (this.root) dress(this.root)
+    else if (this.plain) _update.call(this, text)
+  }
+  sheet.install = function (root) {
+    if (!(root instanceof ShadowRoot)) {
+      this.plain = true
+      _update.call(this, this.css)
+      return install.call(this, root)
+    }
+    this.root = root
+    root.sheets ||= []
+    root.sheets.push(this)
+    if (this.text) root.adoptedStyleSheets.push(made(this.text))
+  }
+  sheet.uninstall = sheet.remove = function () {
+    if (!this.root) return uninstall.call(this)
+    this.root.sheets = this.root.sheets.filter(each => each !== this)
+    dress(this.root)
+    this.root = null
+  }
+  component.empty = function () {
+    if (this.shadow_el.sheets) {
+      this.shadow_el.sheets = []
+      this.shadow_el.adoptedStyleSheets = []
+    }
+    empty.call(this)
+  }
+}
