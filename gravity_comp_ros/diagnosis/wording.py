@@ -55,7 +55,8 @@ def sentence(finding: Finding) -> str:
 
 def evidence_sentence(name: str, place: str, before: float, after: float, p: float) -> str:
     """Return the evidence for an effect, before and after as fractions of the range."""
-    return (f'{name} on {place}: held-out error {before:.2%} to {after:.2%} of the range, '
+    first, then = _differing(before, after)
+    return (f'{name} on {place}: held-out error {first} to {then} of the range, '
             f'p = {p:.1e} after all that was tried')
 
 
@@ -109,10 +110,13 @@ def percent(share: float | None) -> str:
 
 def before_and_after(finding: Finding) -> tuple[str, str]:
     """Return the held-out error without and with an effect, in digits that differ."""
-    errors = finding.nrmse_before, finding.nrmse_after
-    shown = percent(errors[0]), percent(errors[1])
-    if shown[0] == shown[1] and errors[0] != errors[1]:
-        shown = f'{100.0 * errors[0]:.4f} %', f'{100.0 * errors[1]:.4f} %'
+    return _differing(finding.nrmse_before, finding.nrmse_after)
+
+
+def _differing(before: float, after: float) -> tuple[str, str]:
+    shown = percent(before), percent(after)
+    if shown[0] == shown[1] and before != after:
+        shown = f'{100.0 * before:.4f} %', f'{100.0 * after:.4f} %'
     return shown
 
 
