@@ -101,9 +101,9 @@ def known_arm(recording: Recording, options: LearnOptions = LearnOptions()) -> K
     return KnownArm(axes, joint_order(recording.joints))
 
 
-def learn(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOptions(),
+def learn(recording: Recording, options: LearnOptions = LearnOptions(),
           effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
-          progress: Progress | None = None) -> Learned:
+          progress: Progress | None = None, arm: KnownArm | None = None) -> Learned:
     """
     Learn gravity, and effects beside it if some are named.
 
@@ -111,10 +111,12 @@ def learn(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOpti
 
     :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
     :param speeds: which samples the effects are fitted to.
+    :param arm: its axes and order; found in the recording if None.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises DataError: if no sample is slow, or an effect cannot be seen.
     :raises ModelMismatchError: if the recording lacks a joint of the arm.
     """
+    arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
     how = options.to_fit(arm.axes)
     result, joint = fit_model(recording, how, effects, speeds, progress)
@@ -130,15 +132,15 @@ def learn(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOpti
                    recording)
 
 
-def model_of(recording: Recording, arm: KnownArm, options: LearnOptions = LearnOptions(),
-             progress: Progress | None = None) -> GravityModel:
+def model_of(recording: Recording, options: LearnOptions = LearnOptions(),
+             progress: Progress | None = None, arm: KnownArm | None = None) -> GravityModel:
     """
     Return the model of gravity that `fit` makes of a recording that was read as a whole.
 
     :raises GravityCompError: as `learn`.
     """
     gated = replace(recording, gate=GateOptions())
-    return learn(gated, arm, options, progress=progress).model
+    return learn(gated, options, progress=progress, arm=arm).model
 
 
 def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:

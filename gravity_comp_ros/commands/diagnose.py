@@ -96,7 +96,7 @@ def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.Pro
     arm = known_arm(recording, options)
     if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
         return None, arm.of(recording)
-    return model_of(recording, arm, options, report), recording
+    return model_of(recording, options, report, arm), recording
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
         effects = args.effects.split(',') if args.effects is not None else ()
         speeds = refitting.speeds(args) if effects else RefitOptions()
         started = time.perf_counter()
-        learned = learn(fitted, arm, options, effects, speeds, report)
+        learned = learn(fitted, options, effects, speeds, report, arm)
         seconds = time.perf_counter() - started
     result, model, joint, axes = learned.result, learned.model, learned.refit, learned.arm.axes
     judged = compare_model(model, held) if held else None

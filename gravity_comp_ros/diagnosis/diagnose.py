@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
@@ -36,6 +36,21 @@ _MOST_ROWS = 9000
 _FULL_ROWS = 8
 
 
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """
+    What a recording shows of every effect, before any is chosen.
+
+    `span` (N,) is the range of the measured torque, `noise` (N,) the standard deviation of its
+    white noise, both in N·m.
+    """
+
+    base: Base
+    fits: Fits
+    span: FloatArray
+    noise: FloatArray
+
+
 def diagnose(samples: JointSamples, model: GravityModel | None = None,
              options: DiagnosisOptions = DiagnosisOptions(),
              progress: Progress | None = None) -> Diagnosis:
@@ -47,6 +62,17 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         one.
     :raises DataError: if there are too few samples.
     :raises ModelMismatchError: if the samples lack a joint of the model.
+    """
+    return conclude(gather(samples, model, options.effects, progress), options, progress)
+
+
+def gather(samples: JointSamples, model: GravityModel | None = None,
+           effects: Sequence[str] | None = None, progress: Progress | None = None) -> Evidence:
+    """
+    Fit gravity, and sum what effects would explain beside it.
+
+    :param effects: those to look for; None for all.
+    :raises: as `diagnose`.
     """
     tell = progress or (lambda word, share: None)
     if model is not None:
@@ -60,12 +86,19 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
     tell('gravity model', 0.0)
     rows = round(_MOST_ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2)
     base = choose_base(samples, model, rows)
-    motion = base.motion
     tell('columns', 0.2)
     known = all_effects()
-    effects = [known[name] for name in (known if options.effects is None else options.effects)]
-    others = [other for effect in effects if (other := effect.alternative()) is not None]
-    fits = _fits(base, build(motion, base.columns, effects, others, [UnknownTorque()], LAWS))
+    named = [known[name] for name in (known if effects is None else effects)]
+    others = [other for effect in named if (other := effect.alternative()) is not None]
+    columns = build(base.motion, base.columns, named, others, [UnknownTorque()], LAWS)
+    return Evidence(base, _fits(base, columns), span, noise)
+
+
+def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),
+             progress: Progress | None = None) -> Diagnosis:
+    """Choose effects by the evidence, and say how sure each one is."""
+    tell = progress or (lambda word, share: None)
+    base, fits = evidence.base, evidence.fits
     tell('selection', 0.5)
     selection = select(_criteria(base, fits, options))
     better = refined(base, selection.effect_torque()) if selection.chosen else None
@@ -74,8 +107,8 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
         fits = fits.beside(better.columns)
         selection = select(_criteria(base, fits, options))
     tell('verdicts', 0.8)
-    judged = judge(selection, motion, span, noise, options.verdict)
-    laws = check_laws(fits, judged.chosen, samples.names)
+    judged = judge(selection, base.motion, evidence.span, evidence.noise, options.verdict)
+    laws = check_laws(fits, judged.chosen, base.motion.samples.names)
     tell('verdicts', 1.0)
     return replace(judged.diagnosis, laws=laws)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from gravity_comp_ros.api.learn import known_arm, learn, LearnOptions, model_of
+from gravity_comp_ros.api.learn import learn, LearnOptions, model_of
 from gravity_comp_ros.api.read import gated_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -68,7 +68,7 @@ def fit_robot(task: FitTask) -> FitResult:
     if not task.found:
         raise FitError('none of its bags could be read')
     recording = gated_recording(task.found, task.gate)
-    learned = learn(recording, known_arm(recording, task.options), task.options)
+    learned = learn(recording, task.options)
     problem = learned.arm.axes.problem
     return learned.result.warned(problem) if problem else learned.result
 
@@ -92,5 +92,5 @@ def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
     recording = Recording(concatenate(part.samples for part in parts), None,
                           tuple(part.report for part in parts))
     how = LearnOptions(ordered=options.joints is not None)
-    model = task.model or model_of(recording, known_arm(recording, how), how)
+    model = task.model or model_of(recording, how)
     return diagnose(recording.samples, model, DiagnosisOptions(effects=task.effects)), failed

@@ -154,7 +154,7 @@ def _read(job: Read, progress: Progress) -> WasRead:
 def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
     """Return the model that `gravity_comp fit --joints` gives, and what it is based on."""
     options = job.choice.learning(job.ordered)
-    found = learn(recording, known_arm(recording, options), options, progress=progress)
+    found = learn(recording, options, progress=progress)
     # The page has the samples already.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
     found = replace(found, recording=replace(recording, samples=none))
