@@ -19,6 +19,9 @@ from gravity_comp_ros.evaluation.gain import Gain, not_worse
 from gravity_comp_ros.printable import counted
 import numpy as np
 
+# What pulls a joint towards some angle.
+_RESTS = ('joint_spring', 'cable_stiffness')
+
 
 @dataclass(frozen=True, eq=False)
 class Proof:
@@ -116,14 +119,17 @@ def rest_angles(fits: Fits, motion: Motion, candidate: Candidate,
     """
     Return the springs that an offset on their joint may be a part of.
 
-    A spring is described about the mean angle of the motion. Where it rests is an offset beside
-    it. A spring that pulls in one posture alone looks like gravity, but for that offset.
+    A spring is described about the mean angle of the motion, a cable from where it becomes taut.
+    Where it rests is an offset beside it. A spring that pulls in one posture alone looks like
+    gravity, but for that offset.
     """
     if candidate.effect.name != 'torque_offset':
         return ()
     spring = 'joint_spring', candidate.joint
-    hidden = spring in fits.layout.untestable and lacks_postures(motion, candidate.place)
-    return spring[:1] if hidden or any(c.key == spring for c in chosen) else ()
+    if spring in fits.layout.untestable and lacks_postures(motion, candidate.place):
+        return spring[:1]
+    return tuple(c.effect.name for c in chosen
+                 if c.joint == candidate.joint and c.effect.name in _RESTS)
 
 
 def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
