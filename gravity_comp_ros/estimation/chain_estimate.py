@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.nuisance_columns import fitted_shapes, significant
 from gravity_comp_ros.estimation.regression import Regression
@@ -76,13 +75,12 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
         alternatives sought.
     :raises FitError: if there are no samples.
     """
-    few = regression.thinned(_SEARCHED)
-    if known is None:
-        first = _first(few, None if warm and start else _ROUGH, start)
-    else:
-        first = fit_chain(few.samples, _ROUGH, None, known, few.beside())
-    regression = _refined(regression, first)
-    every, kept, chain = regression, None, first.chain
+    chain, starts = start, 1
+    if chain is None or known is not None or not warm:
+        first = _searched(regression.thinned(_SEARCHED), known, start)
+        chain, starts = first.chain, first.starts
+    regression = _refined(regression, chain)
+    every, kept = regression, None
     for _ in range(_REPEATS):
         rough = _settled(every.thinned(_SETTLED), chain, known)
         told = significant(*_of_nuisance(rough, every))
@@ -93,21 +91,22 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
         chain = found.chain
         if (found.inflation == 1.0).all():
             break
-    return ChainEstimate(replace(found, starts=first.starts), regression)
+    return ChainEstimate(replace(found, starts=starts), regression)
 
 
-def _first(regression: Regression, options: SearchOptions | None, start: Chain | None
-           ) -> ChainFit:
+def _searched(regression: Regression, known: FloatArray | None, start: Chain | None) -> ChainFit:
     """
     Return the best of a search, and of another with free nuisance terms where it is not clean.
 
     The two have other wrong minima. Both ends are compared with the terms bounded.
     """
     samples, beside = regression.samples, regression.beside()
-    found = rough_fit(samples, options, start, beside)
-    if found.clean or options is None or beside.columns is None:
+    if known is not None:
+        return fit_chain(samples, _ROUGH, None, known, beside)
+    found = rough_fit(samples, _ROUGH, start, beside)
+    if found.clean or beside.columns is None:
         return found
-    free = rough_fit(samples, options, start, replace(beside, spread=None))
+    free = rough_fit(samples, _ROUGH, start, replace(beside, spread=None))
     other = rough_fit(samples, None, free.chain, beside)
     return min((found, replace(other, starts=free.starts)),
                key=lambda fit: _log_residual(fit, regression))
@@ -130,16 +129,15 @@ def _settled(regression: Regression, start: Chain, known: FloatArray | None,
     return fit_chain(samples, final, start, None, beside, search_anew=False)
 
 
-def _refined(regression: Regression, fit: ChainFit) -> Regression:
+def _refined(regression: Regression, chain: Chain) -> Regression:
     """Return the regression with directions of motion and trust as the residual shows them."""
-    regression = regression.trusting(_left_by(fit.chain, regression))
+    regression = regression.trusting(_left_by(chain, regression))
     recorded = regression.recorded
     if not recorded.qd.any():
         return regression
     # Friction stays in what its shape is read from.
-    left = recorded.tau - fit.chain.torque(recorded.q)
-    qdd = accelerations(recorded) if regression.qdd is None else regression.qdd
-    return regression.with_shapes(fitted_shapes(recorded, qdd, left))
+    left = recorded.tau - chain.torque(recorded.q)
+    return regression.with_shapes(fitted_shapes(recorded, regression.qdd, left))
 
 
 def _left_by(chain: Chain, regression: Regression) -> FloatArray:

@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.predict import (
     direction_of, effect_torque, installed, predict_on)
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
-    Estimate, estimate_gravity, fast_accelerations, FitOptions, gravity_model)
+    Estimate, estimate_gravity, FitOptions, gravity_model)
 from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
@@ -93,7 +93,7 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
     means = condense(cleaned)
     dense = np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
         if len(columns) else None
-    regression = build_regression(cleaned, qdd=fast_accelerations(part), effects=dense,
+    regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
                                   usual=_usual(motion, terms, columns, model.noise_beside))
     estimate = estimate_gravity(regression, options, model, known, warm)

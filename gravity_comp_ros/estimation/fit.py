@@ -15,7 +15,6 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
-from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_chain
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
@@ -34,10 +33,6 @@ import numpy as np
 MIN_SAMPLES = 10
 # What may be asked for: a formulation, or to let the data choose between chain and potential.
 CHOICES = ('auto', *FORMULATIONS)
-# rad/s. Recordings whose joints are faster for a tenth of the time have inertia in their torque.
-_FAST, _FAST_SHARE = 0.2, 0.1
-# rad/s^2. So do recordings in which they start and stop like this for a fiftieth of the time.
-_UNEVEN, _UNEVEN_SHARE = 0.3, 0.02
 
 Progress = Callable[[str, float], None]
 
@@ -140,7 +135,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     if progress:
         progress('fit', 0.0)
     samples, warning = checked_velocity(samples)
-    regression = build_regression(samples, qdd=fast_accelerations(samples))
+    regression = build_regression(samples)
     estimate = estimate_gravity(regression, options, old)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning)
@@ -176,7 +171,7 @@ def estimate_gravity(regression: Regression, options: FitOptions,
         choice = Choice(estimate_chain(regression, known, start, warm), 'it was asked for', {},
                         known is not None)
     else:
-        settled = regression.qdd is not None and formulation == 'potential'
+        settled = regression.accelerated and formulation == 'potential'
         if settled:
             # Inertia has N columns a joint: the chain tells which of them matter.
             regression = estimate_chain(regression, start=start).regression
@@ -224,19 +219,6 @@ def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]
     regression, k = found.regression, found.regression.n_effects
     left = np.sqrt((regression.trust * found.residual() ** 2).mean(axis=0))
     return regression.nuisance.terms(names, found.beside[k:], found.covariance[k:, k:], left)
-
-
-def fast_accelerations(samples: JointSamples) -> FloatArray | None:
-    """
-    Return accelerations (M, N) in rad/s^2 where inertia shows, None where motion is slow and even.
-
-    A few poses that are reached and left quickly would be set aside as outliers without inertia,
-    and they may be the only ones that show an axis.
-    """
-    fast = (np.abs(samples.qd) > _FAST).any(axis=1)
-    qdd = accelerations(samples)
-    uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
-    return qdd if fast.mean() > _FAST_SHARE or uneven.mean() > _UNEVEN_SHARE else None
 
 
 def _check(samples: JointSamples) -> None:

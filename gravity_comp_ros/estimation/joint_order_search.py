@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.fit import fast_accelerations
 from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
 from gravity_comp_ros.models.kinematic.chain_starts import next_axes
@@ -66,7 +65,7 @@ def _improved(problem: ChainProblem, order: Order) -> tuple[Order, float]:
 
 
 def _problem(samples: JointSamples) -> ChainProblem:
-    regression = build_regression(samples, qdd=fast_accelerations(samples)).thinned(_FEW)
+    regression = build_regression(samples).thinned(_FEW)
     few, beside = regression.samples, regression.beside()
     weight = 1.0 / max(_FIRST * float(np.sqrt((few.tau ** 2).mean(axis=0)).max()), 1e-9)
     return ChainProblem(few.q, few.tau, np.full(few.tau.shape, weight), beside.columns,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import Condensation, condense, CondenseOptions
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import Shape
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.nuisance_columns import (
@@ -14,18 +15,23 @@ from gravity_comp_ros.models.kinematic.chain_fit import Beside
 from gravity_comp_ros.models.noise import floor
 import numpy as np
 
+# rad/s. Recordings whose joints are faster for a tenth of the time have inertia in their torque.
+_FAST, _FAST_SHARE = 0.2, 0.1
+# rad/s^2. So do recordings in which they start and stop like this for a fiftieth of the time.
+_UNEVEN, _UNEVEN_SHARE = 0.3, 0.02
+
 
 @dataclass(frozen=True, eq=False)
 class Regression:
     """
     Samples to fit, condensed, and the columns that are fitted beside gravity.
 
-    `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2
-    where fast samples are fitted. `nuisance` are the columns of nuisance terms; `effects`
-    (K, N, m) those of effects that the model is to have. Effects take the place of the nuisance
-    terms `excluded` (kind and joint number). `usual` (K,) are standard deviations of the effects'
-    coefficients before any data, per N·m of noise, inf where they are free. `trust` (m, N) weighs
-    squared residuals.
+    `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2, and
+    `accelerated` says whether inertia is fitted. `nuisance` are the columns of nuisance terms;
+    `effects` (K, N, m) those of effects that the model is to have. Effects take the place of the
+    nuisance terms `excluded` (kind and joint number). `usual` (K,) are standard deviations of the
+    effects' coefficients before any data, per N·m of noise, inf where they are free. `trust`
+    (m, N) weighs squared residuals.
     """
 
     recorded: JointSamples
@@ -33,7 +39,8 @@ class Regression:
     samples: JointSamples
     nuisance: NuisanceColumns
     trust: FloatArray
-    qdd: FloatArray | None = None
+    qdd: FloatArray
+    accelerated: bool
     effects: FloatArray | None = None
     excluded: frozenset[tuple[str, int]] = frozenset()
     usual: FloatArray | None = None
@@ -66,7 +73,8 @@ class Regression:
 
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
         """Return the same with other directions of motion; all nuisance columns come back."""
-        columns = build_columns(self.recorded, shapes, self.means, self.qdd, self.effects,
+        qdd = self.qdd if self.accelerated else None
+        columns = build_columns(self.recorded, shapes, self.means, qdd, self.effects,
                                 self.excluded)
         return replace(self, nuisance=columns)
 
@@ -100,14 +108,30 @@ def build_regression(samples: JointSamples, options: CondenseOptions = CondenseO
     """
     Return the regression of samples with all nuisance columns that the motion can identify.
 
-    :param qdd: accelerations (M, N) where fast samples are fitted.
+    :param qdd: accelerations (M, N) in rad/s^2; None computes them. Inertia is fitted beside
+        gravity where they show it.
     :param effects: columns (K, N, m) of effects, condensed by `means`.
     :param means: how the samples are condensed, if that is decided already.
     :param excluded: kinds and joint numbers of nuisance terms that effects take the place of.
     :param usual: (K,) as in `Regression`; None if all are free.
     """
     means = means or condense(samples, options)
-    columns = build_columns(samples, plain_shapes(samples), means, qdd, effects, excluded)
+    qdd = accelerations(samples) if qdd is None else qdd
+    accelerated = _shows_inertia(samples, qdd)
+    columns = build_columns(samples, plain_shapes(samples), means, qdd if accelerated else None,
+                            effects, excluded)
     condensed = means.samples(samples)
     return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
-                      effects, excluded, usual)
+                      accelerated, effects, excluded, usual)
+
+
+def _shows_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
+    """
+    Return whether motion is fast or uneven.
+
+    A few poses that are reached and left quickly would be set aside as outliers without inertia,
+    and they may be the only ones that show an axis.
+    """
+    fast = (np.abs(samples.qd) > _FAST).any(axis=1)
+    uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
+    return bool(fast.mean() > _FAST_SHARE or uneven.mean() > _UNEVEN_SHARE)
