@@ -26,7 +26,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 import numpy as np
 
-_ROUNDS = 3
+# Lengths and axes of an arm without a description move each other for some rounds.
+_ROUNDS = 8
 # So many neighbouring residuals count as one, beside what is known of coefficients.
 _ALIKE = 10.0
 # Effects and the nuisance terms whose place they take.
@@ -205,6 +206,5 @@ def _same(one: FloatArray, other: FloatArray) -> bool:
 
 
 def _total(fit: EffectFit) -> float:
-    """Return the RMSE of all joints, each in units of its own noise floor, as one number."""
-    noise = np.maximum(fit.model.nuisance.noise, 1e-9)
-    return float(np.sqrt(((fit.rmse / noise.max()) ** 2).mean()))
+    """Return the RMSE of all joints in N·m as one number: the unit is the same in each round."""
+    return float(np.sqrt((fit.rmse ** 2).mean()))
