@@ -4,11 +4,14 @@ How much each threshold of a diagnosis matters: the campaign at half and at twic
 Run from the root of the repository:
 
     python -m bench.campaign.sensitivity --seeds 1 --jobs 2
+    python -m bench.campaign.sensitivity --drawn 20 --arms six_axis
 
-Recordings are those of the named cases, shortened to 60 s at 25 Hz. The evidence of each is
+Recordings are those of the named cases, or of cases whose effects are drawn at random and may be
+small, shortened to 60 s at 25 Hz. The evidence of each is
 gathered once; effects are chosen and judged from it for every value. These cases have served to
 choose some of the thresholds: the table shows what depends on a value, not how good the diagnosis
-is.
+is. Of each value the recordings are counted as well that are diagnosed otherwise than with the
+thresholds as they are.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from gravity_comp_ros.diagnosis.diagnose import conclude, gather
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.simulation.case_list import cases, ROLES
 from gravity_comp_ros.simulation.cases import Case, recordings
+from gravity_comp_ros.simulation.drawn import drawn_case
 
 RATE, SECONDS = 25.0, 60.0
 AS_IT_IS = 'as it is'
@@ -42,13 +46,14 @@ class Count:
     named: int = 0
     intervals: int = 0
     covering: int = 0
+    other: int = 0
 
     def __add__(self, other: Count) -> Count:
         return Count(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
 
     def __str__(self) -> str:
         return (f'{self.right} of {self.recordings} | {self.named} of {self.truths} | '
-                f'{self.false} | {self.covering} of {self.intervals}')
+                f'{self.false} | {self.covering} of {self.intervals} | {self.other}')
 
 
 def variants() -> Iterator[tuple[str, DiagnosisOptions]]:
@@ -77,25 +82,30 @@ def counted(case: Case, seed: int) -> Counts:
     """Return what each variant makes of one recording."""
     samples = recordings(replace(case, duration=SECONDS), seed, RATE)
     evidence = gather(samples)
-    counts = {}
+    counts, usual = {}, None
     for name, options in variants():
-        found = score(case, conclude(evidence, options).to_json(), samples.names)
+        diagnosis = conclude(evidence, options)
+        said = {(f.effect, f.joint, f.verdict) for f in diagnosis.findings}
+        usual = said if usual is None else usual
+        found = score(case, diagnosis.to_json(), samples.names)
         counts[name] = Count(1, int(found.right), int(bool(found.false)), len(found.named),
                              sum(found.named), len(found.intervals),
-                             sum(i.covers for i in found.intervals))
+                             sum(i.covers for i in found.intervals), int(said != usual))
     return counts
 
 
 def table(totals: Counts) -> str:
     """Return the sums as a table in Markdown."""
     head = ('| threshold | recordings judged rightly | effects named | recordings with a false '
-            'finding | intervals that cover |\n|---|---|---|---|---|')
+            'finding | intervals that cover | recordings diagnosed otherwise |\n'
+            '|---|---|---|---|---|---|')
     return '\n'.join([head, *(f'| {name} | {count} |' for name, count in totals.items())])
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--arms', default=','.join(ROLES))
+    parser.add_argument('--drawn', type=int, default=0, metavar='N', help='N drawn cases an arm')
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--first', type=int, default=0)
     parser.add_argument('--jobs', type=int, default=1)
@@ -103,7 +113,8 @@ def main() -> int:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     totals: Counts = {name: Count() for name, _ in variants()}
     tasks = [(case, seed) for seed in range(args.first, args.first + args.seeds)
-             for arm in args.arms.split(',') for case in cases(arm)]
+             for arm in args.arms.split(',') for case in (
+                 [drawn_case(arm, number) for number in range(args.drawn)] or cases(arm))]
     with get_context('spawn').Pool(args.jobs, maxtasksperchild=8) as pool:
         for number, counts in enumerate(pool.imap_unordered(_star, tasks), start=1):
             totals = {name: totals[name] + counts[name] for name in totals}
