@@ -149,7 +149,7 @@ def _in_order(fits: Fits, chosen: Sequence[Candidate]) -> list[Candidate]:
             ordered.append(best)
             del gains[best]
             # Effects of one joint touch those of another by gravity alone.
-            fresh = {c for c in fresh if not {c.acts_on, best.acts_on} & {None}
+            fresh = {c for c in fresh if None not in (c.acts_on, best.acts_on)
                      and c.acts_on != best.acts_on}
         else:
             before = fits.errors(best.acts_on, ordered)

@@ -299,6 +299,7 @@ def _spring_at_rest(criteria: Criteria, candidate: Candidate,
     if (candidate.effect.expectation != Expectation.RARE
             or 'joint_spring' not in candidate.effect.confounders):
         return None
+    # The first candidate of a name has no further settings: the spring of torsion.
     pair = {c.effect.name: c for c in reversed(criteria.candidates) if c.joint == candidate.joint
             and c.effect.name in ('joint_spring', 'torque_offset')}
     spring = pair.get('joint_spring')

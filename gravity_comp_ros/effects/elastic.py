@@ -44,8 +44,8 @@ class JointSpring(Effect):
     coefficients = (_STIFFNESS,)
     confounders = ('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
                    'torque_ripple', 'base_tilt', 'inertia')
-    experiment = ('move joint {joint} slowly to and fro through its whole range with the others '
-                  'still in a pose where it carries little')
+    experiment = ('move joint {joint} slowly to and fro through its whole range, once in each of '
+                  'two postures of the others')
     signature = 'position'
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
@@ -128,8 +128,8 @@ class CableStiffness(Effect):
                    'harness that stiffens as it is twisted.')
     coefficients = (Coefficient('k', 'N·m/rad', 'stiffness when taut'),)
     confounders = ('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple')
-    experiment = ('move joint {joint} slowly to and fro through its whole range with the others '
-                  'still; once with the cables taken off, if they can be')
+    experiment = ('move joint {joint} slowly to and fro through its whole range, once in each of '
+                  'two postures of the others; once with the cables taken off, if they can be')
     signature = 'position'
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')

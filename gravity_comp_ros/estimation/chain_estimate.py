@@ -96,7 +96,9 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
 
 def _searched(regression: Regression, known: FloatArray | None, start: Chain | None) -> ChainFit:
     """
-    Return the best of a search, and of another with free nuisance terms where it is not clean.
+    Return the chain that a search finds, or that of known axes (N, 3, 3).
+
+    Where it is not clean another search has free nuisance terms, and the better of both counts.
 
     The two have other wrong minima. Both ends are compared with the terms bounded.
     """
