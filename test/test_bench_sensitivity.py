@@ -3,6 +3,7 @@
 from dataclasses import asdict, replace
 
 from bench.campaign import sensitivity
+from bench.campaign.results import Task
 from bench.campaign.sensitivity import AS_IT_IS, Count, counted, table, variants
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.simulation.case_list import case
@@ -28,7 +29,7 @@ def test_a_threshold_can_make_a_finding_weak(monkeypatch):
     strict = replace(usual, verdict=replace(usual.verdict, fewest_effective=1e9))
     monkeypatch.setattr(sensitivity, 'variants', lambda: [(AS_IT_IS, usual), ('strict', strict)])
     monkeypatch.setattr(sensitivity, 'SECONDS', 30.0)
-    counts = counted(replace(case('six_axis', 'coulomb_large'), runs=2), 3)
+    counts = counted(Task(replace(case('six_axis', 'coulomb_large'), runs=2), 3, 25.0))
     assert counts[AS_IT_IS].named == 1 and counts[AS_IT_IS].false == 0
     assert counts['strict'].named == 0
     assert counts['strict'].other == counts['strict'].recordings == 1

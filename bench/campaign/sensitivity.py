@@ -7,11 +7,10 @@ Run from the root of the repository:
     python -m bench.campaign.sensitivity --drawn 20 --arms six_axis
 
 Recordings are those of the named cases, or of cases whose effects are drawn at random and may be
-small, shortened to 60 s at 25 Hz. The evidence of each is
-gathered once; effects are chosen and judged from it for every value. These cases have served to
-choose some of the thresholds: the table shows what depends on a value, not how good the diagnosis
-is. Of each value the recordings are counted as well that are diagnosed otherwise than with the
-thresholds as they are.
+small, shortened to 60 s at 25 Hz. The evidence of each is gathered once; effects are chosen and
+judged from it for every value. These cases have served to choose some of the thresholds: the table
+shows what depends on a value, not how good the diagnosis is. The last column counts recordings
+that are diagnosed otherwise than with the thresholds as they are.
 """
 
 from __future__ import annotations
@@ -23,11 +22,12 @@ from multiprocessing import get_context
 import os
 import sys
 
+from bench.campaign.results import Task
 from bench.campaign.score import score
 from gravity_comp_ros.diagnosis.diagnose import conclude, gather
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.simulation.case_list import cases, ROLES
-from gravity_comp_ros.simulation.cases import Case, recordings
+from gravity_comp_ros.simulation.cases import recordings
 from gravity_comp_ros.simulation.drawn import drawn_case
 
 RATE, SECONDS = 25.0, 60.0
@@ -78,16 +78,16 @@ def _double(value: float) -> float:
     return 0.5 * (1.0 + value) if 0.5 < value < 1.0 else 2 * value
 
 
-def counted(case: Case, seed: int) -> Counts:
+def counted(task: Task) -> Counts:
     """Return what each variant makes of one recording."""
-    samples = recordings(replace(case, duration=SECONDS), seed, RATE)
+    samples = recordings(replace(task.case, duration=SECONDS), task.seed, task.rate)
     evidence = gather(samples)
     counts, usual = {}, None
     for name, options in variants():
         diagnosis = conclude(evidence, options)
         said = {(f.effect, f.joint, f.verdict) for f in diagnosis.findings}
         usual = said if usual is None else usual
-        found = score(case, diagnosis.to_json(), samples.names)
+        found = score(task.case, diagnosis.to_json(), samples.names)
         counts[name] = Count(1, int(found.right), int(bool(found.false)), len(found.named),
                              sum(found.named), len(found.intervals),
                              sum(i.covers for i in found.intervals), int(said != usual))
@@ -112,19 +112,15 @@ def main() -> int:
     args = parser.parse_args()
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     totals: Counts = {name: Count() for name, _ in variants()}
-    tasks = [(case, seed) for seed in range(args.first, args.first + args.seeds)
+    tasks = [Task(case, seed, RATE) for seed in range(args.first, args.first + args.seeds)
              for arm in args.arms.split(',') for case in (
                  [drawn_case(arm, number) for number in range(args.drawn)] or cases(arm))]
     with get_context('spawn').Pool(args.jobs, maxtasksperchild=8) as pool:
-        for number, counts in enumerate(pool.imap_unordered(_star, tasks), start=1):
+        for number, counts in enumerate(pool.imap_unordered(counted, tasks), start=1):
             totals = {name: totals[name] + counts[name] for name in totals}
             print(f'{number}/{len(tasks)}', file=sys.stderr, flush=True)
     print(table(totals))
     return 0
-
-
-def _star(task: tuple[Case, int]) -> Counts:
-    return counted(*task)
 
 
 if __name__ == '__main__':

@@ -269,12 +269,11 @@ def alternatives(selection: Selection, candidate: Candidate,
     """
     criteria = selection.criteria
     rest = [c for c in chosen if c is not candidate]
-    usual = [c for c in criteria.replacements(candidate, chosen, ()) if _is_usual(c, candidate)]
-    others = [c for c in criteria.replacements(candidate, chosen, selection.refused)
-              if c.complexity <= candidate.complexity and c.key != candidate.key]
+    others = [c for c in criteria.replacements(candidate, chosen, ())
+              if c.complexity <= candidate.complexity and c.key != candidate.key
+              and (c.key not in selection.refused or _is_usual(c, candidate))]
     found: dict[tuple[str, int | None], Candidate] = {}
-    for other, now, then in criteria.with_each_instead(
-            candidate, list({id(c): c for c in (*others, *usual)}.values()), chosen):
+    for other, now, then in criteria.with_each_instead(candidate, others, chosen):
         if not_worse(now, then) and (_is_usual(other, candidate)
                                      or criteria.is_physical(other, [*rest, other])):
             found.setdefault(other.key, other)
@@ -284,9 +283,8 @@ def alternatives(selection: Selection, candidate: Candidate,
 
 def _is_usual(other: Candidate, candidate: Candidate) -> bool:
     """Return whether every joint may have the other, and it can look like the candidate."""
-    return (other.effect.expectation == Expectation.COMMON and other.key != candidate.key
-            and other.effect.name in candidate.effect.confounders
-            and other.complexity <= candidate.complexity)
+    return (other.effect.expectation == Expectation.COMMON
+            and other.effect.name in candidate.effect.confounders)
 
 
 def _spring_at_rest(criteria: Criteria, candidate: Candidate,
