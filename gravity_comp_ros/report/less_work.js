@@ -1,8 +1,5 @@
 // What Bokeh does without need for every line and element that it draws; a page works without this
 // as well, only slower. Runs before anything is drawn.
-const part = (path, name) => {
-  try { return Bokeh.require(path)[name].prototype } catch { return {} }
-}
 
 // Every colour and width of a line is asked of the page's style, which has none of these.
 part('core/visuals/visual', 'VisualProperties')._get_css_value = () => ''

@@ -80,8 +80,9 @@ def _cell(place: int, value: object, is_text: bool) -> str:
 
 
 # What Bokeh does without need, undone before anything is drawn.
-LESS_WORK = ''.join(f'{{{Path(__file__).with_name(name).read_text()}}}'
-                    for name in ('shared_styles.js', 'less_work.js'))
+_PART, _STYLES, _LESS = (Path(__file__).with_name(name).read_text() for name in (
+    'bokeh_part.js', 'shared_styles.js', 'less_work.js'))
+LESS_WORK = f'{{{_PART}{{{_STYLES}}}{{{_LESS}}}}}'
 
 # Buttons of `command` copy; a click inside a shadow root is seen here by its path.
 COPY = """

@@ -1,8 +1,5 @@
 // Every element of a plot has half a dozen style sheets of its own, and a report has thousands of
 // elements. Runs before anything is drawn; a page works without this as well, only slower.
-const part = (path, name) => {
-  try { return Bokeh.require(path)[name].prototype } catch { return {} }
-}
 const sheet = part('core/dom', 'InlineStyleSheet')
 const component = part('core/dom_view', 'DOMComponentView')
 const layout = part('models/layouts/layout_dom', 'LayoutDOMView')
