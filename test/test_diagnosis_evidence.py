@@ -199,8 +199,12 @@ def test_absorbed_is_the_share_that_the_base_imitates():
     other = rng.normal(size=len(samples))
     x = np.column_stack([base, imitated, other])
     joint = joint_rows(x, other, blocks, np.ones(4), 1.0, np.zeros(4))
-    assert absorbed(joint, np.arange(2), np.array([2])) == pytest.approx(1.0, abs=1e-6)
-    assert absorbed(joint, np.arange(2), np.array([3])) < 0.02
+    alone = Prior.none(blocks.n_folds, 2)
+    assert absorbed(joint, np.array([2]), alone) == pytest.approx(1.0, abs=1e-6)
+    assert absorbed(joint, np.array([3]), alone) < 0.02
+    # What other joints are sure of cannot bend towards an effect.
+    sure = Prior(np.stack([1e9 * np.eye(2)] * (blocks.n_folds + 1)), alone.vector)
+    assert absorbed(joint, np.array([2]), sure) < 1e-3
 
 
 @pytest.mark.parametrize('wrong', [{'alpha': 0.0}, {'alpha': 1.0}, {'least_share': -0.1},

@@ -17,7 +17,7 @@ from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
 
 Key = tuple[str, int | None]
 # What a moving joint usually has.
-_USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
+USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 # A candidate that takes less than this part of what is asked for off the fit to all data does
 # not take that off the held-out error, or off that of a typical block.
 _PROMISING = 0.25
@@ -60,23 +60,28 @@ class Criteria:
         """
         return len(self._tried) * self._tried[trial.regressor.expectation] * trial.tried
 
-    def gain_of(self, candidate: Candidate, before: FloatArray, after: FloatArray,
+    def gain_of(self, trial: AnyTrial, before: FloatArray, after: FloatArray,
                 rest: Sequence[AnyTrial]) -> Gain:
         """
         Return the gain beside others; what fast motion needs shows in the few blocks that have it.
 
-        Where friction or an offset takes much off the held-out error, its size is evidence as
-        well: blocks gain as much as each of them moves, and a short recording has few, so that
-        their gains differ widely while the coefficient is certain.
+        Where something takes much off the held-out error, its size is evidence as well: blocks
+        gain as much as each of them has of it, and a short recording has few, so that their
+        gains differ widely while the coefficient is certain. A cable that is slack over half of
+        the range gains nothing there.
         """
-        how = gain_of_motion if _moves(candidate) else gain
-        found = how(before, after, self.tests(candidate))
-        if candidate.effect.name in _USUAL and found.share >= self.options.evident_share:
+        if trial.regressor.expectation == Expectation.MOTION:
+            return gain_of_motion(before, after, self.tests(trial))
+        tests = self.tests(trial)
+        found = gain(before, after, tests)
+        if found.share < self.options.evident_share:
+            return found
+        if trial.regressor.name in USUAL:
             tests = float(len(self._tried))
-            found = how(before, after, tests)
-            if found.p >= self.options.alpha and len(candidate.columns) == 1:
-                p = p_of_size(self.fits, [*rest, candidate], candidate)
-                found = replace(found, p=min(found.p, 2.0 * tests * p))
+            found = gain(before, after, tests)
+        if found.p >= self.options.alpha and len(trial.columns) == 1:
+            p = 2.0 * tests * p_of_size(self.fits, [*rest, trial], trial)
+            found = replace(found, p=min(found.p, p))
         return found
 
     def least_share(self, trial: AnyTrial) -> float:
@@ -124,7 +129,7 @@ class Criteria:
         beside = [*chosen, *moving]
         before = self.fits.errors(joint, beside)
         after, = self.fits.errors_with_each(joint, beside, [trial])
-        if gain(before, after, self.tests(trial)).p >= self.options.alpha:
+        if self.gain_of(trial, before, after, beside).p >= self.options.alpha:
             return False
         shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
         return max(shares) >= self.options.least_rare_share
@@ -149,7 +154,7 @@ class Criteria:
         """
         every = {c.key: c for c in self.candidates if c.key not in refused}
         certain = [c for c in every.values() if c.effect.certain]
-        return [*certain, *(c for c in every.values() if c.effect.name in _USUAL)] \
+        return [*certain, *(c for c in every.values() if c.effect.name in USUAL)] \
             if certain else []
 
     def open(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:

@@ -70,7 +70,7 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 
-def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: Candidate) -> float:
+def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: AnyTrial) -> float:
     """Return the p-value of a chosen effect's one coefficient, by the jackknife over blocks."""
     joint = candidate.place
     fit = fits.fit(joint, chosen)

@@ -266,12 +266,17 @@ def largest_part(joint: JointRows, columns: IntArray, groups: IntArray) -> Float
     return np.asarray(squares.max(axis=0) / np.maximum(squares.sum(axis=0), 1e-300))
 
 
-def absorbed(joint: JointRows, base: IntArray, columns: IntArray) -> float:
-    """Return which share of an effect's columns (mean over them) the base columns imitate."""
+def absorbed(joint: JointRows, columns: IntArray, prior: Prior) -> float:
+    """
+    Return which share of an effect's columns (mean over them) gravity imitates.
+
+    :param prior: what other joints say of gravity, whose columns are the first ones.
+    """
+    base = np.arange(prior.vector.shape[1])
     own = (joint.x[:, columns] ** 2).sum(axis=0)
     cross = joint.products(base, columns)[-1]
-    explained = np.einsum('ij,ij->j', cross,
-                          regularised_solve(joint.products(base, base)[-1], cross))
+    gram = joint.products(base, base)[-1] + prior.information[-1]
+    explained = np.einsum('ij,ij->j', cross, regularised_solve(gram, cross))
     return float(np.clip(explained / np.maximum(own, 1e-300), 0.0, 1.0).mean())
 
 

@@ -175,10 +175,12 @@ class Fits:
         here = np.isin(fit.columns, trial.columns)
         return np.asarray(fit.all_data[here] / self.rows[joint].scale[fit.columns[here]])
 
-    def torque(self, joint: int, chosen: Sequence[AnyTrial]) -> FloatArray:
-        """Return the torque (M,) in N·m of effects on a joint, from all data."""
+    def torque(self, joint: int, chosen: Sequence[AnyTrial],
+               one: AnyTrial | None = None) -> FloatArray:
+        """Return the torque (M,) in N·m of effects, or of one, on a joint, from all data."""
         rows, fit = self.rows[joint], self.fit(joint, chosen)
-        here = fit.columns >= self.layout.n_base
+        here = (fit.columns >= self.layout.n_base if one is None
+                else np.isin(fit.columns, one.columns))
         torque = np.empty(len(rows.y))
         torque[rows.row_of] = rows.x[:, fit.columns[here]] @ fit.all_data[here] * rows.sigma
         return torque

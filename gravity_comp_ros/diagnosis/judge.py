@@ -17,7 +17,8 @@ from gravity_comp_ros.diagnosis.pose_folds import pose_folds
 from gravity_comp_ros.diagnosis.scale import Scale
 from gravity_comp_ros.diagnosis.selection import alternatives, Selection
 from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_shape
-from gravity_comp_ros.diagnosis.verdict import Proof, rest_angles, untestable_twins, verdict
+from gravity_comp_ros.diagnosis.verdict import (
+    Proof, remainder_of, rest_angles, untestable_twins, verdict)
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
@@ -105,6 +106,8 @@ class _Findings:
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
                       found, twins, sizes, candidate.n_free(scale.motion),
                       self.selection.criteria.unphysical(candidate, self.chosen),
+                      self._left(candidate),
+                      remainder_of(self.fits, candidate, self.chosen, self.options),
                       self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
         name = None if candidate.joint is None else scale.names[candidate.joint]
@@ -114,6 +117,10 @@ class _Findings:
             name, candidate.effect.name, level, found or twins, sizes, before, after,
             scale.absorbed(candidate), proof.runs_better, f'{why}; {doubt}' if doubt else why,
             _next_step(candidate, name, level), kept.p, dict(candidate.setting))
+
+    def _left(self, candidate: Candidate) -> float:
+        """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""
+        return 1.0 if candidate.shared else float(np.sqrt(1.0 - self.scale.absorbed(candidate)))
 
     def _errors_elsewhere(self, place: int) -> tuple[FloatArray, FloatArray] | None:
         """Return errors without and with an effect, at poses unlike those of the fit."""

@@ -14,9 +14,10 @@ class SelectionOptions:
 
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
-    expected in every joint; `most` effects are looked for in all. Friction or an offset that takes
-    `evident_share` off a joint's error is not corrected for the other joints and effects that
-    were tried: chance takes a few hundredths off, and a short recording has few blocks.
+    expected in every joint; `most` effects are looked for in all. What takes `evident_share`
+    off a joint's error may be proven by its size as well, and friction or an offset is then not
+    corrected for the other joints and effects that were tried: chance takes a few hundredths
+    off, and a short recording has few blocks.
 
     :raises OptionError: if a value is out of range.
     """
@@ -50,7 +51,13 @@ class VerdictOptions:
     `least_reduction`: an effect that takes a smaller share off the RMSE of the joint where it
     helps most is not worth a name. `most_runs`: *established* asks for a gain in this share of
     the runs. `alike`: two effects whose columns agree to this share of their squares cannot be
-    told from each other.
+    told from each other. `least_left`: where gravity imitates all but this share of the torque of
+    an effect, what gravity lacks makes its size: over 0.7 rad a sine and an offset leave 1 % of a
+    spring, and of offsets with less than 2.6 % one in five was wrong by half or more.
+    `least_part`: the law of an effect is right to some percent, so that something rare with less
+    than this share of another's torque may be what that law leaves, and with less than
+    `least_of_confounder` if it is rare as well and the two are easily confused: a stop beside a
+    cable.
 
     :raises OptionError: if a value is out of range.
     """
@@ -63,11 +70,15 @@ class VerdictOptions:
     least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
+    least_left: float = 0.03
+    least_part: float = 0.03
+    least_of_confounder: float = 0.2
 
     def __post_init__(self) -> None:
         if min(self.fewest_effective, self.least_effective, self.effective_each) < 0.0:
             raise OptionError('verdict: numbers of samples are at least 0')
-        for name in ('least_reduction', 'most_runs', 'alike'):
+        for name in ('least_reduction', 'most_runs', 'alike', 'least_left', 'least_part',
+                     'least_of_confounder'):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise OptionError(f'verdict: {name} is {getattr(self, name)}; it is a share, '
                                   f'from 0 to 1')

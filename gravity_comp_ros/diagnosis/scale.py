@@ -50,7 +50,7 @@ class Scale:
         return float(np.mean([gain.blocks[run == r].sum() > 0.0 for r in np.unique(run)]))
 
     def absorbed(self, candidate: Candidate) -> float:
-        """Return the share of an effect that the gravity model imitates."""
+        """Return the share of an effect that gravity can imitate, given the other joints."""
         fits = self.criteria.fits
-        return absorbed(fits.rows[candidate.place], np.arange(fits.layout.n_base),
-                        candidate.columns)
+        return absorbed(fits.rows[candidate.place], candidate.columns,
+                        fits.prior(candidate.place, []))

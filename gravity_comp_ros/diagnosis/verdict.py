@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
+from gravity_comp_ros.diagnosis.criteria import USUAL
 from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing
 from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
@@ -23,6 +24,14 @@ import numpy as np
 _RESTS = ('joint_spring', 'cable_stiffness')
 
 
+@dataclass(frozen=True)
+class Part:
+    """The torque of an effect as a share of that of another one, which is named."""
+
+    share: float
+    of: str
+
+
 @dataclass(frozen=True, eq=False)
 class Proof:
     """
@@ -32,10 +41,11 @@ class Proof:
     `runs_better` is the share of runs in which it helps;
     `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
     count as independent; `free` coefficients are kept near no value by a prior; `unphysical` says
-    why the coefficients are not those of an arm, None if they may be; `alternatives` explain as
-    much; `twins` look the same in this motion; `elsewhere` are the errors (B, J)
-    without and with it where poses like those judged were left out of the fit, None if all poses
-    are alike.
+    why the coefficients are not those of an arm, None if they may be; `left` is the share of its
+    torque that gravity does not imitate, `remainder` the effect whose law may leave it;
+    `alternatives` explain as much; `twins` look the same in this motion; `elsewhere` are the
+    errors (B, J) without and with it where poses like those judged were left out of the fit, None
+    if all poses are alike.
     """
 
     kept: Gain
@@ -49,6 +59,8 @@ class Proof:
     sizes: Mapping[str, Estimate]
     free: int
     unphysical: str | None
+    left: float
+    remainder: Part | None
     elsewhere: tuple[FloatArray, FloatArray] | None
 
 
@@ -68,6 +80,12 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
         return Verdict.WEAK, 'chance may explain what it takes off the error'
     if proof.unphysical is not None:
         return Verdict.WEAK, f'its size is not that of an arm: {proof.unphysical}'
+    if proof.left < options.least_left:
+        return Verdict.WEAK, (f'gravity can imitate all but {proof.left:.1%} of its torque in '
+                              f'this motion, so that its size is uncertain')
+    if proof.remainder is not None:
+        return Verdict.WEAK, (f'it has {proof.remainder.share:.1%} of the torque of '
+                              f'{proof.remainder.of}, and may be what the law of that leaves')
     if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
@@ -112,6 +130,29 @@ def _too_few(proof: Proof, options: VerdictOptions) -> str:
     coefficients = counted(proof.free, 'coefficient')
     return (f'the effective sample size is {proof.n_effective:.0f} here; '
             f'{_asked(proof, options):.0f} is needed for {coefficients}')
+
+
+def remainder_of(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
+                 options: VerdictOptions) -> Part | None:
+    """
+    Return the effect on the same joint whose law may leave what something rare explains.
+
+    None if the candidate has a fair part of the torque of each of them.
+    """
+    effect, joint = candidate.effect, candidate.acts_on
+    if joint is None or effect.expectation == Expectation.MOTION or effect.corrects \
+            or effect.name in USUAL:
+        return None
+    size = float(fits.torque(joint, chosen, candidate).std())
+    for other in chosen:
+        if other is candidate or other.acts_on != joint:
+            continue
+        name = other.effect.name
+        share = size / max(float(fits.torque(joint, chosen, other).std()), 1e-12)
+        confused = name in effect.confounders and name not in USUAL
+        if share < (options.least_of_confounder if confused else options.least_part):
+            return Part(share, name)
+    return None
 
 
 def rest_angles(fits: Fits, motion: Motion, candidate: Candidate,

@@ -1,0 +1,50 @@
+"""Effects whose size says little: what gravity can imitate, and what another law may leave."""
+
+from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.diagnosis.diagnose import diagnose
+from gravity_comp_ros.diagnosis.findings import Verdict
+import numpy as np
+import pytest
+
+JOINTS, NOISE = ('shoulder', 'elbow'), 0.02
+
+
+def links(reach, own, seed, count=2000):
+    """Return 100 s of two links in an upright plane; `own` (q, qd) -> N·m acts on the elbow."""
+    t, rng = 0.05 * np.arange(count), np.random.default_rng(seed)
+    phase, rates = rng.uniform(0.0, 6.0, 2), np.array([0.3, 0.43])
+    q = reach * np.sin(rates * t[:, None] + phase)
+    qd = reach * rates * np.cos(rates * t[:, None] + phase)
+    both = 4.0 * np.sin(q.sum(axis=1))
+    tau = np.column_stack([10.0 * np.sin(q[:, 0]) + both, both + own(q[:, 1], qd[:, 1])])
+    return JointSamples.single_run(JOINTS, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
+
+
+def on_elbow(reach, own, seed):
+    samples = concatenate([links(reach, own, 10 * seed + k) for k in range(3)])
+    return {f.effect: f for f in diagnose(samples).findings if f.joint == 'elbow'}
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_an_offset_that_gravity_imitates_is_weak_and_is_established_in_wider_motion(seed):
+    def offset(q, qd):
+        return np.full(len(q), 0.5)
+
+    narrow = on_elbow(0.3, offset, seed)['torque_offset']
+    assert narrow.verdict == Verdict.WEAK and 'gravity can imitate all but' in narrow.why
+    wide = on_elbow(1.2, offset, seed)['torque_offset']
+    assert wide.verdict == Verdict.ESTABLISHED
+    low, high = wide.coefficients['b'].ci95
+    assert low <= 0.5 <= high
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
+    def friction(q, qd):
+        return 4.0 * np.tanh(qd / 0.005) + 0.05 * np.sin(12.0 * q)
+
+    found = on_elbow(1.4, friction, seed)
+    assert found['coulomb_friction'].verdict == Verdict.ESTABLISHED
+    ripple = found['torque_ripple']
+    assert ripple.verdict == Verdict.WEAK
+    assert 'of coulomb_friction, and may be what the law of that leaves' in ripple.why
