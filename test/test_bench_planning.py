@@ -112,5 +112,5 @@ def test_the_tables_count():
             {**one, 'before': 'open', 'ways': {
                 'planned': {'verdict': 'right', 'expected': [told]},
                 'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 0 | 0 | 1 |' in settled(done).splitlines()
+    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 0 | 0 | 0 | 1 |' in settled(done).splitlines()
     assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(done).splitlines()

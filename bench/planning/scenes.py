@@ -38,7 +38,8 @@ class Kind:
 
     Of a tie, `poor` is the recording that leaves it open, `alternative` the effect that it is
     taken for (`NAME` on the same joint, `NAME:+1` on the next), and `known_axes` says that the
-    gravity model has the axes of the arm. `beside` are effects that may be found as well.
+    gravity model has the axes of the arm. `beside` are effects that may be found as well, and
+    `answers` describe the same torque: a balancer's spring is loose at its rest, as a cable is.
     """
 
     size: float
@@ -47,6 +48,7 @@ class Kind:
     known_axes: bool = False
     beside: tuple[str, ...] = ()
     whole_arm: bool = False
+    answers: tuple[str, ...] = ()
 
     @property
     def is_tie(self) -> bool:
@@ -58,7 +60,8 @@ KINDS = {
     'presliding_hysteresis': Kind(1.5, ('few_reversals',), 'coulomb_friction',
                                   beside=('coulomb_friction',)),
     'load_dependent_friction': Kind(0.03, ('settled_narrow',), 'coulomb_friction'),
-    'joint_spring': Kind(20.0, ('settled',), 'torque_offset', beside=('torque_offset',)),
+    'joint_spring': Kind(20.0, ('settled',), 'torque_offset', beside=('torque_offset',),
+                         answers=('cable_stiffness',)),
     'joint_flexibility': Kind(3e-4, ('joint_narrow',), 'encoder_offset', True),
     'base_tilt': Kind(0.01, ('settled',), 'encoder_offset:+1', whole_arm=True),
     'friction_drift': Kind(6.0, ('few_reversals',), 'torque_drift',

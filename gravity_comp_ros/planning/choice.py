@@ -14,6 +14,8 @@ from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 _EXCHANGES = 2
+# Parts that a choice is grown from where the best one hides a target.
+_SEEDS = 3
 # Less than this is no help, in the units of `Answer.value`.
 _HELPS = 0.02
 # What a companion counts beside a target.
@@ -48,13 +50,14 @@ class Chooser:
 
         None comes twice: noise would average out, but what the model lacks there would not.
         """
-        chosen: list[int] = []
-        while (best := self._best_addition(chosen)) is not None:
-            chosen.append(best)
+        chosen = self._grown([])
         for _ in range(_EXCHANGES):
             if not self._exchange(chosen):
                 break
         self._make_testable(chosen)
+        hidden = self._hidden(chosen)
+        if hidden:
+            chosen = self._grown_testable(chosen, hidden)
         return self._ordered([self._parts[k] for k in chosen])
 
     def assemble(self, chosen: Sequence[Part]) -> tuple[list[Segment],
@@ -98,14 +101,36 @@ class Chooser:
                  for inquiry, a, b in zip(self._inquiries[:self._n_targets], self._old, new)]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
-    def _best_addition(self, chosen: list[int]) -> int | None:
+    def _grown(self, chosen: list[int], most_hidden: int | None = None) -> list[int]:
+        """Return parts with others added as long as one helps and none hides a target."""
+        chosen = list(chosen)
+        while (best := self._best_addition(chosen, most_hidden)) is not None:
+            chosen.append(best)
+        return chosen
+
+    def _grown_testable(self, chosen: list[int], hidden: int) -> list[int]:
+        """
+        Return parts that are grown from one that shows more targets, if there is one.
+
+        Parts at one posture can hide what others show: the ends of a joint's travel are then seen
+        in that posture alone.
+        """
+        values = self._values(self._old)
+        order = sorted(range(len(self._parts)),
+                       key=lambda k: -self._gain(self._old, values, k))
+        showing = [k for k in order if self._hidden([k]) < hidden and self._is_clear(k)]
+        trials = [self._grown([k], self._hidden([k])) for k in showing[:_SEEDS]]
+        return max(trials, key=self._value, default=chosen)
+
+    def _best_addition(self, chosen: list[int], most_hidden: int | None) -> int | None:
         used, known = self._time_of(chosen), self._total(chosen)
         values, gains = self._values(known), {}
         for k in self._free(chosen):
             time = self._time_of([*chosen, k])
             if time <= self._duration and (gain := self._gain(known, values, k)) > _HELPS:
                 gains[k] = gain / max(time - used, 0.5)
-        return next((k for k in sorted(gains, key=lambda k: -gains[k]) if self._is_clear(k)), None)
+        return next((k for k in sorted(gains, key=lambda k: -gains[k]) if self._is_clear(k)
+                     and (most_hidden is None or self._hidden([*chosen, k]) <= most_hidden)), None)
 
     def _exchange(self, chosen: list[int]) -> bool:
         """Replace parts by others of the same time or less where that tells more."""
