@@ -31,7 +31,7 @@ Progress = Callable[[str, float], None]
 # Samples that a motion is built from, and rows of a fit: neighbouring samples are alike, and more
 # of them cost memory and say little.
 _MOST_SAMPLES = 40000
-_MOST_ROWS = 9000
+_MOST_ROWS = 6000
 # With more joints than this there are fewer rows, so that memory does not grow with their square.
 _FULL_ROWS = 8
 

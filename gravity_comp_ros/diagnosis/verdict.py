@@ -137,11 +137,12 @@ def remainder_of(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
     """
     Return the effect on the same joint whose law may leave what something rare explains.
 
-    None if the candidate has a fair part of the torque of each of them.
+    None if the candidate has a fair part of the torque of each of them, or goes on with time, as
+    laws of angle and speed do not.
     """
     effect, joint = candidate.effect, candidate.acts_on
     if joint is None or effect.expectation == Expectation.MOTION or effect.corrects \
-            or effect.name in USUAL:
+            or effect.signature == 'time' or effect.name in USUAL:
         return None
     size = float(fits.torque(joint, chosen, candidate).std())
     for other in chosen:
