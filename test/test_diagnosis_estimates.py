@@ -2,7 +2,8 @@
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
-from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing, estimates
+from gravity_comp_ros.diagnosis.estimates import (
+    all_may_be_nothing, each_may_be_nothing, estimates, half_widths)
 from gravity_comp_ros.diagnosis.evidence import joint_rows
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.fits import Fits
@@ -37,7 +38,8 @@ def test_columns_that_stand_for_each_other_may_each_be_nothing_but_not_all(seed)
     own = np.column_stack([x, x + 0.01 * rng.normal(size=4000)])
     tau = own @ [0.5, 0.5] + rng.normal(size=4000)
     fits, motion, candidate = chosen(own, tau)
-    sizes = estimates(fits, [candidate], motion, candidate)
+    sizes = estimates(fits, [candidate], motion, candidate,
+                      half_widths(fits, [candidate], 0, motion))
     assert len(sizes) == 2 and each_may_be_nothing(sizes)
     assert sum(one.value for one in sizes.values()) == pytest.approx(1.0, abs=0.1)
     assert not all_may_be_nothing(fits, [candidate], candidate)
@@ -47,7 +49,8 @@ def test_a_size_that_stands_out_is_no_nothing():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(4000, 1))
     fits, motion, candidate = chosen(x, 0.5 * x[:, 0] + rng.normal(size=4000))
-    sizes = estimates(fits, [candidate], motion, candidate)
+    sizes = estimates(fits, [candidate], motion, candidate,
+                      half_widths(fits, [candidate], 0, motion))
     assert not each_may_be_nothing(sizes) and not all_may_be_nothing(fits, [candidate], candidate)
 
 

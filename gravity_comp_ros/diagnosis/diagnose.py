@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSample
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.criteria import Criteria
-from gravity_comp_ros.diagnosis.evidence import joint_rows
+from gravity_comp_ros.diagnosis.evidence import joint_rows, side_by_side
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.judge import judge
@@ -133,7 +133,7 @@ def _fits(base: Base, columns: Columns) -> Fits:
     common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
     rows, usual = [], _information(columns, motion)
     for joint, own in enumerate(columns.own):
-        x = np.column_stack([columns.shared[:, joint], *own])
+        x = side_by_side([columns.shared[:, joint], *own])
         own.clear()
         scale = np.concatenate([common, np.sqrt((x[:, len(common):] ** 2).mean(axis=0))])
         scale[scale < 1e-12] = 1.0

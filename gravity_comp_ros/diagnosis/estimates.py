@@ -21,16 +21,18 @@ _ONE_PLACE = 0.9
 _SPEEDS = 5
 
 
-def estimates(fits: Fits, chosen: Sequence[Candidate], motion: Motion,
-              candidate: Candidate) -> dict[str, Estimate]:
-    """Return the coefficients of a chosen effect by their symbols."""
+def estimates(fits: Fits, chosen: Sequence[Candidate], motion: Motion, candidate: Candidate,
+              half: FloatArray) -> dict[str, Estimate]:
+    """
+    Return the coefficients of a chosen effect by their symbols.
+
+    :param half: what `half_widths` returns of its joint.
+    """
     joint = candidate.place
     gram, fit = fits.rows[joint], fits.fit(joint, chosen)
     here = np.flatnonzero(np.isin(fit.columns, candidate.columns))
     scale = gram.scale[fit.columns[here]]
-    values = fit.all_data[here] / scale
-    speed = np.abs(motion.samples.qd[:, joint])
-    half = _half_widths(fits, chosen, joint, fit, speed)[here] / scale
+    values, half = fit.all_data[here] / scale, half[here] / scale
     symbols = candidate.effect.coefficients_of(motion, joint, candidate.setting)
     names = [symbols[k].symbol if k < len(symbols) else f'{symbols[-1].symbol}_{k}'
              for k in range(len(values))]
@@ -81,16 +83,16 @@ def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: AnyTrial) -> fl
     return float(2.0 * special.stdtr(fits.blocks.count - 1, -t))
 
 
-def _half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int, fit: Fit,
-                 speed: FloatArray) -> FloatArray:
+def half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int,
+                motion: Motion) -> FloatArray:
     """
-    Return half of the 95 % intervals (P,): of blocks, of places or of speeds, the widest.
+    Return half of the 95 % intervals (P,) of a joint's fit.
 
-    Where the law of an effect is not quite that of the arm, its size depends on where and how fast
-    the arm moved; blocks of one motion agree on the wrong value.
-
-    :param speed: (M,) the joint's speed, of each sample.
+    They are those of the scaled coefficients: of jackknives over blocks, places and speeds, the
+    widest. Where the law of an effect is not quite that of the arm, its size depends on where and
+    how fast the arm moved; blocks of one motion agree on the wrong value.
     """
+    fit, speed = fits.fit(joint, chosen), np.abs(motion.samples.qd[:, joint])
     rows, widths = fits.rows[joint], []
     for groups in (rows.group_of_rows(np.arange(fits.blocks.count)),
                    rows.group_of_rows(fits.blocks.places), _by_speed(speed)[rows.row_of]):

@@ -13,6 +13,7 @@ joints about s enters the fit of joint n as a prior: their Schur complements.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,13 +126,23 @@ def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, 
     """
     row_of, folds = blocks.by_fold
     # Columns are picked far more often than rows.
-    rows, torque = np.asfortranarray(x[row_of]), y[row_of] / sigma
+    rows, torque = np.take(x.T, row_of, axis=1).T, y[row_of] / sigma
     rows /= scale * sigma
     core = rows[:, :n_core]
     return JointRows(rows, torque, blocks, row_of,
                      without_each(np.stack([core[f].T @ core[f] for f in folds])),
                      without_each(np.stack([rows[f].T @ torque[f] for f in folds])),
                      scale, sigma, prior_samples / (scale * sigma) ** 2)
+
+
+def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the columns of parts (M, K) in one array, each column in one piece."""
+    whole = np.empty((len(parts[0]), sum(part.shape[1] for part in parts)), order='F')
+    at = 0
+    for part in parts:
+        whole[:, at:at + part.shape[1]] = part
+        at += part.shape[1]
+    return whole
 
 
 def rebased(joint: JointRows, base: FloatArray, n_before: int) -> JointRows:
@@ -143,8 +154,7 @@ def rebased(joint: JointRows, base: FloatArray, n_before: int) -> JointRows:
     k, shift = base.shape[1], base.shape[1] - n_before
     scale = np.concatenate([np.ones(k), joint.scale[n_before:]])
     ridge = np.concatenate([np.zeros(k), joint.ridge[n_before:]])
-    x = np.asfortranarray(np.column_stack([base[joint.row_of] / joint.sigma,
-                                           joint.x[:, n_before:]]))
+    x = side_by_side([base[joint.row_of] / joint.sigma, joint.x[:, n_before:]])
     core = joint.training.shape[1] + shift
     training = np.empty((len(joint.training), core, core))
     training[:, k:, k:] = joint.training[:, n_before:, n_before:]

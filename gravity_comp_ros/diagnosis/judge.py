@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.alternative_models import best_alternative
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.effective import effective, effective_of
-from gravity_comp_ros.diagnosis.estimates import estimates
+from gravity_comp_ros.diagnosis.estimates import estimates, half_widths
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND, JointReport, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
@@ -78,6 +78,7 @@ class _Findings:
         self.selection, self.scale, self.options = selection, scale, options
         self.fits = selection.fits
         self.chosen = _in_order(self.fits, selection.chosen)
+        self._widths: dict[int, FloatArray] = {}
         folds = pose_folds(scale.motion.samples, self.fits.blocks)
         self._elsewhere: tuple[Fits, list[Candidate]] | None = None
         if self.chosen and folds is not None:
@@ -100,7 +101,8 @@ class _Findings:
             for c in alternatives(self.selection, candidate, self.chosen)
         ) + rest_angles(self.fits, scale.motion, candidate, self.chosen)
         twins = untestable_twins(self.fits, scale.motion, candidate, self.options)
-        sizes = estimates(self.fits, self.chosen, scale.motion, candidate)
+        sizes = estimates(self.fits, self.chosen, scale.motion, candidate,
+                          self._half_widths(candidate.place))
         proof = Proof(kept, kept.p < self.selection.criteria.options.alpha,
                       scale.runs_better(kept), before, after,
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
@@ -117,6 +119,11 @@ class _Findings:
             name, candidate.effect.name, level, found or twins, sizes, before, after,
             scale.absorbed(candidate), proof.runs_better, f'{why}; {doubt}' if doubt else why,
             _next_step(candidate, name, level), kept.p, dict(candidate.setting))
+
+    def _half_widths(self, joint: int) -> FloatArray:
+        if joint not in self._widths:
+            self._widths[joint] = half_widths(self.fits, self.chosen, joint, self.scale.motion)
+        return self._widths[joint]
 
     def _left(self, candidate: Candidate) -> float:
         """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""
