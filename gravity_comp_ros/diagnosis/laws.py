@@ -14,6 +14,8 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
 _MOVES = 0.05
+# Terms of gravity that a law is tested with: its largest on a joint.
+_MOST_TERMS = 60
 
 
 class StructureTest(Regressor):
@@ -28,7 +30,7 @@ class StructureTest(Regressor):
 
 
 def _features(motion: Motion, joint: int) -> FloatArray:
-    """Return the columns (M, K) that the energy's terms give a joint."""
+    """Return the columns (M, K) that the energy's largest terms give a joint."""
     energy = motion.model.energy if motion.model is not None else None
     m, n = motion.samples.q.shape
     if energy is None or not energy.indices.size:
@@ -37,7 +39,9 @@ def _features(motion: Motion, joint: int) -> FloatArray:
         columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
         motion.memo['features'] = columns.reshape(n, m, -1).transpose(1, 0, 2)
     mine = motion.memo['features'][:, joint]
-    return np.asarray(mine[:, np.ptp(mine, axis=0) > 1e-9])
+    acting = np.flatnonzero(np.ptp(mine, axis=0) > 1e-9)
+    size = np.abs(energy.weights[acting]) * mine[:, acting].std(axis=0)
+    return np.asarray(mine[:, np.sort(acting[np.argsort(-size, kind='stable')[:_MOST_TERMS]])])
 
 
 class LevelBase(StructureTest):
