@@ -34,7 +34,8 @@ def judged(arm, name, seed, **changes):
 
 @pytest.mark.parametrize('arm, name, seed', [
     ('iiwa7', 'coulomb_and_offset', 5), ('iiwa7', 'cable', 0), ('iiwa7', 'encoder_slipped', 1),
-    ('six_axis', 'coulomb_wrist', 6), ('six_axis', 'balancer', 0), ('six_axis', 'cogging', 1)])
+    ('iiwa7', 'greased', 0), ('six_axis', 'coulomb_wrist', 6),
+    ('six_axis', 'balancer', 0), ('six_axis', 'cogging', 1)])
 def test_what_is_hidden_is_named_and_nothing_else(arm, name, seed):
     diagnosis, result = judged(arm, name, seed)
     assert all(result.named), [f.to_json() for f in diagnosis.findings]

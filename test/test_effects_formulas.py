@@ -33,6 +33,7 @@ def motion():
     ('coulomb_friction', {}, D[:, 0]),
     ('viscous_friction', {}, QD[:, 0]),
     ('stribeck_friction', {'speed': 0.05}, D[:, 0] * np.exp(-(QD[:, 0] / 0.05) ** 2)),
+    ('degressive_friction', {'power': 0.5}, D[:, 0] * np.sqrt(np.abs(QD[:, 0]))),
     ('asymmetric_friction', {}, np.abs(D[:, 0])),
     ('load_dependent_friction', {}, np.array([1, 3, 5, 0, 4, 2]) * D[:, 0]),
     ('friction_drift', {'time': 2.0}, D[:, 0] * np.exp(-AGE / 2)),

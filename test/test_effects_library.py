@@ -17,11 +17,12 @@ import pytest
 
 EFFECTS = library_effects()
 NAMES = (
-    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'asymmetric_friction',
-    'load_dependent_friction', 'friction_drift', 'presliding_hysteresis', 'coupled_friction',
-    'torque_offset', 'torque_gain', 'torque_drift', 'joint_spring', 'cable_stiffness',
-    'torque_ripple', 'encoder_offset', 'base_tilt', 'payload_change', 'inertia', 'coriolis',
-    'rigid_body_dynamics', 'joint_flexibility', 'time_delay', 'end_stop', 'tool_force')
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+    'asymmetric_friction', 'load_dependent_friction', 'friction_drift', 'presliding_hysteresis',
+    'coupled_friction', 'torque_offset', 'torque_gain', 'torque_drift', 'joint_spring',
+    'cable_stiffness', 'torque_ripple', 'encoder_offset', 'base_tilt', 'payload_change',
+    'inertia', 'coriolis', 'rigid_body_dynamics', 'joint_flexibility', 'time_delay', 'end_stop',
+    'tool_force')
 # What gravity's own features hold exactly, on every motion: a factor on a torque or energy that
 # is the same throughout, and the turn of one angle, which keeps U in the dictionary.
 IN_THE_BASE = {'encoder_offset', 'torque_gain'}
@@ -267,9 +268,9 @@ def test_too_much_torque_is_not_plausible(effect):
 
 
 @pytest.mark.parametrize('name', [
-    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'load_dependent_friction',
-    'coupled_friction', 'presliding_hysteresis', 'joint_spring', 'cable_stiffness', 'end_stop',
-    'joint_flexibility', 'inertia'])
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+    'load_dependent_friction', 'coupled_friction', 'presliding_hysteresis', 'joint_spring',
+    'cable_stiffness', 'end_stop', 'joint_flexibility', 'inertia'])
 def test_the_wrong_sign_is_not_plausible(name):
     effect, motion = EFFECTS[name], clean_motion('iiwa7')
     joint, settings = list(cases(effect, motion))[0]

@@ -205,7 +205,7 @@ def test_one_speed_shows_no_influence_of_speed():
     qd = np.where(np.arange(len(q)) // 200 % 2, -0.1, 0.1)
     motion = swing(q, qd)
     assert EFFECTS['coulomb_friction'].untestable(motion, 0) is None
-    for name in ('viscous_friction', 'stribeck_friction'):
+    for name in ('viscous_friction', 'stribeck_friction', 'degressive_friction'):
         assert 'one speed' in EFFECTS[name].untestable(motion, 0)
     assert 'never stands' in EFFECTS['asymmetric_friction'].untestable(motion, 0)
     assert EFFECTS['presliding_hysteresis'].untestable(motion, 0) is None

@@ -19,11 +19,6 @@ _TO_AND_FRO = ('move joint {joint} to and fro through its range with the others 
 # What friction at creeping speed corrects.
 DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
 _PUSHES = 'friction takes energy from the motion, it never adds any'
-# A Stribeck speed must be this many sign widths, or it only corrects the width.
-_ABOVE_WIDTH = 4.0
-# ... and lie below this share of the top speed, or it is viscous friction upside down.
-_BELOW_TOP = 0.35
-_STRIBECK_SPEEDS = 5
 # What own and partner's friction must leave of a coupled direction, which is ±1.
 _OWN_DIRECTION = 0.2
 
@@ -36,9 +31,9 @@ class CoulombFriction(Effect):
     description = ('A constant torque against the motion; the prediction jumps where the joint '
                    'turns back.')
     coefficients = (Coefficient('F_c', 'N·m', 'Coulomb friction torque'),)
-    confounders = ('viscous_friction', 'stribeck_friction', 'load_dependent_friction',
-                   'presliding_hysteresis', 'asymmetric_friction', 'torque_offset',
-                   'coupled_friction', 'friction_drift')
+    confounders = ('viscous_friction', 'stribeck_friction', 'degressive_friction',
+                   'load_dependent_friction', 'presliding_hysteresis', 'asymmetric_friction',
+                   'torque_offset', 'coupled_friction', 'friction_drift')
     experiment = _TO_AND_FRO
     signature = 'speed'
     source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
@@ -61,8 +56,8 @@ class ViscousFriction(Effect):
     equation = 'tau_n = F_v qd_n'
     description = 'A torque against the motion that grows in proportion to speed.'
     coefficients = (Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),)
-    confounders = ('coulomb_friction', 'stribeck_friction', 'time_delay', 'coupled_friction',
-                   'friction_drift')
+    confounders = ('coulomb_friction', 'stribeck_friction', 'degressive_friction', 'time_delay',
+                   'coupled_friction', 'friction_drift')
     experiment = _TO_AND_FRO
     signature = 'speed'
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
@@ -76,60 +71,6 @@ class ViscousFriction(Effect):
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return facts.lacks_speeds(motion, joint)
-
-
-class StribeckFriction(Effect):
-    """Speeds are tried between the sign width and the speeds that occur."""
-
-    name = 'stribeck_friction'
-    title = 'Stribeck friction'
-    family = 'friction'
-    equation = 'tau_n = F_s d_n exp(-(qd_n / v_s)^2)'
-    description = ('Extra friction at creeping speed that falls off as the joint moves faster; '
-                   'it comes on top of Coulomb friction.')
-    coefficients = (Coefficient('F_s', 'N·m', 'friction at creeping speed beyond Coulomb'),)
-    confounders = ('coulomb_friction', 'viscous_friction', 'presliding_hysteresis')
-    experiment = ('move joint {joint} to and fro through the same range at five speeds, from '
-                  'the slowest that the drive holds steady to ten times that')
-    signature = 'speed'
-    source = ('R. Stribeck, Die wesentlichen Eigenschaften der Gleit- und Rollenlager, 1902; '
-              'B. Bona, M. Indri, Friction compensation in robotics: an overview, CDC 2005')
-    setting_units = {'speed': 'rad/s'}
-    corrects = DRY
-    pointwise = True
-    why_not_negative = 'friction that rises from creeping speed is viscous, not Stribeck'
-
-    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        fall = np.exp(-(motion.samples.qd[:, joint] / setting['speed']) ** 2)
-        return (motion.direction(joint) * fall)[:, None]
-
-    def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        low, high = _stribeck_range(motion, joint)
-        if high <= low:
-            return []
-        count = min(_STRIBECK_SPEEDS, 2 + int(np.log(high / low) / np.log(1.5)))
-        return [{'speed': float(v)} for v in np.geomspace(low, high, count)]
-
-    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        low, high = _stribeck_range(motion, joint)
-        return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
-
-    def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := facts.lacks_speeds(motion, joint):
-            return reason
-        low, high = _stribeck_range(motion, joint)
-        if high <= low:
-            return (f'a Stribeck speed could be told only from {low:.2g} to {high:.2g} rad/s: '
-                    f'the joint is too slow, or its speed too noisy')
-        speeds = np.abs(motion.samples.qd[:, joint])
-        if np.count_nonzero(speeds < 0.5 * high) < 20:
-            return 'too few samples at creeping speed'
-        return None
-
-
-def _stribeck_range(motion: Motion, joint: int) -> tuple[float, float]:
-    return (_ABOVE_WIDTH * float(motion.sign_width[joint]),
-            _BELOW_TOP * facts.top_speed(motion, joint))
 
 
 class AsymmetricFriction(Effect):
@@ -256,5 +197,5 @@ def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, 
     return {**setting, 'width': shape.width, 'hold': shape.hold}
 
 
-EFFECTS = (CoulombFriction(), ViscousFriction(), StribeckFriction(), AsymmetricFriction(),
-           LoadDependentFriction(), CoupledFriction())
+EFFECTS = (CoulombFriction(), ViscousFriction(), AsymmetricFriction(), LoadDependentFriction(),
+           CoupledFriction())

@@ -68,9 +68,9 @@ class Parameters:
         '`compensate`.')
     compensate: tuple[str, ...] = parameter(
         (), 'Effects of the model, `NAME` or `NAME:JOINT`, whose torque is sent as well: '
-        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, `load_dependent_friction`, '
-        '`torque_offset`, `joint_spring` or `cable_stiffness`. Those that the model does not have '
-        'count for nothing, and diagnostics say so.')
+        '`coulomb_friction`, `viscous_friction`, `stribeck_friction`, `degressive_friction`, '
+        '`load_dependent_friction`, `torque_offset`, `joint_spring` or `cable_stiffness`. Those '
+        'that the model does not have count for nothing, and diagnostics say so.')
     compensate_fraction: float = parameter(
         0.7, 'How much of it is sent. All of a friction makes an arm slide by itself.', '', 0.0,
         1.0)

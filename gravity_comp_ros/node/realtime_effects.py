@@ -16,13 +16,13 @@ import numpy as np
 
 # Of these a moment tells the torque. Others look back (drift, presliding), need acceleration, or
 # are about the measurement of gravity and not a torque of their own.
-INSTANT = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'asymmetric_friction',
-           'load_dependent_friction', 'torque_offset', 'joint_spring', 'cable_stiffness',
-           'torque_ripple')
+INSTANT = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+           'asymmetric_friction', 'load_dependent_friction', 'torque_offset', 'joint_spring',
+           'cable_stiffness', 'torque_ripple')
 # Of these a torque may be sent to the drives. An end stop, a ripple or a friction that differs by
 # direction is nothing to push against blindly.
-SAFE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'load_dependent_friction',
-        'torque_offset', 'joint_spring', 'cable_stiffness')
+SAFE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+        'load_dependent_friction', 'torque_offset', 'joint_spring', 'cable_stiffness')
 
 
 @dataclass(frozen=True)

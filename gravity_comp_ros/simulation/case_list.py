@@ -17,6 +17,7 @@ from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
 from gravity_comp_ros.simulation.disturbances.encoder import EncoderOffset
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.grasp import Grasp
+from gravity_comp_ros.simulation.disturbances.greased_gear import GreasedGear
 from gravity_comp_ros.simulation.disturbances.late_effort import LateEffort
 from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
@@ -95,6 +96,10 @@ def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
              disturbances=(Friction(s, LuGre(1.5, 3.0, static=3.0, stribeck_speed=0.03)),),
              truths=(coulomb(s), Truth('stribeck_friction', s)),
              allowed=bristles(s) | {('viscous_friction', s)}),
+        Case('greased', arm,
+             disturbances=(GreasedGear(e, 1.5, 0.02, LuGre(1.0)),),
+             truths=(Truth('degressive_friction', e),),
+             allowed=bristles(e) | {('coulomb_friction', e), ('viscous_friction', e)}),
         Case('asymmetric', arm,
              disturbances=(Friction(e, LuGre(1.6, 1.0), LuGre(0.8, 2.5)),),
              truths=(Truth('asymmetric_friction', e, (('torque_offset', e),)),),

@@ -18,6 +18,7 @@ from gravity_comp_ros.simulation.disturbances.detent import Detent
 from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
 from gravity_comp_ros.simulation.disturbances.encoder import EncoderOffset
 from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.greased_gear import GreasedGear
 from gravity_comp_ros.simulation.disturbances.late_effort import LateEffort
 from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
@@ -69,6 +70,7 @@ class Hidden:
 
 
 _WARMING = 200.0  # s in which the zero of a gauge settles
+_THINNING = 0.05  # rad/s at which grease gets thinner
 
 
 def _spring(joint: int, stiffness: float) -> SpringBalancer:
@@ -81,6 +83,8 @@ KINDS: dict[str, Kind] = {
     'coulomb_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x))),
     'viscous_friction': Kind(4.0, True, lambda arm, j, x: Friction(j, LuGre(0.0, x))),
     'stribeck_friction': Kind(1.0, True, lambda arm, j, x: Friction(j, LuGre(x, static=2 * x))),
+    'degressive_friction': Kind(2.0, True, lambda arm, j, x: GreasedGear(
+        j, x / float(np.arcsinh(1.0 / _THINNING)), _THINNING, LuGre(0.5 * x))),
     'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
         j, LuGre(3 * x), LuGre(x))),
     'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(j, x)),

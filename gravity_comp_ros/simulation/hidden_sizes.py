@@ -30,6 +30,8 @@ SIZES: dict[str, Size] = {
     'viscous_friction': Size('N·m·s/rad', 'viscous friction', 1000.0),
     'stribeck_friction': Size('N·m', 'static friction beyond a Coulomb friction of the same size',
                               _TORQUE),
+    'degressive_friction': Size('N·m', 'friction of grease at 1 rad/s, beside a Coulomb friction '
+                                'of half the size', _TORQUE),
     'asymmetric_friction': Size('N·m', 'half the difference of friction up and down', _TORQUE),
     'load_dependent_friction': Size('', 'friction as a fraction of the torque carried', 1.0),
     'friction_drift': Size('N·m', 'friction of the cold gear, which falls as it warms', _TORQUE),

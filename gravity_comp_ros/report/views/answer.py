@@ -17,10 +17,10 @@ from gravity_comp_ros.report.views import effects, residuals
 
 # Over what the residual of an effect is plain; of others the added-variable plot is shown.
 _OVER = {'coulomb_friction': 'v', 'viscous_friction': 'v', 'stribeck_friction': 'v',
-         'asymmetric_friction': 'v', 'presliding_hysteresis': 'v', 'joint_spring': 'q',
-         'cable_stiffness': 'q', 'torque_ripple': 'q', 'end_stop': 'q', 'torque_gain': 'p',
-         'load_dependent_friction': 'p', 'torque_drift': 't', 'friction_drift': 't',
-         'torque_offset': 'q'}
+         'degressive_friction': 'v', 'asymmetric_friction': 'v', 'presliding_hysteresis': 'v',
+         'joint_spring': 'q', 'cable_stiffness': 'q', 'torque_ripple': 'q', 'end_stop': 'q',
+         'torque_gain': 'p', 'load_dependent_friction': 'p', 'torque_drift': 't',
+         'friction_drift': 't', 'torque_offset': 'q'}
 
 
 def section(contents: Contents, table: Table, style: Style) -> Section:
