@@ -73,14 +73,28 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
 
 
 def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: AnyTrial) -> float:
-    """Return the p-value of a chosen effect's one coefficient, by the jackknife over blocks."""
-    joint = candidate.place
-    fit = fits.fit(joint, chosen)
-    groups = fits.rows[joint].group_of_rows(np.arange(fits.blocks.count))
+    """
+    Return the p-value of a chosen effect's one coefficient, by the jackknife over blocks.
+
+    It is 1 where the jackknife over places leaves 0 in the interval, unless one place has nearly
+    all of the effect: blocks of one motion may agree on what is nothing elsewhere.
+    """
+    rows, fit = fits.rows[candidate.place], fits.fit(candidate.place, chosen)
+    places = rows.group_of_rows(fits.blocks.places)
+    told = float(largest_part(rows, candidate.columns, places)[0]) < _ONE_PLACE
+    if told and _p_of_first(fits, chosen, candidate, fit, places) >= _DOUBT:
+        return 1.0
+    blocks = rows.group_of_rows(np.arange(fits.blocks.count))
+    return _p_of_first(fits, chosen, candidate, fit, blocks)
+
+
+def _p_of_first(fits: Fits, chosen: Sequence[AnyTrial], candidate: AnyTrial, fit: Fit,
+                groups: IntArray) -> float:
+    """Return the p-value of an effect's first coefficient by the jackknife over groups."""
     here = int(np.flatnonzero(np.isin(fit.columns, candidate.columns))[0])
-    spread = float(_covariance(fits, chosen, joint, fit, groups)[here, here])
+    spread = float(_covariance(fits, chosen, candidate.place, fit, groups)[here, here])
     t = abs(float(fit.all_data[here])) / max(np.sqrt(max(spread, 0.0)), 1e-300)
-    return float(2.0 * special.stdtr(fits.blocks.count - 1, -t))
+    return float(2.0 * special.stdtr(max(int(groups.max()), 2), -t))
 
 
 def half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int,
