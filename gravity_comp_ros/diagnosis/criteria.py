@@ -74,9 +74,11 @@ class Criteria:
             return gain_of_motion(before, after, self.tests(trial))
         tests = self.tests(trial)
         found = gain(before, after, tests)
-        if found.share < self.options.evident_share:
+        usual = trial.regressor.name in USUAL
+        if found.share < (self.options.evident_share if usual else
+                          self.options.evident_rare_share):
             return found
-        if trial.regressor.name in USUAL:
+        if usual:
             tests = float(len(self._tried))
             found = gain(before, after, tests)
         if found.p >= self.options.alpha and len(trial.columns) == 1:

@@ -14,10 +14,10 @@ class SelectionOptions:
 
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
-    expected in every joint; `most` effects are looked for in all. What takes `evident_share`
-    off a joint's error may be proven by its size as well, and friction or an offset is then not
-    corrected for the other joints and effects that were tried: chance takes a few hundredths
-    off, and a short recording has few blocks.
+    expected in every joint; `most` effects are looked for in all. Friction or an
+    offset that takes `evident_share` off a joint's error is not corrected for the other joints and
+    effects that were tried, and may be proven by its size as well: chance takes a few hundredths
+    off, and a short recording has few blocks. So may what else takes `evident_rare_share` off.
 
     :raises OptionError: if a value is out of range.
     """
@@ -26,6 +26,7 @@ class SelectionOptions:
     least_share: float = 0.004
     least_rare_share: float = 0.1
     evident_share: float = 0.4
+    evident_rare_share: float = 0.8
     most: int = 40
 
     def __post_init__(self) -> None:
@@ -33,8 +34,8 @@ class SelectionOptions:
             raise OptionError('selection: alpha lies in (0, 1), most is at least 1')
         if not (0.0 <= self.least_share < 1.0 and 0.0 <= self.least_rare_share < 1.0):
             raise OptionError('selection: least_share and least_rare_share lie in [0, 1)')
-        if not 0.0 < self.evident_share <= 1.0:
-            raise OptionError('selection: evident_share lies in (0, 1]')
+        if not (0.0 < self.evident_share <= 1.0 and 0.0 < self.evident_rare_share <= 1.0):
+            raise OptionError('selection: evident_share and evident_rare_share lie in (0, 1]')
 
 
 @dataclass(frozen=True)
