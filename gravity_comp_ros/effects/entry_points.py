@@ -36,7 +36,8 @@ class GuardedEffect(Effect):
         self.effect = effect
         # All but `untestable` is the effect's own.
         vars(self).update({name: getattr(effect, name) for name in (
-            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread', 'implausible')})
+            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread', 'bounded',
+            'implausible')})
         super().__init__()
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:

@@ -81,6 +81,10 @@ class RigidBodyDynamics(Effect):
         usual = _known(motion).usual
         return np.where(np.isinf(usual), usual, setting.get('spread', 1.0) * usual)
 
+    def bounded(self, setting: Setting) -> Setting:
+        return {**setting, 'spread': min(setting['spread'], 1.0)} if 'spread' in setting \
+            else setting
+
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if _dynamics(motion) is None:
             return ('where the axes of the arm are is unknown: no serial arm is fitted, and there '

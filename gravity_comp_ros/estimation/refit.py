@@ -47,7 +47,7 @@ _BETWEEN_RUNS = ('payload_change', 'torque_drift', 'friction_drift')
 # What needs no speed is as plain in slow motion, where what it lacks (inertia above all) does not
 # bend gravity.
 _ENOUGH_SLOW = 0.2
-_TILT, _DYNAMICS, _SPREAD = 'base_tilt', 'rigid_body_dynamics', 'spread'
+_TILT, _DYNAMICS = 'base_tilt', 'rigid_body_dynamics'
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,8 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     tell('settings', 0.2)
     settled: list[tuple[Term, ...]] = [tuple(old)] * (work.n_folds + 1)
     for k, term in enumerate(new):
-        chosen = [_bounded(one) for one in choose_setting(work, settled, term)]
+        chosen = [replace(one, setting=one.effect.bounded(one.setting))
+                  for one in choose_setting(work, settled, term)]
         settled = [(*terms, one) for terms, one in zip(settled, chosen)]
         tell('settings', 0.2 + 0.2 * (k + 1) / len(new))
     tell('refit', 0.4)
@@ -123,18 +124,6 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
         _check_not_worse(model, made, motion, work.rows)
     tell('held-out error', 1.0)
     return result
-
-
-def _bounded(term: Term) -> Term:
-    """
-    Return a term with a spread of its coefficients that is no larger than usual.
-
-    A diagnosis counts few blocks against a prior, a refit more samples: the same spread leaves
-    more open here.
-    """
-    if term.setting.get(_SPREAD, 0.0) <= 1.0:
-        return term
-    return replace(term, setting={**term.setting, _SPREAD: 1.0})
 
 
 def _formulation(model: GravityModel, terms: Sequence[Term]
