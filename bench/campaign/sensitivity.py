@@ -5,33 +5,38 @@ Run from the root of the repository:
 
     python -m bench.campaign.sensitivity --seeds 1 --jobs 2
     python -m bench.campaign.sensitivity --drawn 20 --arms six_axis
+    python -m bench.campaign.sensitivity --judging --first 9 --arms six_axis,any_six
 
-Recordings are those of the named cases, or of cases whose effects are drawn at random and may be
-small, shortened to 60 s at 25 Hz. The evidence of each is gathered once; effects are chosen and
-judged from it for every value. These cases have served to choose some of the thresholds: the table
-shows what depends on a value, not how good the diagnosis is. The last column counts recordings
-that are diagnosed otherwise than with the thresholds as they are.
+Recordings are those of the named cases, of cases whose effects are drawn at random and may be
+small, or of judging cases (friction in every joint, up to three effects beside it, degraded
+recordings), shortened to 60 s at 25 Hz a run. The evidence of each is gathered once; effects are
+chosen and judged from it for every value. These cases have served to choose some of the
+thresholds: the table shows what depends on a value, not how good the diagnosis is. The last column
+counts recordings that are diagnosed otherwise than with the thresholds as they are.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from multiprocessing import get_context
 import os
 import sys
 
+from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.results import Task
 from bench.campaign.score import score
 from gravity_comp_ros.diagnosis.diagnose import conclude, gather
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.simulation.case_list import cases, ROLES
-from gravity_comp_ros.simulation.cases import recordings
+from gravity_comp_ros.simulation.cases import Case, recordings
 from gravity_comp_ros.simulation.drawn import drawn_case
 
 RATE, SECONDS = 25.0, 60.0
 AS_IT_IS = 'as it is'
+# Effects that need recordings of their full length, and motion that shows less.
+_SLOW = ('drift', 'warming', 'one_way')
 Counts = dict[str, 'Count']
 
 
@@ -102,10 +107,18 @@ def table(totals: Counts) -> str:
     return '\n'.join([head, *(f'| {name} | {count} |' for name, count in totals.items())])
 
 
+def chosen(args: argparse.Namespace, arm: str, seed: int) -> Sequence[Case]:
+    """Return the cases of an arm that were asked for."""
+    if args.judging:
+        return [judging_case(arm, kind, seed) for kind in KINDS if kind not in _SLOW]
+    return [drawn_case(arm, number) for number in range(args.drawn)] or cases(arm)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--arms', default=','.join(ROLES))
     parser.add_argument('--drawn', type=int, default=0, metavar='N', help='N drawn cases an arm')
+    parser.add_argument('--judging', action='store_true', help='judging cases of motion both ways')
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--first', type=int, default=0)
     parser.add_argument('--jobs', type=int, default=1)
@@ -113,8 +126,7 @@ def main() -> int:
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     totals: Counts = {name: Count() for name, _ in variants()}
     tasks = [Task(case, seed, RATE) for seed in range(args.first, args.first + args.seeds)
-             for arm in args.arms.split(',') for case in (
-                 [drawn_case(arm, number) for number in range(args.drawn)] or cases(arm))]
+             for arm in args.arms.split(',') for case in chosen(args, arm, seed)]
     with get_context('spawn').Pool(args.jobs, maxtasksperchild=8) as pool:
         for number, counts in enumerate(pool.imap_unordered(counted, tasks), start=1):
             totals = {name: totals[name] + counts[name] for name in totals}
