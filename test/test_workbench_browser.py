@@ -512,7 +512,9 @@ def test_a_recording_is_dropped_into_the_page(folder, server, watched):
         assert [path.read_bytes() for path in kept] == [(folder / 'run1.mcap').read_bytes()]
         # A recording of another robot is not taken, and what was there stays.
         page.locator('#bring').set_input_files(folder / 'other.mcap')
-        page.locator('#status, .warning').filter(has_text='not taken').first.wait_for()
+        refused = page.locator('#status, .warning').filter(has_text='not taken').first
+        refused.wait_for()
+        assert str(folder) not in refused.inner_text()
         page.locator('#idle').filter(has_text=re.compile('.')).wait_for()
         assert runs.count() == count + 1
         assert len(list(folder.glob('state/gravity_comp/workbench/recordings/*/*'))) == 1

@@ -171,9 +171,11 @@ class OpenSession:
                 event.reason
             brought = self.session.give_back() if isinstance(event.job, Read) else ()
             for path in brought:
-                # The work goes on without it.
-                self._refused, self.trouble = f'not taken: {self.trouble or self._refused}', ''
+                # The work goes on without it. Its folder is ours, and says nothing to the user.
+                self.trouble = self.trouble.replace(f'{path.parent}/', '')
                 path.unlink(missing_ok=True)
+            if brought:
+                self._refused, self.trouble = f'not taken: {self.trouble}', ''
         elif isinstance(event, Finished):
             self._finished(event)
         self._news()
