@@ -1,11 +1,15 @@
 """Effects whose size says little: what gravity can imitate, and what another law may leave."""
 
+from pathlib import Path
+
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
+from gravity_comp_ros.recordings.bag import read_bag
 import numpy as np
 import pytest
 
+BAGS = Path(__file__).parent.parent / 'bags'
 JOINTS, NOISE = ('shoulder', 'elbow'), 0.02
 
 
@@ -18,6 +22,13 @@ def links(reach, own, seed, count=2000):
     both = 4.0 * np.sin(q.sum(axis=1))
     tau = np.column_stack([10.0 * np.sin(q[:, 0]) + both, both + own(q[:, 1], qd[:, 1])])
     return JointSamples.single_run(JOINTS, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
+
+
+def test_rounding_breaks_no_law():
+    """87 % of a held-out error of 1e-9 N·m was said to be gravity of another size."""
+    clean = read_bag(BAGS / 'eq15_test.mcap').samples
+    found = diagnose(concatenate([clean, clean]))
+    assert not found.findings and not found.laws
 
 
 def on_elbow(reach, own, seed):

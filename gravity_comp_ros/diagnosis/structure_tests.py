@@ -18,6 +18,8 @@ from gravity_comp_ros.evaluation.gain import Gain, gain
 _ALPHA = 0.01
 # A breach that takes less than this off a joint's error changes no mind.
 _LEAST_SHARE = 0.1
+# An error below this share of the torque of a joint breaks no law: it is rounding.
+_LEAST_ERROR = 1e-4
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,8 @@ def check_laws(fits: Fits, chosen: Sequence[Candidate],
     broken, laws = [], fits.layout.laws
     for trial in laws:
         joint, law = trial.place, trial.regressor
+        if _is_rounding(fits, joint, chosen):
+            continue
         innocent = [c for c in chosen if c.effect.name not in law.suspects]
         reports = []
         for beside in (innocent, chosen):
@@ -63,6 +67,11 @@ def check_laws(fits: Fits, chosen: Sequence[Candidate],
         broken.append(BrokenLaw(law.name, names[joint], _is_kept(named), bare.p, bare.share,
                                 words, law.suspects))
     return tuple(broken)
+
+
+def _is_rounding(fits: Fits, joint: int, chosen: Sequence[Candidate]) -> bool:
+    y = fits.rows[joint].y
+    return bool(fits.errors(joint, chosen).sum() < _LEAST_ERROR ** 2 * float(y @ y))
 
 
 def _is_kept(evidence: Gain) -> bool:
