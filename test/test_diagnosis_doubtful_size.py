@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from bench.planning.scenes import Scene
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Verdict
@@ -59,3 +60,14 @@ def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
     ripple = found['torque_ripple']
     assert ripple.verdict == Verdict.WEAK
     assert 'of coulomb_friction, and may be what the law of that leaves' in ripple.why
+
+
+@pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
+def test_what_corrects_a_friction_that_is_open_is_open_too(arm):
+    """Viscous friction at one speed was an established hysteresis beside an untestable friction."""
+    scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
+    name = scene.made.joints[1]
+    found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
+    assert found['coulomb_friction'].verdict == Verdict.UNTESTABLE
+    assert found['presliding_hysteresis'].verdict == Verdict.WEAK
+    assert 'corrects coulomb_friction, which is not settled' in found['presliding_hysteresis'].why

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.alternative_models import best_alternative
@@ -86,7 +86,25 @@ class _Findings:
 
     def all(self) -> list[Finding]:
         """Return one finding for each, in the order in which the error falls most."""
-        return [self._finding(place) for place in range(len(self.chosen))]
+        found = [self._finding(place) for place in range(len(self.chosen))]
+        return [self._beside_its_parent(finding, candidate, found)
+                for finding, candidate in zip(found, self.chosen)]
+
+    def _beside_its_parent(self, finding: Finding, candidate: Candidate,
+                           findings: Sequence[Finding]) -> Finding:
+        """Return a finding that corrects another effect as weak, if it is open which one."""
+        corrects = candidate.effect.corrects
+        given = any((name, candidate.joint) in self.selection.criteria.given
+                    for name in corrects)
+        if finding.verdict not in FOUND or not corrects or given:
+            return finding
+        parents = [f for f in findings if f.effect in corrects and f.joint == finding.joint]
+        if not parents or any(f.verdict in FOUND or set(f.rivals) & set(corrects)
+                              for f in parents):
+            return finding
+        names = ' or '.join(str(f.effect) for f in parents)
+        return replace(finding, verdict=Verdict.WEAK,
+                       why=f'{finding.why}; it corrects {names}, which is not settled')
 
     def _finding(self, place: int) -> Finding:
         candidate, scale = self.chosen[place], self.scale

@@ -56,8 +56,8 @@ class ViscousFriction(Effect):
     equation = 'tau_n = F_v qd_n'
     description = 'A torque against the motion that grows in proportion to speed.'
     coefficients = (Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),)
-    confounders = ('coulomb_friction', 'stribeck_friction', 'degressive_friction', 'time_delay',
-                   'coupled_friction', 'friction_drift')
+    confounders = ('coulomb_friction', 'stribeck_friction', 'degressive_friction',
+                   'presliding_hysteresis', 'time_delay', 'coupled_friction', 'friction_drift')
     experiment = _TO_AND_FRO
     signature = 'speed'
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '

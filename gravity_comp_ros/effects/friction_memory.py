@@ -86,7 +86,8 @@ class PreslidingHysteresis(Effect):
     description = ('Friction that does not jump when the joint turns back, but builds up over '
                    'some way; it corrects Coulomb friction near reversals.')
     coefficients = (Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),)
-    confounders = ('coulomb_friction', 'stribeck_friction', 'joint_spring', 'time_delay')
+    confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'joint_spring',
+                   'time_delay')
     experiment = ('move joint {joint} to and fro over ways of 0.2, 1 and 5 degrees at creeping '
                   'speed, several times each')
     signature = 'position'
