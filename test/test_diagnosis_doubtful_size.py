@@ -64,7 +64,7 @@ def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
 
 @pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
 def test_what_corrects_a_friction_that_is_open_is_open_too(arm):
-    """Viscous friction at one speed was an established hysteresis beside an untestable friction."""
+    """At one speed viscous friction was an established hysteresis beside a friction left open."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
     name = scene.made.joints[1]
     found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}

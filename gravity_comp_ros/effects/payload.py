@@ -28,8 +28,10 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
-# s: shorter motion before and after shows other poses, not another payload.
-_SHORTEST = 20.0
+# s: shorter motion before a change or after it shows other poses, not another payload.
+_SHORTEST = 10.0
+# s: a share of the samples tells the time to about a sample.
+_ROUNDING = 0.1
 # The last joints get every feature, the one before them those of two factors.
 _EXACT_JOINTS = 3
 # Tool forces show in what a joint would lack otherwise; joints must move for it.
@@ -83,10 +85,10 @@ class PayloadChange(Effect):
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         if motion.model is None or not _payload_energies(motion.model):
             return []
-        return change_points(motion)
+        return _long_enough(motion, change_points(motion))
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        return finer_points(motion, setting)
+        return _long_enough(motion, finer_points(motion, setting))
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
         model = motion.model
@@ -97,12 +99,12 @@ class PayloadChange(Effect):
             return "payload changes are told from a model with an energy: fit with 'potential'"
         if not motion.model.energy.indices.any():
             return 'the model has no gravity that a payload could add to'
-        if not change_points(motion):
+        points = change_points(motion)
+        if not points:
             return 'there is no time before and after'
-        seconds = recorded_time(motion.samples)
-        if seconds < _SHORTEST:
-            return (f'the recordings take {seconds:.1f} s: a payload needs {_SHORTEST / 2:.0f} s '
-                    f'of motion before its change and after it')
+        if not _long_enough(motion, points):
+            return (f'the recordings take {recorded_time(motion.samples):.1f} s: a payload needs '
+                    f'{_SHORTEST:.0f} s of motion before its change and after it')
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
@@ -112,6 +114,14 @@ class PayloadChange(Effect):
         symbols = [c.symbol for c in self.coefficients_of(motion, joint, setting)]
         return (super().implausible(values, setting, motion, joint)
                 or _not_further_out(symbols, values, torque))
+
+
+def _long_enough(motion: Motion, points: list[dict[str, float]]) -> list[dict[str, float]]:
+    """Return the settings of a change with enough motion before it and after it."""
+    seconds = recorded_time(motion.samples)
+    before = [seconds * float((change(motion, point) < 0.0).mean()) for point in points]
+    return [point for point, time in zip(points, before)
+            if min(time, seconds - time) >= _SHORTEST - _ROUNDING]
 
 
 def _payload_energies(model: GravityModel) -> list[tuple[str, Expansion]]:
