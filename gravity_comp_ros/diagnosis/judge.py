@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.alternative_models import best_alternative
+from gravity_comp_ros.diagnosis.alternatives import alternatives
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.effective import effective, effective_of
 from gravity_comp_ros.diagnosis.estimates import estimates, half_widths
@@ -15,7 +16,7 @@ from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.diagnosis.pose_folds import pose_folds
 from gravity_comp_ros.diagnosis.scale import Scale
-from gravity_comp_ros.diagnosis.selection import alternatives, Selection
+from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_shape
 from gravity_comp_ros.diagnosis.verdict import (
     Proof, remainder_of, rest_angles, untestable_twins, verdict)

@@ -40,7 +40,7 @@ class FrictionDrift(Effect):
                    'Recordings with stamps on one clock are one session.')
     coefficients = (Coefficient('F_w', 'N·m', 'friction at the start beyond that of a warm '
                                               'gear'),)
-    confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction')
+    confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction', 'degressive_friction')
     experiment = ('move joint {joint} to and fro in the same way for 20 minutes from cold, and '
                   'again when warm')
     signature = 'time'

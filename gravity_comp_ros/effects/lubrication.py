@@ -89,7 +89,7 @@ class DegressiveFriction(Effect):
                    'low speed and slowly with a high one, because grease gets thinner as it is '
                    'sheared.')
     coefficients = (Coefficient('F_d', 'N·m', 'the torque at 1 rad/s'),)
-    confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction')
+    confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'friction_drift')
     experiment = ('move joint {joint} to and fro through the same range at five speeds, each '
                   'twice the one before')
     signature = 'speed'
