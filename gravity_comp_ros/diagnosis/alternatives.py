@@ -53,8 +53,7 @@ def _warmed(criteria: Criteria, candidate: Candidate,
     if effect.signature != 'speed' or 'viscous_friction' not in effect.corrects or not any(
             c.effect.name == 'friction_drift' and c.joint == joint for c in chosen):
         return None
-    return next((c for c in criteria.candidates
-                 if c.key == ('viscous_friction', joint)), None)
+    return next((c for c in criteria.candidates if c.key == ('viscous_friction', joint)), None)
 
 
 def _spring_at_rest(criteria: Criteria, candidate: Candidate,

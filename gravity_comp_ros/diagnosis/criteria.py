@@ -120,21 +120,32 @@ class Criteria:
         Return whether something rare explains much that no inertia or Coriolis torque does.
 
         Every arm that moves has those, named or not, and no few columns describe all of them;
-        what it explains of them is not its own. What is expected in every joint needs
-        no such proof.
+        what it explains of them is not its own. A law of speed must explain more than viscous
+        friction does with what builds up at reversals, which makes friction smaller at low
+        speed. What is expected in every joint needs no such proof.
         """
         if trial.regressor.expectation != Expectation.RARE:
             return True
         moving = [c for c in self._dynamics
                   if c not in chosen and (trial.shared or c.joint == trial.joint)]
         joint = trial.acts_on
-        beside = [*chosen, *moving]
+        beside = [*chosen, *moving, *self._simpler_laws(trial, chosen)]
         before = self.fits.errors(joint, beside)
         after, = self.fits.errors_with_each(joint, beside, [trial])
         if self.gain_of(trial, before, after, beside).p >= self.options.alpha:
             return False
         shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
         return max(shares) >= self.options.least_rare_share
+
+    def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:
+        """Return the effects, not chosen, that a law of speed must pay beside."""
+        if not isinstance(trial, Candidate) or trial.effect.signature != 'speed' \
+                or 'viscous_friction' not in trial.effect.corrects:
+            return []
+        taken = {c.key for c in chosen} | {trial.key}
+        here = {c.key: c for c in reversed(self.candidates) if c.joint == trial.joint}
+        return [here[name, trial.joint] for name in ('viscous_friction', 'presliding_hysteresis')
+                if (name, trial.joint) in here and (name, trial.joint) not in taken]
 
     def is_physical(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
         """Return whether the coefficients of a chosen effect can be those of an arm."""
