@@ -21,6 +21,7 @@ from gravity_comp_ros.diagnosis.unexplained import by_another_law, of_unknown_sh
 from gravity_comp_ros.diagnosis.verdict import (
     Proof, remainder_of, rest_angles, untestable_twins, verdict)
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
+from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
@@ -67,7 +68,7 @@ def judge(selection: Selection, motion: Motion, span: FloatArray, noise: FloatAr
     findings.sort(key=lambda f: f.verdict not in FOUND)
     arm = {effect: reason for (effect, joint), reason in layout.untestable.items()
            if joint is None}
-    reports = {name: _report(scale, n, float(noise[n]), chosen, findings)
+    reports = {name: _report(scale, n, float(noise[n]), chosen, findings, options)
                for n, name in enumerate(scale.names)}
     return Judged(Diagnosis(tuple(findings), reports, arm), chosen)
 
@@ -127,7 +128,7 @@ class _Findings:
                       effective_of(self.fits, scale.motion, joint, self.chosen, candidate),
                       found, twins, sizes, candidate.n_free(scale.motion),
                       self.selection.criteria.unphysical(candidate, self.chosen),
-                      self._left(candidate),
+                      scale.left(candidate),
                       remainder_of(self.fits, candidate, self.chosen, self.options),
                       self._errors_elsewhere(place))
         level, doubt = verdict(self.fits, self.chosen, candidate, proof, self.options)
@@ -143,10 +144,6 @@ class _Findings:
         if joint not in self._widths:
             self._widths[joint] = half_widths(self.fits, self.chosen, joint, self.scale.motion)
         return self._widths[joint]
-
-    def _left(self, candidate: Candidate) -> float:
-        """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""
-        return 1.0 if candidate.shared else float(np.sqrt(1.0 - self.scale.absorbed(candidate)))
 
     def _errors_elsewhere(self, place: int) -> tuple[FloatArray, FloatArray] | None:
         """Return errors without and with an effect, at poses unlike those of the fit."""
@@ -199,12 +196,26 @@ def _next_step(candidate: Candidate, name: str | None, level: Verdict) -> str:
     return candidate.effect.experiment.replace('{joint}', name or 'the arm')
 
 
+def _imitated(scale: Scale, n: int, said: Sequence[Finding],
+              least_left: float) -> dict[str, str]:
+    """Return why usual effects of a joint would not show that gravity imitates nearly wholly."""
+    named, found = {f.effect for f in said}, {}
+    for c in reversed(scale.criteria.candidates):
+        # The first candidate of a name has the plainest setting.
+        if c.acts_on == n and c.effect.expectation == Expectation.COMMON \
+                and c.effect.name not in named:
+            found[c.effect.name] = scale.left(c)
+    return {name: f'gravity can imitate all but {left:.1%} of its torque in this motion'
+            for name, left in found.items() if left < least_left}
+
+
 def _report(scale: Scale, n: int, noise: float, chosen: Sequence[Candidate],
-            findings: Sequence[Finding]) -> JointReport:
+            findings: Sequence[Finding], options: VerdictOptions) -> JointReport:
     fits = scale.criteria.fits
     here = [f for f in findings if f.joint == scale.names[n]]
     untestable = {effect: reason for (effect, joint), reason in fits.layout.untestable.items()
                   if joint == n}
+    untestable.update(_imitated(scale, n, here, options.least_left))
     after = fits.errors(n, chosen)
     remaining, share = scale.rmse(after, n), scale.nrmse_of(after, n)
     stays = remaining > _FAR_ABOVE * noise and share > _LEAST_REMAINING

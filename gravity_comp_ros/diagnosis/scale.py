@@ -54,3 +54,7 @@ class Scale:
         fits = self.criteria.fits
         return absorbed(fits.rows[candidate.place], candidate.columns,
                         fits.prior(candidate.place, []))
+
+    def left(self, candidate: Candidate) -> float:
+        """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""
+        return 1.0 if candidate.shared else float(np.sqrt(1.0 - self.absorbed(candidate)))
