@@ -18,7 +18,7 @@ import tempfile
 _OWN = 'from gravity_comp_ros.recordings.table_files import read_csv; from pathlib import Path'
 _OWN_READ = 'values = read_csv(Path(sys.argv[1])).values'
 _PANDAS, _PANDAS_READ = 'import pandas', 'values = pandas.read_csv(sys.argv[1]).to_numpy()'
-_TIMED = '''
+_TIMED = """
 import resource, sys, time
 start = time.process_time()
 {load}
@@ -27,7 +27,7 @@ ready = time.process_time()
 done = time.process_time()
 print(f'{{values.shape[0]}} rows: import {{ready - start:.2f}} s, read {{done - ready:.2f}} s, '
       f'{{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024}} MB')
-'''
+"""
 
 
 def main() -> int:
