@@ -28,10 +28,10 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Samples that a motion is built from, and rows of a fit: neighbouring samples are alike, and more
-# of them cost memory and say little.
+# Samples that a motion is built from, and about how many rows a fit has: neighbouring samples are
+# alike, and more of them cost memory and say little.
 _MOST_SAMPLES = 40000
-_MOST_ROWS = 6000
+_ROWS = 5400
 # With more joints than this there are fewer rows, so that memory does not grow with their square.
 _FULL_ROWS = 8
 
@@ -84,14 +84,19 @@ def gather(samples: JointSamples, model: GravityModel | None = None,
     noise = white_noise(samples)
     samples = samples.select(evenly_picked(samples.n_samples, _MOST_SAMPLES))
     tell('gravity model', 0.0)
-    rows = round(_MOST_ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2)
-    base = choose_base(samples, model, rows)
+    base = choose_base(samples, model, _rows(samples))
     tell('columns', 0.2)
     known = all_effects()
     named = [known[name] for name in (known if effects is None else effects)]
     others = [other for effect in named if (other := effect.alternative()) is not None]
     columns = build(base.motion, base.columns, named, others, [UnknownTorque()], LAWS)
     return Evidence(base, _fits(base, columns), span, noise)
+
+
+def _rows(samples: JointSamples) -> int:
+    """Return how many rows a fit has: every k-th sample, so that they are evenly apart."""
+    wanted = _ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2
+    return max(1, samples.n_samples // max(1, round(samples.n_samples / wanted)))
 
 
 def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),
