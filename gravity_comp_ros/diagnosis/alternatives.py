@@ -16,13 +16,16 @@ def alternatives(selection: Selection, candidate: Candidate,
     """
     Return effects as simple that would explain as much in a chosen one's place.
 
-    Where gravity can imitate an effect in this motion, both grow beyond all bounds against each
-    other. So a size that is not physical does not rule out what every joint may have.
+    A rare effect of the same kind that looks like it (a cable like a stop) need not be as simple:
+    which of them it is does not follow from a number of coefficients. Where gravity can imitate an
+    effect in this motion, both grow beyond all bounds against each other. So a size that is not
+    physical does not rule out what every joint may have.
     """
     criteria = selection.criteria
     rest = [c for c in chosen if c is not candidate]
     others = [c for c in criteria.replacements(candidate, chosen, ())
-              if c.complexity <= candidate.complexity and c.key != candidate.key
+              if (c.complexity <= candidate.complexity or _is_of_a_kind(c, candidate))
+              and c.key != candidate.key
               and (c.key not in selection.refused or _is_usual(c, candidate))]
     found: dict[tuple[str, int | None], Candidate] = {}
     for other, now, then in criteria.with_each_instead(candidate, others, chosen):
@@ -34,6 +37,13 @@ def alternatives(selection: Selection, candidate: Candidate,
         if also is not None:
             found.setdefault(also.key, also)
     return list(found.values())
+
+
+def _is_of_a_kind(other: Candidate, candidate: Candidate) -> bool:
+    """Return whether both are rare, of one family, and easily confused."""
+    rare = all(c.effect.expectation == Expectation.RARE for c in (other, candidate))
+    return (rare and other.effect.family == candidate.effect.family
+            and other.effect.name in candidate.effect.confounders)
 
 
 def _is_usual(other: Candidate, candidate: Candidate) -> bool:
