@@ -31,7 +31,7 @@ Progress = Callable[[str, float], None]
 # Samples that a motion is built from, and about how many rows a fit has: neighbouring samples are
 # alike, and more of them cost memory and say little.
 _MOST_SAMPLES = 40000
-_ROWS = 5400
+_ROWS = 5600
 # With more joints than this there are fewer rows, so that memory does not grow with their square.
 _FULL_ROWS = 8
 
@@ -96,7 +96,7 @@ def gather(samples: JointSamples, model: GravityModel | None = None,
 def _rows(samples: JointSamples) -> int:
     """Return how many rows a fit has: every k-th sample, so that they are evenly apart."""
     wanted = _ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2
-    return max(1, samples.n_samples // max(1, round(samples.n_samples / wanted)))
+    return max(1, -(-samples.n_samples // max(1, round(samples.n_samples / wanted))))
 
 
 def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),
