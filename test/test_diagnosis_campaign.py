@@ -98,7 +98,7 @@ def test_an_effect_may_be_looked_for_alone():
 
 @pytest.mark.parametrize('seed', [1, 5])
 def test_a_tilted_base_is_found_and_the_law_that_it_breaks(seed):
-    # So with three of seven seeds. With two others the law is kept at a tenth of the error, with
+    # So with three of seven seeds. With two others the breach of the law is not significant, with
     # two the independent samples are said to be too few.
     diagnosis, result = judged('iiwa7', 'tilted_base', seed, duration=200.0)
     assert all(result.named) and not result.false
