@@ -46,6 +46,17 @@ def test_a_gauge_drifts_as_it_warms():
     assert drift[2000] == pytest.approx(0.5 * (1 - np.exp(-1)), rel=1e-3)
 
 
+def test_a_gauge_follows_what_it_is_mounted_on():
+    # With the mount at 1 - exp(-t / w), the sensor obeys lag w dx/dt = mount - x.
+    motion, before, after = apply(GaugeDrift(2, 1.0, 20.0, begun=3.0, lag=0.25), duration=100.0)
+    drift = (after.tau - before.tau)[:, 2]
+    age = motion.t - motion.t[0] + 3.0
+    rate = np.gradient(drift, motion.t)
+    mount = 1.0 - np.exp(-age / 20.0)
+    assert 0.25 * 20.0 * rate[1:-1] == pytest.approx((mount - drift)[1:-1], abs=1e-5)
+    assert GaugeDrift(2, 1.0, lag=0.25).temperature(np.zeros(1)) == pytest.approx(0.0)
+
+
 def test_a_wandering_zero_is_a_random_walk_of_its_seed():
     walks = np.array([np.subtract(*(s.tau[:, 2] for s in apply(
         GaugeDrift(2, 0.0, wander=0.1), seed, duration=25.0)[:0:-1])) for seed in range(40)])
@@ -160,8 +171,8 @@ def test_white_and_correlated_parts_share_the_variance():
 
 
 @pytest.mark.parametrize('make', [
-    lambda: GaugeDrift(1, 0.1, 0.0), lambda: LateEffort(-0.1), lambda: Pause(1.0, -1.0),
-    lambda: ToolJet((np.nan, 0.0, 0.0)), lambda: SensorOptions((0.1,), correlated=1.5),
+    lambda: GaugeDrift(1, 0.1, 0.0), lambda: GaugeDrift(1, 0.1, lag=1.0),
+    lambda: LateEffort(-0.1), lambda: Pause(1.0, -1.0), lambda: ToolJet((np.nan, 0.0, 0.0)), lambda: SensorOptions((0.1,), correlated=1.5),
 ])
 def test_impossible_sensors_are_refused(make):
     with pytest.raises(OptionError):

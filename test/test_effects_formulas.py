@@ -42,6 +42,7 @@ def motion():
     ('torque_offset', {}, np.ones(6)),
     ('torque_gain', {}, G[:, 0]),
     ('torque_drift', {'centre': 0.5}, AGE - 0.5),
+    ('torque_drift', {'centre': 0.1, 'time': 2.0}, 2.0 * (1.0 - np.exp(-AGE / 2.0)) - 0.1),
     ('joint_spring', {'centre': 0.1, 'overtones': 0.0}, Q[:, 0] - 0.1),
     ('cable_stiffness', {'start': 0.0, 'side': 1.0, 'half': 9.0}, [0, 0.2, 0.1, 0, 0, 0.6]),
     ('cable_stiffness', {'start': 0.0, 'side': -1.0, 'half': 9.0}, [0, 0, 0, -0.1, -0.4, 0]),

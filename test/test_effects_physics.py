@@ -241,6 +241,24 @@ def test_ripple_periods_are_those_that_the_motion_can_tell():
     assert np.median(steps) * max(wave_numbers) < np.pi
 
 
+def test_what_begins_further_from_the_end_is_a_cable_and_no_stop():
+    motion = clean_motion('six_axis')
+    q = motion.samples.q[:, 2]
+    low, span = q.min(), np.ptp(q)
+    stop = EFFECTS['end_stop']
+    depths = [abs(setting['start'] - (low + span if setting['side'] > 0 else low)) / span
+              for known in stop.settings(motion, 2)
+              for setting in (known, *stop.refine(motion, 2, known))]
+    assert max(depths) <= 0.15 + 1e-9 and min(depths) < 0.02
+    cable = EFFECTS['cable_stiffness']
+    starts = sorted(
+        (setting['start'] - low) / span for known in cable.settings(motion, 2)
+        if known['side'] > 0 and 'order' not in known
+        for setting in (known, *cable.refine(motion, 2, known)))
+    # It reaches into the stop's range, and no start is missed by more than a fiftieth.
+    assert starts[0] < 0.2 and starts[-1] > 0.9 and np.diff(starts).max() < 0.04
+
+
 def test_an_end_stop_is_found_where_it_is():
     effect, motion = EFFECTS['end_stop'], clean_motion('six_axis')
     q = motion.samples.q[:, 2]

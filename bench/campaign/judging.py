@@ -93,7 +93,7 @@ def _drift(arm: str, rng: np.random.Generator) -> Case:
     rise = float(rng.choice([-1.0, 1.0]) * rng.uniform(8.0, 20.0) * noise[joint])
     warming = float(rng.uniform(300.0, 900.0))
     period = 100.0 + _SESSION_PAUSE
-    runs = tuple((k, GaugeDrift(joint, rise, warming, begun=k * period))
+    runs = tuple((k, GaugeDrift(joint, rise, warming, begun=k * period, lag=0.25))
                  for k in range(_SESSION_RUNS))
     ties: tuple[Pair, ...] = (('friction_drift', joint), ('payload_change', None))
     return Case('drift', arm, truths=(Truth('torque_drift', joint, ties),), in_run=runs,

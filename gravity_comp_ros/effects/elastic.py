@@ -14,11 +14,12 @@ import numpy as np
 _LEAST_TRAVEL = 0.2
 # Over less of a turn overtones are a parabola, which much else is.
 _CRANK_TRAVEL = 1.5
-# Parts of the range at which a cable may become taut, and near whose ends a stop may begin.
-_CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75)
+# Parts of the range that a cable may have gone through, slack, where it becomes taut.
+_CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
 # A hose pulls in proportion to its stretch, or more and more.
 _CABLE_ORDERS = (1.5, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
+# Parts of the range, next to an end, over which a stop may act; what acts over more is a cable.
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
 # Part of its largest load below which a gear with play may lie on either flank.
 _NO_LOAD = 0.05
@@ -153,14 +154,15 @@ class CableStiffness(Effect):
         def setting(part: float, side: float) -> dict[str, float]:
             return {'start': low + part * span, 'side': side, 'half': max(0.5 * span, 1e-9)}
 
-        taut = [setting(part, side) for side in (1.0, -1.0) for part in _CABLE_STARTS]
+        taut = [setting(part if side > 0 else 1.0 - part, side)
+                for side in (1.0, -1.0) for part in _CABLE_STARTS]
         stiffer = [{**one, 'order': order} for order in _CABLE_ORDERS for one in taut]
         return [*taut, *stiffer, *(setting(rest, 0.0) for rest in _HARNESS_RESTS)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         _, span = _range(motion, joint)
-        step = 0.04 * span
-        return [{**setting, 'start': setting['start'] + k * step} for k in (-1.0, 1.0)]
+        return [{**setting, 'start': setting['start'] + part * span}
+                for part in (-0.06, -0.03, 0.03, 0.06)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         return _lacks_travel(motion, joint)
@@ -196,8 +198,9 @@ class EndStop(Effect):
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         low, span = _range(motion, joint)
         end = low + span if setting['side'] > 0 else low
-        depth = setting['start'] - end
-        return [{**setting, 'start': end + factor * depth} for factor in (0.7, 0.85, 1.15, 1.3)]
+        depth, most = setting['start'] - end, max(_STOP_DEPTHS) * span
+        return [{**setting, 'start': end + factor * depth} for factor in (0.7, 0.85, 1.15, 1.3)
+                if abs(factor * depth) <= most]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if reason := _lacks_travel(motion, joint):

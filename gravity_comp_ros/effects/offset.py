@@ -9,6 +9,8 @@ from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _SHORTEST = 10.0
+# Time constants of a drift that settles: the shortest as a part of the longest session.
+_SOONEST, _TIMES = 0.1, 4
 # Torque constants are known to a few percent; what friction of load leaves is under one percent.
 _LEAST_GAIN = 0.02
 
@@ -71,36 +73,62 @@ class TorqueGain(Effect):
 
 
 class TorqueDrift(Effect):
-    """The column is the time of the session from `centre` s on."""
+    """
+    The column is the time of the session, or one that settles, less its mean.
+
+    What warms settles: its rate falls as exp(-t / T). Time constants are tried from a tenth of
+    the longest session to all of it; over shorter parts of T the law is a line.
+    """
 
     name = 'torque_drift'
     title = 'Torque drift'
     family = 'offset'
-    equation = 'tau_n = r (t - t_0), t from the start of the session, t_0 its mean'
+    equation = ('tau_n = r (s - s_0), s_0 the mean of s, t from the start of the session; s = t, '
+                'or, where it settles, T (1 - exp(-t / T))')
     description = ('A torque signal whose zero moves with time, as strain gauges do when they '
                    'warm up. Recordings with stamps on one clock are one session.')
-    coefficients = (Coefficient('r', 'N·m/s', 'change of the torque signal per second'),)
+    coefficients = (Coefficient('r', 'N·m/s', 'change of the torque signal per second at the '
+                                              'start'),)
     confounders = ('friction_drift', 'torque_offset', 'payload_change')
     experiment = ('let joint {joint} stand in one pose for as long as a run takes, before and '
                   'after moving it')
     signature = 'time'
     source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
               'Strain Gauges, HBM, 2012')
-    setting_units = {'centre': 's'}
+    setting_units = {'centre': 's', 'time': 's'}
     not_scanned = ('centre',)
     pointwise = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return (clock_time(motion.samples) - setting['centre'])[:, None]
+        return (_settling(motion, setting.get('time')) - setting['centre'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        return [{'centre': float(clock_time(motion.samples).mean())}]
+        """Return a line, and what settles within parts of the longest session."""
+        longest = float(clock_time(motion.samples).max(initial=0.0))
+        line = {'centre': float(clock_time(motion.samples).mean())}
+        return [line, *(_settles(motion, time) for time in np.geomspace(
+            _SOONEST * longest, longest, _TIMES) if time > 0.0)]
+
+    def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
+        if 'time' not in setting:
+            return []
+        return [_settles(motion, factor * setting['time']) for factor in (0.75, 1.33)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         longest = float(clock_time(motion.samples).max(initial=0.0))
         if longest < _SHORTEST:
             return f'the longest recording takes {longest:.3g} s, too short to drift'
         return None
+
+
+def _settling(motion: Motion, time: float | None) -> FloatArray:
+    """Return the time of the session (M,) in s, or one whose rate falls as exp(-t / time)."""
+    t = clock_time(motion.samples)
+    return t if time is None else np.asarray(-time * np.expm1(-t / time))
+
+
+def _settles(motion: Motion, time: float) -> dict[str, float]:
+    return {'centre': float(_settling(motion, time).mean()), 'time': float(time)}
 
 
 EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

@@ -173,7 +173,7 @@ def _sensors(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('offset', arm, disturbances=(GaugeZero(roles.base, 1.0),),
              truths=(offset(roles.base, 1.0),)),
         Case('gain', arm, disturbances=(GaugeGain(e, 1.15),), truths=(Truth('torque_gain', e),)),
-        Case('zero_drift', arm, disturbances=(GaugeDrift(w, 0.5, 200.0, 0.002),),
+        Case('zero_drift', arm, disturbances=(GaugeDrift(w, 0.5, 200.0, 0.002, lag=0.25),),
              truths=(Truth('torque_drift', w),), allowed=frozenset({('torque_offset', w)})),
         Case('late_effort', arm, disturbances=(LateEffort(0.04),),
              truths=(Truth('time_delay', None, values=(0.04,), unit='s'),)),

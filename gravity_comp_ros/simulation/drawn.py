@@ -77,7 +77,7 @@ def _zero(joint: int, size: float, rng: np.random.Generator) -> Draw:
 
 def _drift(joint: int, size: float, rng: np.random.Generator) -> Draw:
     rise = size * float(rng.choice([-2.0, 2.0]))
-    return (GaugeDrift(joint, rise, float(rng.uniform(150.0, 400.0))),
+    return (GaugeDrift(joint, rise, float(rng.uniform(150.0, 400.0)), lag=0.25),
             Truth('torque_drift', joint), frozenset({('torque_offset', joint)}))
 
 

@@ -10,6 +10,9 @@ from gravity_comp_ros.simulation.disturbances.changed import check_joint, with_t
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -45,9 +48,10 @@ class GaugeDrift:
     """
     A zero that moves while the sensor warms, and wanders besides.
 
-    The sensor's temperature rises from cold as 1 - exp(-t / warming), and the zero by `rise`
-    N·m with it; a random walk of `wander` N·m per square root of a second is added to it. The
-    sensor was switched on `begun` s before the run.
+    What the sensor is mounted on warms as 1 - exp(-t / warming), and the sensor follows with a
+    time constant that is `lag` times as long. Its zero rises by `rise` N·m with its temperature;
+    a random walk of `wander` N·m per square root of a second is added to it. The sensor was
+    switched on `begun` s before the run.
     """
 
     joint: int
@@ -55,11 +59,20 @@ class GaugeDrift:
     warming: float = 200.0
     wander: float = 0.0
     begun: float = 0.0
+    lag: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.warming > 0 or not self.wander >= 0:
+        if not self.warming > 0 or not self.wander >= 0 or not 0.0 <= self.lag < 1.0:
             raise OptionError(f'gauge drift: warming takes {self.warming} s, it must be positive, '
-                              f'and wander is {self.wander}, it must be 0 or more')
+                              f'wander is {self.wander}, it must be 0 or more, and lag is '
+                              f'{self.lag}, it must be 0 or more and less than 1')
+
+    def temperature(self, age: FloatArray) -> FloatArray:
+        """Return how warm the sensor is `age` s after it was switched on, from 0 to 1."""
+        mount, sensor = np.exp(-age / self.warming), np.zeros_like(age)
+        if self.lag:
+            sensor = np.exp(-age / (self.lag * self.warming))
+        return np.asarray(1.0 - (mount - self.lag * sensor) / (1.0 - self.lag))
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
@@ -68,4 +81,4 @@ class GaugeDrift:
         steps = rng.standard_normal(len(age)) * np.sqrt(np.diff(age, prepend=0.0))
         walk = self.wander * np.cumsum(steps)
         return with_torque(signals, self.joint,
-                           self.rise * -np.expm1(-(age + self.begun) / self.warming) + walk)
+                           self.rise * self.temperature(age + self.begun) + walk)
