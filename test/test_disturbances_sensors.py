@@ -172,7 +172,8 @@ def test_white_and_correlated_parts_share_the_variance():
 
 @pytest.mark.parametrize('make', [
     lambda: GaugeDrift(1, 0.1, 0.0), lambda: GaugeDrift(1, 0.1, lag=1.0),
-    lambda: LateEffort(-0.1), lambda: Pause(1.0, -1.0), lambda: ToolJet((np.nan, 0.0, 0.0)), lambda: SensorOptions((0.1,), correlated=1.5),
+    lambda: LateEffort(-0.1), lambda: Pause(1.0, -1.0), lambda: ToolJet((np.nan, 0.0, 0.0)),
+    lambda: SensorOptions((0.1,), correlated=1.5),
 ])
 def test_impossible_sensors_are_refused(make):
     with pytest.raises(OptionError):

@@ -59,8 +59,8 @@ def _warmed(criteria: Criteria, candidate: Candidate,
 
     Grease that gets warmer between motions of different speed looks like a curve of the speed.
     """
-    effect, joint = candidate.effect, candidate.joint
-    if effect.signature != 'speed' or 'viscous_friction' not in effect.corrects or not any(
+    joint = candidate.joint
+    if not candidate.effect.bends_with_speed or not any(
             c.effect.name == 'friction_drift' and c.joint == joint for c in chosen):
         return None
     return next((c for c in criteria.candidates if c.key == ('viscous_friction', joint)), None)

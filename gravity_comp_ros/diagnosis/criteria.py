@@ -139,8 +139,7 @@ class Criteria:
 
     def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:
         """Return the effects, not chosen, that a law of speed must pay beside."""
-        if not isinstance(trial, Candidate) or trial.effect.signature != 'speed' \
-                or 'viscous_friction' not in trial.effect.corrects:
+        if not isinstance(trial, Candidate) or not trial.effect.bends_with_speed:
             return []
         taken = {c.key for c in chosen} | {trial.key}
         here = {c.key: c for c in reversed(self.candidates) if c.joint == trial.joint}

@@ -176,11 +176,11 @@ class Fits:
         return np.asarray(fit.all_data[here] / self.rows[joint].scale[fit.columns[here]])
 
     def torque(self, joint: int, chosen: Sequence[AnyTrial],
-               one: AnyTrial | None = None) -> FloatArray:
-        """Return the torque (M,) in N·m of effects, or of one, on a joint, from all data."""
+               some: Sequence[AnyTrial]) -> FloatArray:
+        """Return the torque (M,) in N·m of some chosen effects on a joint, from all data."""
         rows, fit = self.rows[joint], self.fit(joint, chosen)
-        here = (fit.columns >= self.layout.n_base if one is None
-                else np.isin(fit.columns, one.columns))
+        acting = [c.columns for c in some if c.shared or c.joint == joint]
+        here = np.isin(fit.columns, np.concatenate([np.zeros(0, dtype=np.int64), *acting]))
         torque = np.empty(len(rows.y))
         torque[rows.row_of] = rows.x[:, fit.columns[here]] @ fit.all_data[here] * rows.sigma
         return torque

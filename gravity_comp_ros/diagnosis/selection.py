@@ -39,7 +39,7 @@ class Selection:
 
     def effect_torque(self) -> FloatArray:
         """Return the torque (M, N) of the chosen effects in N·m."""
-        return np.column_stack([self.fits.torque(joint, self.chosen)
+        return np.column_stack([self.fits.torque(joint, self.chosen, self.chosen)
                                 for joint in range(self.fits.n_joints)])
 
 

@@ -144,12 +144,12 @@ def remainder_of(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
     if joint is None or effect.expectation == Expectation.MOTION or effect.corrects \
             or effect.signature == 'time' or effect.name in USUAL:
         return None
-    size = float(fits.torque(joint, chosen, candidate).std())
+    size = float(fits.torque(joint, chosen, [candidate]).std())
     for other in chosen:
         if other is candidate or other.acts_on != joint:
             continue
         name = other.effect.name
-        share = size / max(float(fits.torque(joint, chosen, other).std()), 1e-12)
+        share = size / max(float(fits.torque(joint, chosen, [other]).std()), 1e-12)
         confused = name in effect.confounders and name not in USUAL
         if share < (options.least_of_confounder if confused else options.least_part):
             return Part(share, name)

@@ -162,6 +162,11 @@ class Effect(Regressor):
         return self.coefficients
 
     @property
+    def bends_with_speed(self) -> bool:
+        """Return whether it is viscous friction whose slope changes with the speed."""
+        return self.signature == 'speed' and 'viscous_friction' in self.corrects
+
+    @property
     def has_fixed_coefficients(self) -> bool:
         """Return whether the coefficients are the same for every arm and setting."""
         return getattr(self.coefficients_of, '__func__', None) is Effect.coefficients_of
