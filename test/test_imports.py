@@ -16,7 +16,7 @@ MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 # Lowest first. A module may import from its own room and from those below it.
 ROOMS = (
     ('errors', 'printable', 'display', 'atomic'),
-    ('data',),
+    ('data', 'worker'),
     ('simulation', 'recordings', 'models'),
     ('effects', 'description'),
     ('evaluation',),

@@ -6,6 +6,7 @@ import json
 import os
 from pathlib import Path
 import shlex
+import signal
 import subprocess
 import sys
 import time
@@ -332,7 +333,7 @@ def test_a_process_that_dies_is_replaced(paths):
         worker.ask(Read(paths, ReadOptions()))
         until(worker, Finished)
         worker.ask(Learn(Choice((0, 1), JOINTS)))
-        worker._process.kill()
+        os.kill(worker.pid, signal.SIGKILL)
         assert 'ended' in until(worker, Failed).reason
         worker.ask(Learn(Choice((0,), JOINTS)))
         assert until(worker, Finished).answer.model.joints == JOINTS
@@ -343,7 +344,7 @@ def test_a_process_that_dies_is_replaced(paths):
 def test_the_work_ends_with_the_page_that_asked_for_it(paths):
     program = ('from gravity_comp_ros.workbench.worker import Worker\n'
                'import os\nif __name__ == "__main__":\n    worker = Worker(warm=True)\n'
-               '    print(worker._process.pid, flush=True)\n    os._exit(0)')
+               '    print(worker.pid, flush=True)\n    os._exit(0)')
     script = paths[0].parent / 'leaves.py'
     script.write_text(program)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True,
