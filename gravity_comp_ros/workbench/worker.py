@@ -8,12 +8,12 @@ next job starts another one, which reads the recordings again. What may follow w
 
 from __future__ import annotations
 
-from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
-from gravity_comp_ros.worker.serve import Work
-from gravity_comp_ros.worker.worker_process import command, WorkerProcess
 from gravity_comp_ros.workbench import job_state
 from gravity_comp_ros.workbench.job_state import Event, Jobs, Move, Progressed, State
 from gravity_comp_ros.workbench.jobs import Bench, Job
+from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
+from gravity_comp_ros.worker.serve import Work
+from gravity_comp_ros.worker.worker_process import command, WorkerProcess
 
 _NICENESS = 5
 
