@@ -36,6 +36,22 @@ def test_it_says_what_is_missing():
                                 'on a, b')
 
 
+def test_after_broken_effort_it_waits_for_more():
+    options = EpochOptions(capacity=200, min_samples=15, first_samples=45, full_samples=60)
+    due = {}
+    for suspect in (False, True):
+        epoch = Epoch(0, ['a', 'b'], options, has_base=True)
+        epoch.restart()
+        epoch.is_suspect = suspect
+        for k in range(80):
+            feed(epoch, 1, k)
+            if epoch.fit_is_due():
+                due[suspect] = epoch.n_train
+                break
+            assert ('after broken effort' in epoch.can_fit()) == suspect
+    assert due == {False: 15, True: 45}
+
+
 def test_fits_are_due_as_samples_grow_and_the_last_one_closes():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     due = []

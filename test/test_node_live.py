@@ -333,3 +333,7 @@ def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
     assert node.models.model is good
     assert 'rolled back by itself' in node.arm.epoch.describe()
     assert node.news[-1][0] and status(node, 'learning').level == ERROR
+    # A few samples are no proof that the effort has healed.
+    assert 'needed after broken effort' in node.arm.epoch.can_fit()
+    node.payload_changed(now + 20.0)
+    assert not node.arm.epoch.is_suspect

@@ -23,7 +23,7 @@ class EpochOptions:
     How an epoch collects and when it asks for a fit.
 
     `min_samples` to learn from are needed for a first fit if there is a model whose change it
-    may be, `first_samples` if there is none. `block` samples in a row are held out together,
+    may be, `first_samples` if there is none, or once effort was broken. `block` samples in a row are held out together,
     because neighbours in time are not independent: a tenth of a second later the arm has
     hardly moved.
 
@@ -67,6 +67,9 @@ class Epoch:
         self.number = number
         self.is_open = is_open
         self.has_base = has_base
+        # After broken effort few samples are no proof that it has healed: for a few seconds, a
+        # payload explains what a gain of one joint does.
+        self.is_suspect = False
         self.fits = 0
         # What happened to this epoch and must not be forgotten: a model that was refused or rolled
         # back, samples that were thrown away.
@@ -154,10 +157,12 @@ class Epoch:
         if self.n_samples == 0:
             return 'no slow samples yet: move the arm slowly through its range'
         options = self._options
-        least = options.min_samples if self.has_base else options.first_samples
+        certain = self.has_base and not self.is_suspect
+        least = options.min_samples if certain else options.first_samples
         if self.n_train < least or self.n_held < options.block:
+            why = ' after broken effort' if self.is_suspect else ''
             return (f'{self.n_train} samples to learn from and {self.n_held} to judge by; '
-                    f'{least} and {options.block} are needed: keep moving slowly')
+                    f'{least} and {options.block} are needed{why}: keep moving slowly')
         if len(self.lacking()) == len(self._train.names):
             return (f'no joint has moved over {self._options.min_span:g} rad: move the arm '
                     'slowly through its range')

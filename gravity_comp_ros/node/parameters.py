@@ -84,8 +84,8 @@ class Parameters:
         30, 'With a model whose change can be fitted, the first fit of an epoch waits for so many '
         'samples to learn from.', 'samples', 10, 10000)
     first_samples: int = parameter(
-        100, 'Without such a model it waits for so many: fewer fit well and predict badly.',
-        'samples', 10, 10000)
+        100, 'Without such a model it waits for so many: fewer fit well and predict badly. So it '
+        'does once the effort was broken.', 'samples', 10, 10000)
     full_samples: int = parameter(
         500, 'The epoch closes with a fit of this many samples, once every joint has its range.',
         'samples', 20, 20000)
