@@ -23,9 +23,9 @@ class EpochOptions:
     How an epoch collects and when it asks for a fit.
 
     `min_samples` to learn from are needed for a first fit if there is a model whose change it
-    may be, `first_samples` if there is none, or once effort was broken. `block` samples in a row are held out together,
-    because neighbours in time are not independent: a tenth of a second later the arm has
-    hardly moved.
+    may be, `first_samples` if there is none, or once effort was broken. `block` samples in a row
+    are held out together, because neighbours in time are not independent: a tenth of a second
+    later the arm has hardly moved.
 
     :raises OptionError: if the numbers contradict each other.
     """
