@@ -94,7 +94,7 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
             # of lengths to an arm without a description.
             missing = set(effect.setting_units) - set().union(*settings)
             assert missing <= {'inertia': {'mean_s', 'mean_c'},
-                               'rigid_body_dynamics': {'spread'}}.get(effect.name, set())
+                               'rigid_body_dynamics': {'spread', 'way'}}.get(effect.name, set())
         for setting in some(settings) if settings else []:
             columns = effect.columns(motion, joint, setting)
             k = len(effect.coefficients_of(motion, joint, setting))

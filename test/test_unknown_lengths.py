@@ -1,10 +1,14 @@
 """The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
 
+from dataclasses import replace
+
 from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned
+from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms
@@ -70,6 +74,42 @@ def test_the_nominal_arm_is_physical(seed):
     masses = dynamics.columns(q, 0.0 * q, np.tile(np.eye(n), (30, 1)))[:, :, 0].reshape(-1, n, n)
     assert masses == pytest.approx(masses.transpose(0, 2, 1), abs=1e-12)
     assert np.linalg.eigvalsh(masses).min() > 0.0
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 10 ** 6), st.integers(2, 7))
+def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
+    arm = generated_arm(4 * (seed // 4), n)
+    chain, q = chain_of(arm), drawn(n, 50, seed)[0]
+    up, down = (turned(chain, way) for way in (1.0, -1.0))
+    assert (up is chain) != (down is chain) and turned(turned(down, 1.0), -1.0) is not chain
+    # Moments about a vertical axis are 0 or free, so they are left out.
+    assert up.torque(q)[:, 1:] == pytest.approx(down.torque(q)[:, 1:], abs=1e-9)
+    speed, rate = drawn(n, 50, seed)[1:]
+    truth = of_motion(arm, q, speed, rate).ravel()
+    left = []
+    for one in (up, down):
+        flat = chain_dynamics(one).columns(q, speed, rate).reshape(len(truth), -1)
+        found = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+        left.append(np.linalg.norm(truth - flat @ found) / np.linalg.norm(truth))
+    assert left[0 if up is chain else 1] < 1e-8
+
+
+@pytest.mark.parametrize('seed', [0, 4, 8])
+def test_motion_shows_which_way_a_vertical_axis_turns(seed):
+    arm = generated_arm(seed, 5)
+    chain = chain_of(arm)
+    samples = recording(arm, seed, 20.0, 50.0)
+    effect, ways = known_effect('rigid_body_dynamics'), []
+    for start in (turned(chain, 1.0), turned(chain, -1.0)):
+        model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
+        motion = build_motion(samples, replace(model, chain=start))
+        setting, = effect.settings(motion, 0)
+        ways.append(setting['way'])
+        columns = effect.columns(motion, 0, setting)
+        assert columns.shape[2] == len(effect.coefficients_of(motion, 0, setting))
+    # Whichever way the chain came out, the dynamics are those of the arm.
+    assert ways == [1.0 if chain.axes[0, 2, 2] > 0.0 else -1.0] * 2
 
 
 def test_parts_of_a_motion_have_the_columns_of_the_whole():

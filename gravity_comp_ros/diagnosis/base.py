@@ -21,7 +21,7 @@ from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.effects.predict import installed, joint_number
-from gravity_comp_ros.estimation.base_level import levelled
+from gravity_comp_ros.models.base_level import levelled
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit

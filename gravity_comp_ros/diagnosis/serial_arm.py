@@ -11,11 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.estimation.base_level import is_level
+from gravity_comp_ros.models.base_level import is_level
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import rough_fit
 from gravity_comp_ros.models.kinematic.chain_starts import SearchOptions
@@ -47,6 +47,8 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
     :param left: (M, N) in N·m, what those leave of an arm whose base is level if it is nearly so.
     """
     chain, samples = fit_chain(cleaned, None), motion.samples
+    if chain is not None:
+        chain = _pointed(chain, motion)
     for _ in range(_TURNS):
         if chain is None:
             return None
@@ -59,6 +61,18 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
     if chain is None or (now - then).mean() > np.log(_NO_WORSE):
         return None
     return SerialArm(chain, cleaned)
+
+
+def _pointed(chain: Chain, motion: Motion) -> Chain:
+    """Return the chain with its first axis up or down as the torque of motion shows."""
+    if not _stands_level(chain, motion.samples.q):
+        return chain
+    both = [turned(chain, way) for way in (1.0, -1.0)]
+    gravity = tangent(motion.samples.q, chain)
+    n_tilts = gravity.shape[2] - chain.moments.size
+    errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(one)).held_out_errors(
+        (1.0,))[0] for one in both]
+    return both[int(np.argmin(errors))]
 
 
 def fit_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
@@ -76,10 +90,14 @@ def tangent(q: FloatArray, chain: Chain) -> FloatArray:
 
     A nearly level base is taken as level: what its tilt does is left for an effect to explain.
     """
-    level = chain.n_joints > 1 and is_level(chain.torque(q))
+    level = _stands_level(chain, q)
     if level:
         axes = chain.axes.copy()
         axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
         chain = Chain(axes, chain.moments)
     columns = chain.jacobian(q).transpose(2, 1, 0)
     return columns[:, :, 2:] if level else columns
+
+
+def _stands_level(chain: Chain, q: FloatArray) -> bool:
+    return chain.n_joints > 1 and is_level(chain.torque(q))

@@ -159,9 +159,25 @@ def described_dynamics(model: GravityModel) -> DescribedDynamics | None:
 
 
 @lru_cache(maxsize=4)
-def chain_dynamics(chain: Chain) -> ChainDynamics:
-    """Return the dynamics of a chain."""
-    return ChainDynamics.of(chain)
+def chain_dynamics(chain: Chain, way: float = 0.0) -> ChainDynamics:
+    """Return the dynamics of a chain whose first axis points a `way` (`turned`), 0 as it is."""
+    return ChainDynamics.of(turned(chain, way) if way else chain)
+
+
+def turned(chain: Chain, way: float) -> Chain:
+    """
+    Return the chain with a first axis that points up (`way` 1) or down (-1).
+
+    Gravity does not show which of the two a vertical axis does: no height depends on its angle.
+    The torque of motion does, since it couples that joint to the others.
+    """
+    if way * chain.axes[0, 2, 2] >= 0.0 or chain.n_joints < 2:
+        return chain
+    half_turn = np.diag([1.0, -1.0, -1.0])
+    axes, moments = chain.axes.copy(), chain.moments.copy()
+    axes[0], axes[1] = axes[0] @ half_turn, half_turn @ axes[1]
+    moments[0, 1] *= -1.0
+    return Chain(axes, moments)
 
 
 def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:

@@ -18,6 +18,7 @@ from gravity_comp_ros.effects.arm_dynamics import (
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
+from gravity_comp_ros.models.base_level import is_level
 import numpy as np
 
 # rad/s^2: below, the torque of motion hides in the noise.
@@ -56,29 +57,33 @@ class RigidBodyDynamics(Effect):
     per_joint = False
     pointwise = True
     expectation = Expectation.MOTION
-    setting_units = {'spread': ''}
-    not_scanned = ('spread',)
+    setting_units = {'spread': '', 'way': ''}
+    not_scanned = ('spread', 'way')
     certain = True
     needs_speed = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        if 'rigid_body' not in motion.memo:
+        key = f'rigid_body {setting.get("way", 0.0):g}'
+        if key not in motion.memo:
             samples = motion.samples
-            motion.memo['rigid_body'] = _known(motion).columns(samples.q, samples.qd, motion.qdd)
-        return motion.memo['rigid_body']
+            motion.memo[key] = _known(motion, setting).columns(samples.q, samples.qd, motion.qdd)
+        return motion.memo[key]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        dynamics = _dynamics(motion)
+        dynamics = _dynamics(motion, setting)
         return self.coefficients[:1] if dynamics is None else dynamics.coefficients()
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return how far an arm of unknown lengths may differ from the nominal one."""
-        dynamics = _dynamics(motion)
-        return [{'spread': _physical_share(motion, dynamics)}] \
-            if isinstance(dynamics, ChainDynamics) else [{}]
+        """
+        Return how far an arm of unknown lengths may differ from the nominal one.
+
+        Beside it stands which way the first axis points, where gravity does not show it.
+        """
+        dynamics = _dynamics(motion, {})
+        return [_physical(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
 
     def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        usual = _known(motion).usual
+        usual = _known(motion, setting).usual
         return np.where(np.isinf(usual), usual, setting.get('spread', 1.0) * usual)
 
     def bounded(self, setting: Setting) -> Setting:
@@ -86,7 +91,7 @@ class RigidBodyDynamics(Effect):
             else setting
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if _dynamics(motion) is None:
+        if _dynamics(motion, {}) is None:
             return ('where the axes of the arm are is unknown: no serial arm is fitted, and there '
                     'is no description of the robot')
         largest = float(np.abs(motion.qdd).max(initial=0.0))
@@ -96,40 +101,44 @@ class RigidBodyDynamics(Effect):
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
-        return (_not_positive(_known(motion), values, motion.samples.q)
+        return (_not_positive(_known(motion, setting), values, motion.samples.q)
                 or super().implausible(values, setting, motion, joint))
 
 
-def _dynamics(motion: Motion) -> Dynamics | None:
+def _dynamics(motion: Motion, setting: Setting) -> Dynamics | None:
     """Return the dynamics that a motion's gravity model has, or the serial arm in it."""
     described = None if motion.model is None else described_dynamics(motion.model)
     if described is not None or motion.serial_arm is None:
         return described
-    return chain_dynamics(motion.serial_arm)
+    return chain_dynamics(motion.serial_arm, setting.get('way', 0.0))
 
 
-def _known(motion: Motion) -> Dynamics:
-    dynamics = _dynamics(motion)
+def _known(motion: Motion, setting: Setting) -> Dynamics:
+    dynamics = _dynamics(motion, setting)
     assert dynamics is not None, 'tested before: see `untestable`'
     return dynamics
 
 
-def _physical_share(motion: Motion, dynamics: ChainDynamics) -> float:
+def _physical(motion: Motion, dynamics: ChainDynamics) -> dict[str, float]:
     """
-    Return the share of the usual spread that predicts other parts of the motion best.
+    Return the setting that predicts other parts of the motion best.
 
-    It is smaller where the fitted mass matrix would not be positive: few motions determine all
-    lengths and inertias, and the nominal arm is physical.
+    The share of the usual spread is smaller where the fitted mass matrix would not be positive:
+    few motions determine all lengths and inertias, and the nominal arm is physical.
     """
     part = motion.at(evenly_picked(motion.samples.n_samples, _FITTED))
-    q = part.samples.q
-    gravity = dynamics.chain.jacobian(q).transpose(2, 1, 0)
-    problem = MotionProblem.of(gravity, 2 * q.shape[1], part, dynamics)
-    for share in _SHARES[int(problem.held_out_errors(_SHARES).argmin()):]:
-        least, largest = _least_energy(dynamics, problem.fit(share).dynamics, q)
+    q, chain = part.samples.q, dynamics.chain
+    gravity = chain.jacobian(q).transpose(2, 1, 0)
+    tried = [(way, MotionProblem.of(gravity, 2 * q.shape[1], part, chain_dynamics(chain, way)))
+             for way in ((1.0, -1.0) if len(q) and is_level(chain.torque(q)) else (0.0,))]
+    errors = [problem.held_out_errors(_SHARES) for _, problem in tried]
+    best = int(np.argmin([error.min() for error in errors]))
+    way, problem = tried[best]
+    for share in _SHARES[int(errors[best].argmin()):]:
+        least, largest = _least_energy(chain_dynamics(chain, way), problem.fit(share).dynamics, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
-    return share
+    return {'spread': share, 'way': way} if way else {'spread': share}
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:

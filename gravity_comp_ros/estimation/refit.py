@@ -18,7 +18,7 @@ from gravity_comp_ros.effects.predict import (
     effect_torque, installed, predict_on, predict_torque)
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
-from gravity_comp_ros.estimation.base_level import levelled
+from gravity_comp_ros.models.base_level import levelled
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.effect_fit import (
     EffectFit, fit_with_terms, replaced_terms)
