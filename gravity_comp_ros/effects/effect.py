@@ -179,15 +179,6 @@ class Effect(Regressor):
         """
         return None
 
-    def bounded(self, setting: Setting) -> Setting:
-        """
-        Return a setting whose spread of the coefficients is no larger than usual.
-
-        A diagnosis counts few blocks against that spread, a refit more samples: the same one
-        leaves more open there.
-        """
-        return setting
-
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
         """

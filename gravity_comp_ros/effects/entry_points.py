@@ -36,7 +36,7 @@ class GuardedEffect(Effect):
         self.effect = effect
         # All but `untestable` is the effect's own.
         vars(self).update({name: getattr(effect, name) for name in (
-            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread', 'bounded',
+            *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread',
             'implausible')})
         super().__init__()
 

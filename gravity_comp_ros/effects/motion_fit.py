@@ -70,7 +70,7 @@ class MotionProblem:
         usual, dynamic = np.full(x.shape[2], np.inf), slice(k, k + len(dynamics.usual))
         usual[:n_tilts], usual[n_tilts:k] = _TILT, float(np.abs(samples.tau).max())
         usual[dynamic] = dynamics.usual
-        return cls(x, samples.tau, usual, dynamic, m / min(independent(samples), _MOST))
+        return cls(x, samples.tau, usual, dynamic, samples_each(samples))
 
     def fit(self, share: float = 1.0) -> MotionFit:
         """
@@ -139,6 +139,11 @@ def independent(samples: JointSamples) -> float:
     """Return how many samples count as independent, by the time that they cover."""
     lasts = sum(float(np.ptp(samples.t[run])) for run in run_slices(samples))
     return float(min(max(_INDEPENDENT * lasts, _FEWEST), max(len(samples), 1)))
+
+
+def samples_each(samples: JointSamples) -> float:
+    """Return how many samples count as one against what is known of coefficients."""
+    return len(samples) / min(independent(samples), _MOST)
 
 
 def _on_joint(joint: int, n: int, columns: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ _LEAST_ACCELERATION = 1e-3
 # the largest.
 _CHECKED, _NEGATIVE = 64, 0.05
 # Samples by which the spread of unknown lengths and inertias is settled, and what is tried.
-_FITTED, _SHARES = 1500, (4.0, 2.0, 1.0, 0.5, 0.25, 0.1)
+_FITTED, _SHARES = 1500, (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1)
 # It may be so much closer to negative beside what else is found.
 _MARGIN = 0.5
 
@@ -85,10 +85,6 @@ class RigidBodyDynamics(Effect):
     def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         usual = _known(motion, setting).usual
         return np.where(np.isinf(usual), usual, setting.get('spread', 1.0) * usual)
-
-    def bounded(self, setting: Setting) -> Setting:
-        return {**setting, 'spread': min(setting['spread'], 1.0)} if 'spread' in setting \
-            else setting
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if _dynamics(motion, {}) is None:

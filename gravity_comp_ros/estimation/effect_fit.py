@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.condense import condense
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.effects.motion_fit import samples_each
 from gravity_comp_ros.effects.predict import (
     direction_of, effect_torque, installed, predict_on)
 from gravity_comp_ros.estimation.clustered import clustered_std
@@ -28,8 +29,6 @@ import numpy as np
 
 # Lengths and axes of an arm without a description move each other for some rounds.
 _ROUNDS = 8
-# So many neighbouring residuals count as one, beside what is known of coefficients.
-_ALIKE = 10.0
 # Effects and the nuisance terms whose place they take.
 _REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
              'viscous_friction': VISCOUS, 'torque_offset': OFFSET, 'inertia': INERTIA,
@@ -96,7 +95,8 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
         if len(columns) else None
     regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
-                                  usual=_usual(motion, terms, columns, model.noise_beside))
+                                  usual=_usual(motion, rows, terms, columns,
+                                               model.noise_beside))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
@@ -134,7 +134,7 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
     return np.concatenate(parts)
 
 
-def _usual(motion: Motion, terms: Sequence[Term], columns: FloatArray,
+def _usual(motion: Motion, rows: IntArray, terms: Sequence[Term], columns: FloatArray,
            noise: FloatArray) -> FloatArray | None:
     """
     Return the spread of the terms' coefficients before any data (K,), per N·m of noise.
@@ -151,7 +151,8 @@ def _usual(motion: Motion, terms: Sequence[Term], columns: FloatArray,
         known = known or usual is not None
     if not known:
         return None
-    noise = np.sqrt(_ALIKE) * np.maximum(noise, 1e-3 * max(float(noise.max()), 1e-9))
+    each = samples_each(motion.samples.select(rows))
+    noise = np.sqrt(each) * np.maximum(noise, 1e-3 * max(float(noise.max()), 1e-9))
     lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
     weighted = np.sqrt(((columns / noise) ** 2).sum(axis=(1, 2)))
     return np.asarray(np.concatenate(parts) * weighted / np.maximum(lengths, 1e-300))

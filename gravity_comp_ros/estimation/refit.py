@@ -99,8 +99,7 @@ def refit(samples: JointSamples, model: GravityModel, wanted: Sequence[Request],
     tell('settings', 0.2)
     settled: list[tuple[Term, ...]] = [tuple(old)] * (work.n_folds + 1)
     for k, term in enumerate(new):
-        chosen = [replace(one, setting=one.effect.bounded(one.setting))
-                  for one in choose_setting(work, settled, term)]
+        chosen = choose_setting(work, settled, term)
         settled = [(*terms, one) for terms, one in zip(settled, chosen)]
         tell('settings', 0.2 + 0.2 * (k + 1) / len(new))
     tell('refit', 0.4)
