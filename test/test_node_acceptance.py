@@ -217,9 +217,15 @@ def test_a_model_that_still_changes_has_not_settled(base):
     assert unsettled(base, case.samples, noise, lambda early: base) is None
     found = unsettled(bent(base, 0.3), case.samples, noise, lambda early: base)
     assert found is not None and 'has not settled' in found and 'N·m' in found
-    early = []
-    unsettled(base, case.samples, noise, lambda part: early.append(part) or base)
-    assert len(early[0]) == 0.7 * len(case.samples) and early[0].t[0] == case.samples.t[0]
+    parts = []
+    unsettled(base, case.samples, noise, lambda part: parts.append(part) or base)
+    first, last = parts
+    assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
+    assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
+    # A model that its first part agrees with may still be contradicted by its last.
+    found = unsettled(base, case.samples, noise,
+                      lambda part: base if len(part) == 255 else bent(base, 0.3))
+    assert 'the first 90 of 300 samples changed' in found
 
     def too_few(part):
         raise FitError('10 samples are too few')
