@@ -15,6 +15,7 @@ from gravity_comp_ros.node.fit_job import work
 from gravity_comp_ros.node.fit_messages import Job, Outcome, Question
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
 from gravity_comp_ros.node.fit_questions import ask
+from living import lives
 import numpy as np
 import pytest
 from rough_links import two_links
@@ -155,17 +156,9 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
     parent.kill()
     parent.communicate()
     end = time.monotonic() + 10.0
-    while alive(pid):
+    while lives(pid):
         assert time.monotonic() < end
         time.sleep(0.005)
-
-
-def alive(pid):
-    try:
-        with open(f'/proc/{pid}/stat') as stat:
-            return stat.read().rpartition(')')[2].split()[0] != 'Z'
-    except FileNotFoundError:
-        return False
 
 
 def test_few_samples_change_the_old_model_rather_than_start_again():

@@ -207,7 +207,7 @@ def _workers(pid):
     """Return the processes that work for a server."""
     found = []
     for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
-        if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text():
+        if 'worker.serve' in Path(f'/proc/{child}/cmdline').read_text():
             found.append(int(child))
     return found
 

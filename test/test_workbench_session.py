@@ -29,6 +29,7 @@ from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.work import Given
 from gravity_comp_ros.workbench.worker import Worker
+from living import lives
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, two_links
@@ -351,17 +352,9 @@ def test_the_work_ends_with_the_page_that_asked_for_it(paths):
                           timeout=PATIENCE, env={**os.environ, 'PYTHONPATH': str(ROOT)})
     pid = int(done.stdout)
     end = time.monotonic() + PATIENCE
-    while _runs(pid):
+    while lives(pid):
         assert time.monotonic() < end, 'the worker outlives its page'
         time.sleep(0.05)
-
-
-def _runs(pid):
-    try:
-        with open(f'/proc/{pid}/stat') as stream:
-            return stream.read().rsplit(')', 1)[1].split()[0] != 'Z'
-    except OSError:
-        return False
 
 
 def test_seven_joints_have_seven_colours_and_markers():

@@ -8,6 +8,7 @@ import time
 
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress, Ready
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess
+from living import lives
 import pytest
 
 PATIENCE = 30.0
@@ -85,14 +86,6 @@ def test_it_ends_with_its_parent_in_the_middle_of_a_job():
                           timeout=PATIENCE, check=True,
                           env={**os.environ, 'PYTHONPATH': os.pathsep.join(sys.path)})
     end = time.monotonic() + PATIENCE
-    while runs(int(done.stdout)):
+    while lives(int(done.stdout)):
         assert time.monotonic() < end, 'the worker outlives its parent'
         time.sleep(0.01)
-
-
-def runs(pid):
-    try:
-        with open(f'/proc/{pid}/stat') as stream:
-            return stream.read().rsplit(')', 1)[1].split()[0] != 'Z'
-    except OSError:
-        return False

@@ -3,8 +3,8 @@ Whether a model fitted to the samples alone has settled.
 
 After a few seconds of motion, several arms explain the torques. A fit may then predict its
 held-out samples well and be wrong by many N·m at other poses of their range, by more than its
-standard deviation. More samples change such a model, and so do fewer. So it is compared with
-fits to the first and to the last part of its samples, at poses drawn from the range of the samples.
+standard deviation. More samples change such a model, and so do fewer. So it is compared with fits
+to the first and to the last part of its samples, at poses drawn from the range of the samples.
 """
 
 from __future__ import annotations
