@@ -26,6 +26,8 @@ import numpy as np
 
 # Samples whose regressor is built at once, and poses at which moments are read off a model.
 _AT_ONCE, _POSES = 4096, 256
+# Correlation from which on two functions of the pose are told from unrelated ones.
+_SHOWS = 0.1
 # How far inertias differ from those of the nominal arm, relative to what its joint carries; how
 # large a rotor is, and what every joint carries at least, relative to the joint that carries most.
 _DIFFERS, _ROTOR, _LEAST = 0.2, 0.02, 0.01
@@ -160,24 +162,51 @@ def described_dynamics(model: GravityModel) -> DescribedDynamics | None:
 
 @lru_cache(maxsize=4)
 def chain_dynamics(chain: Chain, way: float = 0.0) -> ChainDynamics:
-    """Return the dynamics of a chain whose first axis points a `way` (`turned`), 0 as it is."""
+    """Return the dynamics of a chain whose first axis turns a `way` (`turned`), 0 as it is."""
     return ChainDynamics.of(turned(chain, way) if way else chain)
 
 
 def turned(chain: Chain, way: float) -> Chain:
     """
-    Return the chain with a first axis that points up (`way` 1) or down (-1).
+    Return the chain whose first axis turns one way (1) or the other (-1).
 
-    Gravity does not show which of the two a vertical axis does: no height depends on its angle.
-    The torque of motion does, since it couples that joint to the others.
+    Gravity does not show which way a vertical axis turns: no height depends on its angle. The
+    torque of motion does, since it couples that joint to the others.
     """
-    if way * chain.axes[0, 2, 2] >= 0.0 or chain.n_joints < 2:
+    if way * way_of(chain) >= 0.0:
         return chain
     half_turn = np.diag([1.0, -1.0, -1.0])
     axes, moments = chain.axes.copy(), chain.moments.copy()
     axes[0], axes[1] = axes[0] @ half_turn, half_turn @ axes[1]
     moments[0, 1] *= -1.0
     return Chain(axes, moments)
+
+
+def way_of(chain: Chain) -> float:
+    """
+    Return which way the first axis turns: 1 or -1, or 0 where both are the same arm.
+
+    A mirror image has the same gravity and the same kinetic energy, and its first axis points the
+    other way. So the way is told by what a mirror leaves: the angle between the first axis and
+    the next one that is not fixed to it, against the gravity torque of the joint that moves that.
+    """
+    n = chain.n_joints
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
+    gravity = chain.torque(q)
+    for joint in range(1, n - 1):
+        later = q.copy()
+        later[:, joint] += 0.5 * np.pi
+        between = _between(chain, q, joint + 1) + _between(chain, later, joint + 1)
+        common = float(((between - between.mean()) * gravity[:, joint]).mean())
+        if abs(common) > _SHOWS * float(between.std() * gravity[:, joint].std()) > 0.0:
+            return float(np.sign(common))
+    return 0.0
+
+
+def _between(chain: Chain, q: FloatArray, joint: int) -> FloatArray:
+    """Return the cosine (M,) of the angle between the first axis and that of a joint."""
+    axes = ForwardKinematics(chain.axes, q).turned[:, 2]
+    return np.asarray((axes[0] * axes[joint]).sum(axis=0))
 
 
 def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import condense
-from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import samples_each
 from gravity_comp_ros.effects.predict import (
@@ -35,6 +35,8 @@ _REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
              'rigid_body_dynamics': INERTIA}
 # Columns that change by less than this share are the same; a round must lower the RMSE by this.
 _SAME, _FALLS = 0.01, 1e-3
+# Rows that show what gravity and effects leave at best.
+_ROWS = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +97,7 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
         if len(columns) else None
     regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
-                                  usual=_usual(motion, rows, terms, columns,
-                                               model.noise_beside))
+                                  usual=_usual(motion, terms, means.samples(cleaned), dense))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
@@ -134,13 +135,13 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
     return np.concatenate(parts)
 
 
-def _usual(motion: Motion, rows: IntArray, terms: Sequence[Term], columns: FloatArray,
-           noise: FloatArray) -> FloatArray | None:
+def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
+           columns: FloatArray | None) -> FloatArray | None:
     """
     Return the spread of the terms' coefficients before any data (K,), per N·m of noise.
 
-    :param columns: (K, R, N), theirs.
-    :param noise: (N,) N·m, what a model leaves beside nuisance terms; neighbours of it are alike.
+    :param samples: those that are fitted, M of them.
+    :param columns: (K, N, M), of the terms.
     """
     parts, known = [np.zeros(0)], False
     for term in terms:
@@ -149,13 +150,29 @@ def _usual(motion: Motion, rows: IntArray, terms: Sequence[Term], columns: Float
         count = len(term.effect.coefficients_of(motion, joint, term.setting))
         parts.append(np.full(count, np.inf) if usual is None else usual)
         known = known or usual is not None
-    if not known:
+    if not known or columns is None:
         return None
-    each = samples_each(motion.samples.select(rows))
-    noise = np.sqrt(each) * np.maximum(noise, 1e-3 * max(float(noise.max()), 1e-9))
+    noise = np.sqrt(samples_each(samples)) * _left(motion, samples, columns)
     lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
-    weighted = np.sqrt(((columns / noise) ** 2).sum(axis=(1, 2)))
+    weighted = np.sqrt(((columns / noise[:, None]) ** 2).sum(axis=(1, 2)))
     return np.asarray(np.concatenate(parts) * weighted / np.maximum(lengths, 1e-300))
+
+
+def _left(motion: Motion, samples: JointSamples, columns: FloatArray) -> FloatArray:
+    """Return what gravity and columns (K, N, M) leave of each joint at best (N,) in N·m."""
+    assert motion.model is not None
+    part = evenly_picked(samples.n_samples, _ROWS)
+    q = samples.q[part]
+    left = samples.tau[part] - motion.model.predict(q)
+    flat = columns[:, :, part].transpose(2, 1, 0).reshape(left.size, -1)
+    if motion.serial_arm is not None:
+        # Gravity changes beside the effects.
+        gravity = motion.serial_arm.jacobian(q).transpose(2, 1, 0)
+        flat = np.hstack([flat, gravity.reshape(left.size, -1)])
+    size = np.maximum(np.sqrt((flat ** 2).mean(axis=0)), 1e-300)
+    x = np.linalg.lstsq(flat / size, left.ravel(), rcond=1e-9)[0]
+    std = (left - ((flat / size) @ x).reshape(left.shape)).std(axis=0)
+    return np.asarray(np.maximum(std, 1e-3 * max(float(std.max()), 1e-9)))
 
 
 def _applied(motion: Motion, terms: Sequence[Term], estimate: Estimate) -> list[AppliedEffect]:
