@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.condense import condense
+from gravity_comp_ros.data.condense import condense, Condensation
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import samples_each
@@ -24,6 +24,7 @@ from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 import numpy as np
 
@@ -93,19 +94,44 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
         fixed = effect_torque(_having(model, kept, motion), motion.samples)[rows]
     cleaned = replace(part, tau=part.tau - fixed)
     means = condense(cleaned)
-    dense = np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
-        if len(columns) else None
+    dense = _condensed(means, columns)
     regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
                                   usual=_usual(motion, terms, means.samples(cleaned), dense))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
+    beside = motion.beside(gravity)
+    now = _columns(beside, rows, terms)
+    if not _same(columns, now):
+        # Beside the gravity that was found, effects that are made of it have other columns.
+        dense = _condensed(means, now)
+        usual = _usual(beside, terms, means.samples(cleaned), dense)
+        estimate = replace(estimate, effects=_again(estimate, gravity, dense, usual))
     effects = of_gravity(gravity, motion, (*kept, *_applied(motion, terms, estimate)))
     made = _having(gravity, effects, motion)
     left = motion.samples.tau[rows] - predict_on(made, motion, rows)
     rmse = np.sqrt((left ** 2).mean(axis=0))
     return EffectFit(replace(made, noise=rmse), estimate, rmse)
+
+
+def _condensed(means: Condensation, columns: FloatArray) -> FloatArray | None:
+    """Return columns (K, R, N) of condensed samples, (K, N, m); None if there are none."""
+    return np.stack([means.mean(column) for column in columns]).transpose(0, 2, 1) \
+        if len(columns) else None
+
+
+def _again(estimate: Estimate, gravity: GravityModel, columns: FloatArray | None,
+           usual: FloatArray | None) -> FloatArray:
+    """Return the coefficients (K,) of other columns (K, N, m) beside the gravity found."""
+    residual = estimate.choice.estimate.residual()
+    regression = replace(estimate.regression, effects=columns, usual=usual)
+    beside = regression.beside()
+    sigma = np.maximum(np.sqrt((regression.trust * residual ** 2).mean(axis=0)), 1e-12)
+    weights = (np.sqrt(regression.trust) / sigma).T
+    left = regression.samples.tau - gravity.predict(regression.samples.q)
+    found = WeightedNuisance(beside.columns, weights, beside.spread)
+    return found.coefficients(weights * left.T)[:regression.n_effects]
 
 
 def replaced_terms(motion: Motion, terms: Sequence[Term]) -> frozenset[tuple[str, int]]:
@@ -155,7 +181,10 @@ def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
     noise = np.sqrt(samples_each(samples)) * _left(motion, samples, columns)
     lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
     weighted = np.sqrt(((columns / noise[:, None]) ** 2).sum(axis=(1, 2)))
-    return np.asarray(np.concatenate(parts) * weighted / np.maximum(lengths, 1e-300))
+    # What this motion does not show has no length, and stays free.
+    shown = lengths > 0.0
+    return np.where(shown, np.concatenate(parts) * weighted / np.where(shown, lengths, 1.0),
+                    np.inf)
 
 
 def _left(motion: Motion, samples: JointSamples, columns: FloatArray) -> FloatArray:
