@@ -6,12 +6,14 @@ from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned, way_of
+from gravity_comp_ros.effects.motion import accelerations, build_motion
+from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms
+from gravity_comp_ros.simulation.cases import ARMS
 from gravity_comp_ros.simulation.generated import generated_arm
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -77,22 +79,31 @@ def test_the_nominal_arm_is_physical(seed):
 
 
 @settings(max_examples=15, deadline=None)
-@given(st.integers(0, 10 ** 6), st.integers(2, 7))
+@given(st.integers(0, 10 ** 6), st.integers(3, 7))
 def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     arm = generated_arm(4 * (seed // 4), n)
-    chain, q = chain_of(arm), drawn(n, 50, seed)[0]
-    up, down = (turned(chain, way) for way in (1.0, -1.0))
-    assert (up is chain) != (down is chain) and turned(turned(down, 1.0), -1.0) is not chain
-    # Moments about a vertical axis are 0 or free, so they are left out.
-    assert up.torque(q)[:, 1:] == pytest.approx(down.torque(q)[:, 1:], abs=1e-9)
-    speed, rate = drawn(n, 50, seed)[1:]
+    chain = chain_of(arm)
+    q, speed, rate = drawn(n, 50, seed)
+    way = way_of(chain)
+    assert way_of(mirrored(chain)) == way
+    assert mirrored(chain).torque(q) == pytest.approx(chain.torque(q), abs=1e-9)
+    assert turned(chain, way) is chain
+    other = turned(chain, -way)
+    assert way_of(other) == -way
+    # The moment about a vertical axis is free, so that joint is left out.
+    assert other.torque(q)[:, 1:] == pytest.approx(chain.torque(q)[:, 1:], abs=1e-9)
     truth = of_motion(arm, q, speed, rate).ravel()
-    left = []
-    for one in (up, down):
+    for one in (chain, mirrored(chain)):
         flat = chain_dynamics(one).columns(q, speed, rate).reshape(len(truth), -1)
         found = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
-        left.append(np.linalg.norm(truth - flat @ found) / np.linalg.norm(truth))
-    assert left[0 if up is chain else 1] < 1e-8
+        assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
+
+
+def mirrored(chain):
+    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
+    axes = chain.axes.copy()
+    axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
+    return Chain(axes, -chain.moments)
 
 
 @pytest.mark.parametrize('seed', [0, 4, 8])
@@ -100,16 +111,34 @@ def test_motion_shows_which_way_a_vertical_axis_turns(seed):
     arm = generated_arm(seed, 5)
     chain = chain_of(arm)
     samples = recording(arm, seed, 20.0, 50.0)
+    model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
     effect, ways = known_effect('rigid_body_dynamics'), []
     for start in (turned(chain, 1.0), turned(chain, -1.0)):
-        model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
         motion = build_motion(samples, replace(model, chain=start))
         setting, = effect.settings(motion, 0)
         ways.append(setting['way'])
         columns = effect.columns(motion, 0, setting)
         assert columns.shape[2] == len(effect.coefficients_of(motion, 0, setting))
     # Whichever way the chain came out, the dynamics are those of the arm.
-    assert ways == [1.0 if chain.axes[0, 2, 2] > 0.0 else -1.0] * 2
+    assert ways == [way_of(chain)] * 2
+
+
+@pytest.mark.parametrize('arm, seed', [('iiwa7', 2), ('six_axis', 2), ('right_seven', 1)])
+def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
+    arm = ARMS[arm]()
+    runs = concatenate([recording(arm, 10 * seed + k, 40.0, 50.0) for k in range(3)])
+    data = gc.Recording(runs, gate=None)
+    friction = [f'{name}:{joint}' for joint in arm.joints
+                for name in ('coulomb_friction', 'viscous_friction')]
+    added = gc.add_effects(gc.fit(data, formulation='chain'), data,
+                           ['rigid_body_dynamics', *friction], all_samples=True)
+    later = recording(arm, 10 * seed + 9, 20.0, 50.0)
+    qdd = accelerations(later)
+    truth = of_motion(arm, later.q, later.qd, qdd)
+    moving = [e for e in added.gravity.applied.effects if e.name == 'rigid_body_dynamics']
+    alone = replace(added.gravity, applied=replace(added.gravity.applied, effects=tuple(moving)))
+    error = (effect_torque(alone, later) - truth).std(axis=0)
+    assert (error < 0.1 * truth.std(axis=0).max()).all(), (error, truth.std(axis=0))
 
 
 def test_parts_of_a_motion_have_the_columns_of_the_whole():
