@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.condense import condense, Condensation
+from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import samples_each
@@ -24,8 +24,8 @@ from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
+from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 
 # Lengths and axes of an arm without a description move each other for some rounds.

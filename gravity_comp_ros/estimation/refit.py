@@ -18,7 +18,6 @@ from gravity_comp_ros.effects.predict import (
     effect_torque, installed, predict_on, predict_torque)
 from gravity_comp_ros.effects.request import Request
 from gravity_comp_ros.errors import DataError, FitError, Hint
-from gravity_comp_ros.models.base_level import levelled
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.effect_fit import (
     EffectFit, fit_with_terms, replaced_terms)
@@ -28,6 +27,7 @@ from gravity_comp_ros.estimation.refit_system import System
 from gravity_comp_ros.estimation.refit_terms import choose_setting, RefitProblem, Term
 from gravity_comp_ros.evaluation.blocks import Blocks, cut
 from gravity_comp_ros.models.applied_effects import AppliedEffect
+from gravity_comp_ros.models.base_level import levelled
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import OFFSET
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
