@@ -1,9 +1,10 @@
 """
 Gravity and effects together: gravity is selected anew beside the effects' columns.
 
-Some columns are made of gravity (load-dependent friction, joint elasticity, an encoder's offset).
-They are computed from the gravity that was found, and the fit is repeated; a round counts only if
-the RMSE of the model's own prediction falls, so that the repetition cannot diverge.
+Some columns are made of gravity (load-dependent friction, joint elasticity, rigid-body dynamics).
+They are computed from the gravity that was found, their coefficients are solved again beside it,
+and the fit is repeated; a round counts only if the RMSE of the model's own prediction falls, so
+that the repetition cannot diverge.
 """
 
 from __future__ import annotations
