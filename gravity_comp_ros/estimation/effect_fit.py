@@ -104,7 +104,7 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
                       provenance=model.provenance, geometry=model.geometry)
     beside = motion.beside(gravity)
     now = _columns(beside, rows, terms)
-    if not _same(columns, now):
+    if not _same(columns, now) and _symbols(motion, terms) == _symbols(beside, terms):
         # Beside the gravity that was found, effects that are made of it have other columns.
         dense = _condensed(means, now)
         usual = _usual(beside, terms, means.samples(cleaned), dense)
@@ -160,6 +160,13 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
             whole = own.transpose(2, 0, 1)
         parts.append(whole)
     return np.concatenate(parts)
+
+
+def _symbols(motion: Motion, terms: Sequence[Term]) -> list[tuple[str, ...]]:
+    """Return the symbols of each term's coefficients."""
+    return [tuple(c.symbol for c in term.effect.coefficients_of(
+        motion, 0 if term.joint is None else motion.samples.names.index(term.joint),
+        term.setting)) for term in terms]
 
 
 def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
