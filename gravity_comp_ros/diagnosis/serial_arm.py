@@ -64,7 +64,7 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
 
 
 def _pointed(chain: Chain, motion: Motion) -> Chain:
-    """Return the chain with its first axis up or down as the torque of motion shows."""
+    """Return the chain with a first axis that turns the way that motion shows."""
     if not _stands_level(chain, motion.samples.q):
         return chain
     both = [turned(chain, way) for way in (1.0, -1.0)]

@@ -77,7 +77,7 @@ class RigidBodyDynamics(Effect):
         """
         Return how far an arm of unknown lengths may differ from the nominal one.
 
-        Beside it stands which way the first axis points, where gravity does not show it.
+        Beside it stands which way the first axis turns, where gravity does not show it.
         """
         dynamics = _dynamics(motion, {})
         return [_physical(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
