@@ -41,8 +41,8 @@ def test_after_broken_effort_it_waits_for_more():
     due = {}
     for suspect in (False, True):
         epoch = Epoch(0, ['a', 'b'], options, has_base=True)
-        epoch.restart()
-        epoch.is_suspect = suspect
+        if suspect:
+            epoch.distrust()
         for k in range(80):
             feed(epoch, 1, k)
             if epoch.fit_is_due():

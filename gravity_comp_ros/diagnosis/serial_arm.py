@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, open_ways, turned
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.errors import GravityCompError
@@ -65,14 +65,14 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
 
 def _pointed(chain: Chain, motion: Motion) -> Chain:
     """Return the chain with a first axis that turns the way that motion shows."""
-    if not _stands_level(chain, motion.samples.q):
+    ways = open_ways(chain, motion.samples.q)
+    if len(ways) == 1:
         return chain
-    both = [turned(chain, way) for way in (1.0, -1.0)]
     gravity = tangent(motion.samples.q, chain)
     n_tilts = gravity.shape[2] - chain.moments.size
-    errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(one)).held_out_errors(
-        (1.0,))[0] for one in both]
-    return both[int(np.argmin(errors))]
+    errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain, way)
+                               ).held_out_errors((1.0,))[0] for way in ways]
+    return turned(chain, ways[int(np.argmin(errors))])
 
 
 def fit_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:
@@ -90,14 +90,10 @@ def tangent(q: FloatArray, chain: Chain) -> FloatArray:
 
     A nearly level base is taken as level: what its tilt does is left for an effect to explain.
     """
-    level = _stands_level(chain, q)
+    level = chain.n_joints > 1 and is_level(chain.torque(q))
     if level:
         axes = chain.axes.copy()
         axes[0] = np.eye(3) if axes[0, 2, 2] > 0.0 else np.diag([1.0, -1.0, -1.0])
         chain = Chain(axes, chain.moments)
     columns = chain.jacobian(q).transpose(2, 1, 0)
     return columns[:, :, 2:] if level else columns
-
-
-def _stands_level(chain: Chain, q: FloatArray) -> bool:
-    return chain.n_joints > 1 and is_level(chain.torque(q))

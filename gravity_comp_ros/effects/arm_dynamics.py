@@ -16,6 +16,7 @@ from functools import lru_cache
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients
+from gravity_comp_ros.models.base_level import is_level
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -164,6 +165,12 @@ def described_dynamics(model: GravityModel) -> DescribedDynamics | None:
 def chain_dynamics(chain: Chain, way: float = 0.0) -> ChainDynamics:
     """Return the dynamics of a chain whose first axis turns a `way` (`turned`), 0 as it is."""
     return ChainDynamics.of(turned(chain, way) if way else chain)
+
+
+def open_ways(chain: Chain, q: FloatArray) -> tuple[float, ...]:
+    """Return the ways that a chain's first axis may turn by its gravity at q (M, N) (`turned`)."""
+    level = chain.n_joints > 1 and len(q) > 0 and is_level(chain.torque(q))
+    return (1.0, -1.0) if level else (0.0,)
 
 
 def turned(chain: Chain, way: float) -> Chain:

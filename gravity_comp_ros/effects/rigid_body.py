@@ -14,11 +14,10 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.effects.arm_dynamics import (
-    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL)
+    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, open_ways)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
-from gravity_comp_ros.models.base_level import is_level
 import numpy as np
 
 # rad/s^2: below, the torque of motion hides in the noise.
@@ -126,7 +125,7 @@ def _physical(motion: Motion, dynamics: ChainDynamics) -> dict[str, float]:
     q, chain = part.samples.q, dynamics.chain
     gravity = chain.jacobian(q).transpose(2, 1, 0)
     tried = [(way, MotionProblem.of(gravity, 2 * q.shape[1], part, chain_dynamics(chain, way)))
-             for way in ((1.0, -1.0) if len(q) and is_level(chain.torque(q)) else (0.0,))]
+             for way in open_ways(chain, q)]
     errors = [problem.held_out_errors(_SHARES) for _, problem in tried]
     best = int(np.argmin([error.min() for error in errors]))
     way, problem = tried[best]

@@ -33,8 +33,7 @@ def clustered_std(estimate: Estimate) -> tuple[FloatArray, float]:
         blocks = cut(regression.samples, residual)
     except DataError:
         return plain, 1.96
-    sigma = np.maximum(np.sqrt((regression.trust * residual ** 2).mean(axis=0)), 1e-12)
-    weights = np.sqrt(regression.trust) / sigma
+    weights = regression.row_weights(residual)
     beside = regression.beside().columns
     assert beside is not None
     every = np.concatenate([beside, _gravity_columns(estimate)])

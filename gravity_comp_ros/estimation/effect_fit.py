@@ -69,36 +69,35 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
                                            *map(installed, kept))):
         motion, rows = motion.at(rows), np.arange(len(rows))
     best: EffectFit | None = None
-    columns: FloatArray | None = None
+    columns = _columns(motion, rows, terms)
     for _ in range(_ROUNDS):
-        last, columns = columns, _columns(motion, rows, terms)
-        if last is not None and _same(last, columns):
-            break
-        found = _once(motion, rows, model, terms, kept, columns, options, known, warm, spared)
+        found, beside, now = _once(motion, rows, model, terms, kept, columns, options, known,
+                                   warm, spared)
         if best is not None and _total(found) >= (1.0 - _FALLS) * _total(best):
             break
         best, warm = found, True
-        if not terms:
+        if _same(columns, now):
             break
-        model = found.model
-        motion = motion.beside(model)
+        motion, model, columns = beside, found.model, now
     assert best is not None
     return best
 
 
 def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
           kept: tuple[AppliedEffect, ...], columns: FloatArray, options: FitOptions,
-          known: FloatArray | None, warm: bool, spared: frozenset[tuple[str, int]]) -> EffectFit:
+          known: FloatArray | None, warm: bool, spared: frozenset[tuple[str, int]]
+          ) -> tuple[EffectFit, Motion, FloatArray]:
+    """Return a fit, and the motion and the columns (K, R, N) beside the gravity found."""
     part = motion.samples.select(rows)
     fixed = np.zeros(part.tau.shape)
     if kept:
         fixed = effect_torque(_having(model, kept, motion), motion.samples)[rows]
     cleaned = replace(part, tau=part.tau - fixed)
     means = condense(cleaned)
-    dense = _condensed(means, columns)
+    few, dense = means.samples(cleaned), _condensed(means, columns)
     regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
-                                  usual=_usual(motion, terms, means.samples(cleaned), dense))
+                                  usual=_usual(motion, terms, few, dense))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
@@ -107,13 +106,13 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
     if not _same(columns, now) and _symbols(motion, terms) == _symbols(beside, terms):
         # Beside the gravity that was found, effects that are made of it have other columns.
         dense = _condensed(means, now)
-        usual = _usual(beside, terms, means.samples(cleaned), dense)
+        usual = _usual(beside, terms, few, dense)
         estimate = replace(estimate, effects=_again(estimate, gravity, dense, usual))
     effects = of_gravity(gravity, motion, (*kept, *_applied(motion, terms, estimate)))
     made = _having(gravity, effects, motion)
     left = motion.samples.tau[rows] - predict_on(made, motion, rows)
     rmse = np.sqrt((left ** 2).mean(axis=0))
-    return EffectFit(replace(made, noise=rmse), estimate, rmse)
+    return EffectFit(replace(made, noise=rmse), estimate, rmse), beside, now
 
 
 def _condensed(means: Condensation, columns: FloatArray) -> FloatArray | None:
@@ -125,11 +124,9 @@ def _condensed(means: Condensation, columns: FloatArray) -> FloatArray | None:
 def _again(estimate: Estimate, gravity: GravityModel, columns: FloatArray | None,
            usual: FloatArray | None) -> FloatArray:
     """Return the coefficients (K,) of other columns (K, N, m) beside the gravity found."""
-    residual = estimate.choice.estimate.residual()
     regression = replace(estimate.regression, effects=columns, usual=usual)
     beside = regression.beside()
-    sigma = np.maximum(np.sqrt((regression.trust * residual ** 2).mean(axis=0)), 1e-12)
-    weights = (np.sqrt(regression.trust) / sigma).T
+    weights = regression.row_weights(estimate.choice.estimate.residual()).T
     left = regression.samples.tau - gravity.predict(regression.samples.q)
     found = WeightedNuisance(beside.columns, weights, beside.spread)
     return found.coefficients(weights * left.T)[:regression.n_effects]
@@ -151,7 +148,7 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
     names, n = motion.samples.names, motion.samples.n_joints
     parts = [np.zeros((0, len(rows), n))]
     for term in terms:
-        joint = 0 if term.joint is None else names.index(term.joint)
+        joint = term.place(names)
         own = term.effect.columns(motion, joint, term.setting)[rows]
         if own.ndim == 2:
             whole = np.zeros((own.shape[1], len(rows), n))
@@ -164,9 +161,7 @@ def _columns(motion: Motion, rows: IntArray, terms: Sequence[Term]) -> FloatArra
 
 def _symbols(motion: Motion, terms: Sequence[Term]) -> list[tuple[str, ...]]:
     """Return the symbols of each term's coefficients."""
-    return [tuple(c.symbol for c in term.effect.coefficients_of(
-        motion, 0 if term.joint is None else motion.samples.names.index(term.joint),
-        term.setting)) for term in terms]
+    return [tuple(c.symbol for c in term.coefficients(motion)) for term in terms]
 
 
 def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
@@ -179,9 +174,8 @@ def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
     """
     parts, known = [np.zeros(0)], False
     for term in terms:
-        joint = 0 if term.joint is None else motion.samples.names.index(term.joint)
-        usual = term.effect.spread(motion, joint, term.setting)
-        count = len(term.effect.coefficients_of(motion, joint, term.setting))
+        usual = term.effect.spread(motion, term.place(motion.samples.names), term.setting)
+        count = len(term.coefficients(motion))
         parts.append(np.full(count, np.inf) if usual is None else usual)
         known = known or usual is not None
     if not known or columns is None:
@@ -219,14 +213,13 @@ def _applied(motion: Motion, terms: Sequence[Term], estimate: Estimate) -> list[
     std, quantile = clustered_std(estimate)
     found, first = [], 0
     for term in terms:
-        joint = 0 if term.joint is None else motion.samples.names.index(term.joint)
-        symbols = term.effect.coefficients_of(motion, joint, term.setting)
+        coefficients = term.coefficients(motion)
         values = {}
-        for k, coefficient in enumerate(symbols, first):
+        for k, coefficient in enumerate(coefficients, first):
             x, half = float(estimate.effects[k]), float(quantile * std[k])
             values[coefficient.symbol] = Value(x, coefficient.unit, (x - half, x + half))
         found.append(AppliedEffect(term.effect.name, term.joint, dict(term.setting), values))
-        first += len(symbols)
+        first += len(coefficients)
     return found
 
 

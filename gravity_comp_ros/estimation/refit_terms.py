@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.effects.effect import Effect, Setting
+from gravity_comp_ros.effects.effect import Coefficients, Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.estimation.gravity_step import Part, step_columns, step_from, step_scale
 from gravity_comp_ros.estimation.refit_system import Prior, System
@@ -35,6 +35,15 @@ class Term:
     def key(self) -> tuple[str, tuple[tuple[str, float], ...]]:
         """Return what tells terms apart."""
         return self.target, tuple(sorted(self.setting.items()))
+
+    def place(self, joints: tuple[str, ...]) -> int:
+        """Return the joint number that the effect's functions are given."""
+        return 0 if self.joint is None else joints.index(self.joint)
+
+    def coefficients(self, motion: Motion) -> Coefficients:
+        """Return what the columns on a motion are multiplied by."""
+        return self.effect.coefficients_of(motion, self.place(motion.samples.names),
+                                           self.setting)
 
 
 @dataclass
@@ -67,7 +76,7 @@ class RefitProblem:
 
     def place(self, term: Term) -> int:
         """Return the joint number that an effect's functions are given."""
-        return 0 if term.joint is None else self.model.joints.index(term.joint)
+        return term.place(self.model.joints)
 
     def columns(self, term: Term) -> FloatArray:
         """Return a term's columns at the rows: (R, K), or (R, N, K) for effects of the arm."""
@@ -112,8 +121,7 @@ class RefitProblem:
 
     def symbols(self, term: Term) -> list[str]:
         """Return the symbols of a term's coefficients."""
-        return [c.symbol for c in term.effect.coefficients_of(
-            self.motion, self.place(term), term.setting)]
+        return [c.symbol for c in term.coefficients(self.motion)]
 
 
 def choose_setting(work: RefitProblem, settled: list[tuple[Term, ...]], term: Term,

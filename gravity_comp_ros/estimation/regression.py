@@ -71,6 +71,11 @@ class Regression:
             return left
         return np.asarray(left - np.tensordot(coefficients, columns, axes=(0, 0)).T)
 
+    def row_weights(self, residual: FloatArray) -> FloatArray:
+        """Return the weight (m, N) of each row, in units of the noise that a fit leaves (m, N)."""
+        sigma = np.maximum(np.sqrt((self.trust * residual ** 2).mean(axis=0)), 1e-12)
+        return np.asarray(np.sqrt(self.trust) / sigma)
+
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
         """Return the same with other directions of motion; all nuisance columns come back."""
         qdd = self.qdd if self.accelerated else None

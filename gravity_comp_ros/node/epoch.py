@@ -67,8 +67,6 @@ class Epoch:
         self.number = number
         self.is_open = is_open
         self.has_base = has_base
-        # After broken effort few samples are no proof that it has healed: for a few seconds, a
-        # payload explains what a gain of one joint does.
         self.is_suspect = False
         self.fits = 0
         # What happened to this epoch and must not be forgotten: a model that was refused or rolled
@@ -87,6 +85,16 @@ class Epoch:
         self._train = SampleRing(self._names, max(2, self._options.capacity - held))
         self._held = SampleRing(self._names, held)
         self._sent: dict[float, FloatArray] = {}
+
+    def distrust(self) -> None:
+        """
+        Forget all samples, since the effort was broken, and ask for more than usual.
+
+        Few samples are no proof that it has healed: for a few seconds, a payload explains what a
+        gain of one joint does.
+        """
+        self.restart()
+        self.is_suspect = True
 
     def set_options(self, options: EpochOptions) -> None:
         """Use other thresholds from now on; the capacity stays."""

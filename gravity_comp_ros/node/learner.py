@@ -184,8 +184,7 @@ class Learner:
         arm.epoch.note = f'a model was refused: {why}'
         if arm.epoch.n_samples >= KEPT_BROKEN and arm.epoch.is_open and (
                 not self._compensated):
-            arm.epoch.restart()
-            arm.epoch.is_suspect = bool(self._broken)
+            arm.epoch.distrust()
             arm.epoch.note += '; its samples were dropped'
 
     def _tell(self, number: int, success: bool, text: str) -> None:
@@ -208,8 +207,7 @@ class Learner:
         arm.use(entry.model, None, 0)
         self._outdated = self.jobs
         self._base = entry.model
-        arm.epoch.restart()
-        arm.epoch.is_suspect = True
+        arm.epoch.distrust()
         arm.epoch.note = f'rolled back by itself to the {entry.describe()}: {why}'
         self._broken = True
         self._last_fit = arm.epoch.note
