@@ -17,7 +17,7 @@ from gravity_comp_ros.node.absolute_tests import (
     dead_joint, first_model_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import as_chain
 from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.outliers import outliers_of_change
+from gravity_comp_ros.node.outliers import outliers_of_change, rms_without
 from gravity_comp_ros.node.payload import PayloadLimits
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 import numpy as np
@@ -179,6 +179,21 @@ def test_a_first_model_must_explain_every_joint():
     assert 'effort of b contradicts' in first_model_objection(samples, np.array([0.5, 4.0]))
     assert lost_gravity(samples, 5.0 * samples.tau, np.full(2, 0.1)) is not None
     assert lost_gravity(samples, 2.0 * samples.tau, np.full(2, 0.1)) is None
+
+
+def test_two_jerks_are_no_broken_effort():
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-1, 1, (150, 2))
+    gravity = q * [3.0, 10.0]
+    tau = gravity + 0.1 * rng.standard_normal(q.shape)
+    few, many = tau.copy(), tau.copy()
+    few[:2, 0] += [-8.0, 8.0]
+    many[:60, 0] += 8.0 * rng.choice([-1.0, 1.0], 60)
+    for effort, is_broken in ((few, False), (many, True)):
+        samples = JointSamples.single_run(['a', 'b'], np.arange(150), q, 0 * q + 0.1, effort)
+        left = rms_without(samples, gravity)
+        assert (first_model_objection(samples, left) is not None) == is_broken
+    assert rms_without(replace(samples, tau=few), gravity) == pytest.approx([0.1, 0.1], rel=0.2)
 
 
 def test_one_joint_alone_does_not_lose_its_gravity_to_a_payload():

@@ -199,8 +199,8 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     """
     here = predicted(model, job)
     residual = np.maximum(
-        moving_rms(job.train.tau - here.train - here.beside_train, job.train.qd),
-        moving_rms(job.held.tau - here.held - here.beside_held, job.held.qd))
+        outliers.rms_without(job.train, here.train + here.beside_train),
+        outliers.rms_without(job.held, here.held + here.beside_held))
     base = job.base
     if base is None or base.joints != job.train.names:
         return first_model_objection(job.train, residual)

@@ -16,7 +16,7 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.update import change_trust
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.node.live_friction import STANDSTILL
+from gravity_comp_ros.node.live_friction import moving_rms, STANDSTILL
 from gravity_comp_ros.node.self_confirmation import Sent
 import numpy as np
 
@@ -44,6 +44,19 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
     """
     far = robust.trust(residual, floor(samples.tau)) == 0.0
     return _unless_many(far & (np.abs(samples.qd) > STANDSTILL))
+
+
+def rms_without(samples: JointSamples, predicted: FloatArray) -> FloatArray:
+    """
+    Return the RMS (N,) in N·m of what is left of moving joints, without outliers.
+
+    Two samples at which an arm sets out with a jerk are no reason to call its effort broken.
+
+    :param predicted: gravity, friction and offset of a model that was fitted (M, N), N·m.
+    """
+    residual = samples.tau - predicted
+    few = outliers_of_fit(residual, samples)
+    return moving_rms(np.where(few, 0.0, residual), samples.qd)
 
 
 def counts(names: tuple[str, ...], outliers: BoolArray) -> Mapping[str, int]:
