@@ -6,7 +6,7 @@ from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, turned, way_of
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, open_ways, turned, way_of
 from gravity_comp_ros.effects.motion import accelerations, build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
@@ -87,8 +87,8 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     way = way_of(chain)
     assert way_of(mirrored(chain)) == way
     assert mirrored(chain).torque(q) == pytest.approx(chain.torque(q), abs=1e-9)
-    assert turned(chain, way) is chain
-    other = turned(chain, -way)
+    assert turned(chain, (way,)) is chain
+    other = turned(chain, (-way,))
     assert way_of(other) == -way
     # The moment about a vertical axis is free, so that joint is left out.
     assert other.torque(q)[:, 1:] == pytest.approx(chain.torque(q)[:, 1:], abs=1e-9)
@@ -97,6 +97,29 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
         flat = chain_dynamics(one).columns(q, speed, rate).reshape(len(truth), -1)
         found = np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
         assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
+
+
+def test_two_vertical_axes_turn_each_its_own_way():
+    # As in a SCARA, the second axis is parallel to the first.
+    arm = ARMS['right_six']()
+    chain = chain_of(arm)
+    q, speed, rate = drawn(6, 300, 1)
+    truth = of_motion(arm, q, speed, rate).ravel()
+    every, right = open_ways(chain, q), (way_of(chain), way_of(chain, 1))
+    assert len(every) == 4 and right in every
+    for start in (*(turned(chain, ways) for ways in every), mirrored(chain)):
+        assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
+        for ways in every:
+            flat = chain_dynamics(start, ways).columns(q, speed, rate).reshape(len(truth), -1)
+            left = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
+            share = np.linalg.norm(left) / np.linalg.norm(truth)
+            assert (share < 1e-8) == (ways == right), (ways, share)
+
+
+def test_a_horizontal_second_axis_has_no_way_of_its_own():
+    chain, q = chain_of(ARMS['six_axis']()), drawn(6, 50, 0)[0]
+    assert open_ways(chain, q) == [(1.0,), (-1.0,)]
+    assert open_ways(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
 
 
 def mirrored(chain):
@@ -113,7 +136,7 @@ def test_motion_shows_which_way_a_vertical_axis_turns(seed):
     samples = recording(arm, seed, 20.0, 50.0)
     model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
     effect, ways = known_effect('rigid_body_dynamics'), []
-    for start in (turned(chain, 1.0), turned(chain, -1.0)):
+    for start in (turned(chain, (1.0,)), turned(chain, (-1.0,))):
         motion = build_motion(samples, replace(model, chain=start))
         setting, = effect.settings(motion, 0)
         ways.append(setting['way'])

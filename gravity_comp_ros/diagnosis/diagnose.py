@@ -34,6 +34,8 @@ _MOST_SAMPLES = 40000
 _ROWS = 5600
 # With more joints than this there are fewer rows, so that memory does not grow with their square.
 _FULL_ROWS = 8
+# Columns are divided by no less than makes their prior worth so much of the rows, to the power -2.
+_LEAST_SCALE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +137,11 @@ def _fits(base: Base, columns: Columns) -> Fits:
     tau = motion.samples.tau
     blocks = cut(motion.samples, base.left)
     sigma = np.maximum(base.left.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
-    common = np.sqrt((columns.shared ** 2).mean(axis=(0, 1)))
     rows, usual = [], _information(columns, motion)
+    # What hardly moves the arm has tiny columns. Divided by their size they would get a prior that
+    # outweighs all other numbers, and the small ridge of a solution is relative to the mean.
+    common = np.maximum(np.sqrt((columns.shared ** 2).mean(axis=(0, 1))),
+                        _LEAST_SCALE * float(sigma.max()) * np.sqrt(usual / blocks.count))
     for joint, own in enumerate(columns.own):
         x = side_by_side([columns.shared[:, joint], *own])
         own.clear()

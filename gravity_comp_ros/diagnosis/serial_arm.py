@@ -64,15 +64,15 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
 
 
 def _pointed(chain: Chain, motion: Motion) -> Chain:
-    """Return the chain with a first axis that turns the way that motion shows."""
-    ways = open_ways(chain, motion.samples.q)
-    if len(ways) == 1:
+    """Return the chain with vertical axes that turn the way that motion shows."""
+    every = open_ways(chain, motion.samples.q)
+    if len(every) == 1:
         return chain
     gravity = tangent(motion.samples.q, chain)
     n_tilts = gravity.shape[2] - chain.moments.size
-    errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain, way)
-                               ).held_out_errors((1.0,))[0] for way in ways]
-    return turned(chain, ways[int(np.argmin(errors))])
+    errors = [MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain, ways)
+                               ).held_out_errors((1.0,))[0] for ways in every]
+    return turned(chain, every[int(np.argmin(errors))])
 
 
 def fit_chain(cleaned: JointSamples, start: Chain | None) -> Chain | None:

@@ -14,7 +14,8 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.effects.arm_dynamics import (
-    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, open_ways)
+    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, open_ways,
+    WAYS)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
@@ -56,13 +57,13 @@ class RigidBodyDynamics(Effect):
     per_joint = False
     pointwise = True
     expectation = Expectation.MOTION
-    setting_units = {'spread': '', 'way': ''}
-    not_scanned = ('spread', 'way')
+    setting_units = {'spread': '', **dict.fromkeys(WAYS, '')}
+    not_scanned = ('spread', *WAYS)
     certain = True
     needs_speed = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        key = f'rigid_body {setting.get("way", 0.0):g}'
+        key = f'rigid_body {_ways(setting)}'
         if key not in motion.memo:
             samples = motion.samples
             motion.memo[key] = _known(motion, setting).columns(samples.q, samples.qd, motion.qdd)
@@ -76,7 +77,7 @@ class RigidBodyDynamics(Effect):
         """
         Return how far an arm of unknown lengths may differ from the nominal one.
 
-        Beside it stands which way the first axis turns, where gravity does not show it.
+        Beside it stands which way a vertical axis turns, which gravity does not show.
         """
         dynamics = _dynamics(motion, {})
         return [_physical(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
@@ -105,7 +106,11 @@ def _dynamics(motion: Motion, setting: Setting) -> Dynamics | None:
     described = None if motion.model is None else described_dynamics(motion.model)
     if described is not None or motion.serial_arm is None:
         return described
-    return chain_dynamics(motion.serial_arm, setting.get('way', 0.0))
+    return chain_dynamics(motion.serial_arm, _ways(setting))
+
+
+def _ways(setting: Setting) -> tuple[float, ...]:
+    return tuple(setting[name] for name in WAYS if name in setting)
 
 
 def _known(motion: Motion, setting: Setting) -> Dynamics:
@@ -124,16 +129,16 @@ def _physical(motion: Motion, dynamics: ChainDynamics) -> dict[str, float]:
     part = motion.at(evenly_picked(motion.samples.n_samples, _FITTED))
     q, chain = part.samples.q, dynamics.chain
     gravity = chain.jacobian(q).transpose(2, 1, 0)
-    tried = [(way, MotionProblem.of(gravity, 2 * q.shape[1], part, chain_dynamics(chain, way)))
-             for way in open_ways(chain, q)]
+    tried = [(ways, MotionProblem.of(gravity, 2 * q.shape[1], part, chain_dynamics(chain, ways)))
+             for ways in open_ways(chain, q)]
     errors = [problem.held_out_errors(_SHARES) for _, problem in tried]
     best = int(np.argmin([error.min() for error in errors]))
-    way, problem = tried[best]
+    ways, problem = tried[best]
     for share in _SHARES[int(errors[best].argmin()):]:
-        least, largest = _least_energy(chain_dynamics(chain, way), problem.fit(share).dynamics, q)
+        least, largest = _least_energy(chain_dynamics(chain, ways), problem.fit(share).dynamics, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
-    return {'spread': share, 'way': way} if way else {'spread': share}
+    return {'spread': share, **dict(zip(WAYS, ways))}
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:

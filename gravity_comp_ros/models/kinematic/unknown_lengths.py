@@ -57,6 +57,22 @@ def motion_columns(chain: Chain, balls: FloatArray, q: FloatArray, qd: FloatArra
     return np.ascontiguousarray(np.concatenate(parts, axis=2).transpose(2, 1, 0))
 
 
+def product_columns(chain: Chain, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
+    """
+    Return d tau / d products (M, N, 2) of two parallel vertical first axes, per kg·m^2.
+
+    Gravity does not show the moment h_2 about the second axis. The torque of motion has it times
+    the length p_2 between the two: the part of the product along their common perpendicular and
+    the part across it.
+    """
+    n = chain.n_joints
+    moments = np.zeros((n, 2))
+    moments[1, 0] = STANDARD_GRAVITY
+    lengths = 2 + len(INERTIAS) * (n - 1)
+    every = motion_columns(Chain(chain.axes, moments), np.zeros(n), q, qd, qdd)
+    return every[:, :, lengths:lengths + 2]
+
+
 def _columns(axes: FloatArray, moments: FloatArray, balls: FloatArray, q: FloatArray,
              qd: FloatArray, qdd: FloatArray) -> FloatArray:
     frames = ForwardKinematics(axes, q).turned
