@@ -134,8 +134,11 @@ class Criteria:
         after, = self.fits.errors_with_each(joint, beside, [trial])
         if self.gain_of(trial, before, after, beside).p >= self.options.alpha:
             return False
-        shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
-        return max(shares) >= self.options.least_rare_share
+        shares = sorted((share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])),
+                        reverse=True)
+        # On one joint alone, an effect of the whole arm stands for something that is not tested.
+        joints = 2 if trial.joint is None else 1
+        return shares[:joints][-1] >= self.options.least_rare_share
 
     def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:
         """Return the effects, not chosen, that a law of speed must pay beside."""

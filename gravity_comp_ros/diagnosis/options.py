@@ -14,7 +14,9 @@ class SelectionOptions:
 
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
-    expected in every joint; `most` effects are looked for in all. Friction or an
+    expected in every joint; `most` effects are looked for in all. Something rare that acts on the
+    whole arm takes that share off two joints: on one joint alone it stands for something of that
+    joint which the motion does not show. Friction or an
     offset that takes `evident_share` off a joint's error is not corrected for the other joints and
     effects that were tried, and may be proven by its size as well: chance takes a few hundredths
     off, and a short recording has few blocks. So may what else takes `evident_rare_share` off.

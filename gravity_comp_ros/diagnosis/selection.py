@@ -22,6 +22,7 @@ import numpy as np
 _ROUNDS = 4
 # So many columns can stand for several effects.
 _MANY = 8
+_USUAL_FRICTION = 'coulomb_friction'
 _NO_GAIN = Gain(np.zeros(2), 0.0, 1.0)
 
 
@@ -47,17 +48,27 @@ def select(criteria: Criteria) -> Selection:
     """
     Choose effects until none pays; drop and swap what no longer does.
 
-    A rare effect of many columns can stand for several simple ones, each of which would be the
-    better name. So it stays only if it pays beside what is chosen where it may not be.
+    A rare effect can stand for several simple ones, each of which would be the better name. So it
+    stays only if it pays beside what is chosen where it may not be.
     """
     found = _searched(criteria, {})
     for candidate in found.chosen:
-        if candidate.effect.expectation == Expectation.RARE and len(candidate.columns) > _MANY:
+        if _may_stand_for_others(candidate, found.chosen):
             without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
             if not (criteria.is_needed(candidate, without.chosen)
                     and criteria.is_more_than_motion(candidate, without.chosen)):
                 return without
     return found
+
+
+def _may_stand_for_others(candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
+    """Return whether a rare effect has many columns, or is there instead of Coulomb friction."""
+    if candidate.effect.expectation != Expectation.RARE:
+        return False
+    return len(candidate.columns) > _MANY or (
+        _USUAL_FRICTION in candidate.effect.confounders
+        and not any((c.effect.name, c.joint) == (_USUAL_FRICTION, candidate.joint)
+                    for c in chosen))
 
 
 def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:

@@ -16,6 +16,7 @@ _SAME_POSTURE = 0.1
 # Parts of a joint's travel at either end in which the other joints are looked at.
 _END = 0.3
 _LEAST_SAMPLES = 5
+_LEAST_REVERSALS = 4
 
 
 def travel(motion: Motion, joint: int) -> float:
@@ -40,6 +41,15 @@ def reversals(motion: Motion, joint: int) -> int:
     sure = moving(motion, joint)
     up, runs = motion.samples.qd[sure, joint] > 0, motion.samples.runs[sure]
     return int(np.count_nonzero((np.diff(up.astype(int)) != 0) & (np.diff(runs) == 0)))
+
+
+def lacks_reversals(motion: Motion, joint: int) -> str | None:
+    """Return why friction near reversals has no visible course, if a joint hardly turns back."""
+    turns = reversals(motion, joint)
+    if turns < _LEAST_REVERSALS:
+        return (f'the joint turns back {turns} times; friction that builds up after a reversal '
+                f'needs at least {_LEAST_REVERSALS}')
+    return None
 
 
 def stands(motion: Motion) -> str | None:

@@ -173,7 +173,8 @@ class CoupledFriction(Effect):
         return float(rest.std()) > _OWN_DIRECTION
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        reason = facts.lacks_both_ways(motion, joint)
+        # Its direction differs from the joint's own near reversals, as hysteresis does.
+        reason = facts.lacks_both_ways(motion, joint) or facts.lacks_reversals(motion, joint)
         if reason or self.settings(motion, joint):
             return reason
         return ('neither neighbour moves together with this joint in such a way that the sum of '

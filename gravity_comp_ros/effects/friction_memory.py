@@ -24,7 +24,6 @@ _TIMES = 5
 # the direction itself turns.
 _DISTANCES = (1e-3, 0.1)
 _DISTANCE_COUNT = 6
-_LEAST_REVERSALS = 4
 # Root mean square that a column of presliding, at most 2, must have to be seen.
 _SEEN = 0.02
 
@@ -124,13 +123,7 @@ class PreslidingHysteresis(Effect):
                 for factor in (0.6, 1.6)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := facts.lacks_both_ways(motion, joint):
-            return reason
-        turns = facts.reversals(motion, joint)
-        if turns < _LEAST_REVERSALS:
-            return (f'the joint turns back {turns} times; friction that builds up after a '
-                    f'reversal needs at least {_LEAST_REVERSALS}')
-        return None
+        return facts.lacks_both_ways(motion, joint) or facts.lacks_reversals(motion, joint)
 
 
 EFFECTS = (FrictionDrift(), PreslidingHysteresis())
