@@ -22,6 +22,8 @@ _SPEEDS, _TOGETHER = (1.0, 0.6, 0.3), 0.45
 # No part takes longer, s: several short ones are better than one long one.
 _LONGEST = 8.0
 _SHORTEST = 3.0
+# One may take longer by this factor, and one that goes through a joint's whole range by twice it.
+_OVER = 1.5
 _STOPS, _STOP = 4, 0.6
 _LEAST_STROKE = 0.02
 # Sizes of waves that are tried, and time between the points at which they are checked, s.
@@ -111,11 +113,16 @@ def _of_one_joint(space: Workspace, joint: int, words: str, base: FloatArray, pa
                                  up, pace.slower(slow), longest))
     found.append(_stairs(f'in steps up and down{where}', joint, base, axis, down, up, pace,
                          longest))
+    whole = _to_and_fro(f'once through its whole range{where}', (joint,), base, axis, -down, up,
+                        pace, longest)
     amplitude = min(up, down) * axis
     if min(up, down) > _LEAST_STROKE:
         wave = wave_within(base, amplitude, np.full(len(base), 0.25), min(longest, 8.0), pace)
         found.append(Part(f'in a sine{where}', (joint,), base, (wave,)))
-    return [part for part in found if part.duration <= 1.5 * longest]
+    short = [part for part in found if part.duration <= _OVER * longest]
+    # A torque of the angle is told from gravity at the ends of the travel, in another posture.
+    is_wide = up + down > 0.5 * longest * pace.speed
+    return [*short, whole] if is_wide and whole.duration <= 2.0 * _OVER * longest else short
 
 
 def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: FloatArray,
@@ -132,7 +139,7 @@ def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: 
         low, high = _centred(down, up, min(up + down, 0.5 * longest * speed))
         found.append(_to_and_fro(f'both {how}{where}', joints, base, axis, low, high,
                                  pace.slower(speed), longest))
-    return [part for part in found if part.duration <= 1.5 * longest]
+    return [part for part in found if part.duration <= _OVER * longest]
 
 
 def _of_three_joints(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,

@@ -16,6 +16,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.diagnosis.options import VerdictOptions
 import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
@@ -26,6 +27,9 @@ from scipy.linalg import cho_factor, cho_solve
 _HALF, _WIDTH = 7.69, 0.59
 # Information is worth its logarithm from about this separation on.
 _SCALE = 4.0
+# A diagnosis asks for this share of a torque that gravity cannot imitate; a plan aims for more, as
+# gravity has more terms there.
+LEAST_LEFT, _MARGIN = VerdictOptions().least_left, 1.5
 
 
 @dataclass(frozen=True)
@@ -35,11 +39,13 @@ class Answer:
 
     `separations` are the square roots of lambda beside nuisance terms alone, then beside each
     alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
-    terms.
+    terms. `left` is the share of the target's torque that gravity cannot imitate: where it is
+    small, a diagnosis calls the size uncertain whatever the noise.
     """
 
     separations: tuple[float, ...]
     spread: FloatArray
+    left: float = 1.0
 
     @property
     def separation(self) -> float:
@@ -65,7 +71,8 @@ class Answer:
         It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
         one target is not worth all the time.
         """
-        return float(np.log1p((self.separation / _SCALE) ** 2))
+        shown = min(1.0, self.left / (_MARGIN * LEAST_LEFT)) * self.separation
+        return float(np.log1p((shown / _SCALE) ** 2))
 
 
 def chance(separation: float) -> float:
@@ -74,13 +81,14 @@ def chance(separation: float) -> float:
 
 
 def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
-           size: FloatArray) -> Answer:
+           size: FloatArray, n_gravity: int = 0) -> Answer:
     """
     Return what an information matrix (P, P) says of a question.
 
     :param prior: information (Z,) on the nuisance terms, which come first.
     :param widths: how many columns the target has, then each alternative.
     :param size: coefficients (K,) of the target.
+    :param n_gravity: of the nuisance terms so many, the first ones, are gravity's.
     """
     z, k = len(prior), widths[0]
     nuisance = information[:z, :z] + np.diag(prior)
@@ -99,7 +107,22 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
     variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
     spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
                       np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    return Answer(tuple(separations), spread)
+    return Answer(tuple(separations), spread, _left(information, prior, z, size, n_gravity))
+
+
+def _left(information: FloatArray, prior: FloatArray, z: int, size: FloatArray,
+          n_gravity: int) -> float:
+    """Return the share of the target's torque that gravity cannot imitate."""
+    gravity, own = slice(0, n_gravity), slice(z, z + len(size))
+    whole = _separation(information[own, own], size)
+    if n_gravity == 0 or whole == 0.0:
+        return 1.0
+    gram = information[gravity, gravity] + np.diag(prior[gravity])
+    scale = 1.0 / np.sqrt(np.diag(gram))
+    cross = information[gravity, own] * scale[:, None]
+    factor = cho_factor(gram * np.outer(scale, scale) + 1e-10 * np.eye(n_gravity))
+    left = information[own, own] - cross.T @ cho_solve(factor, cross)
+    return _separation(left, size) / whole
 
 
 def _separation(information: FloatArray, size: FloatArray) -> float:

@@ -87,7 +87,9 @@ class EffectInquiry:
         return self.situation.planned_information(self.question, motion)
 
     def answer(self, information: FloatArray) -> Answer:
-        return answer(information, self._prior, self._widths, self.question.size)
+        # What gravity imitates of an effect of the arm is not asked.
+        n_gravity = self.situation.n_gravity if len(self.question.joints) == 1 else 0
+        return answer(information, self._prior, self._widths, self.question.size, n_gravity)
 
     def untestable(self, both: Motion) -> str | None:
         target = self.question.target

@@ -16,7 +16,7 @@ from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
-from gravity_comp_ros.planning.criterion import Answer, chance
+from gravity_comp_ros.planning.criterion import Answer, chance, LEAST_LEFT
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, Plan, PlannedPart)
 from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
@@ -91,7 +91,8 @@ class _Asked:
             assert isinstance(old, Answer) and isinstance(new, Answer)
             none = asked.never_tested(both, target.alternatives)
             found.append(_expectation(target, asked, old.without(none), new.without(none),
-                                      self.situation, self.diagnosis, reason or ''))
+                                      self.situation, self.diagnosis,
+                                      reason or _imitated(new)))
         return tuple(found)
 
     def gravity(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
@@ -229,6 +230,13 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
             this = replace(this, start=found.pop().start)
         found.append(this)
     return tuple(found)
+
+
+def _imitated(after: Answer) -> str:
+    """Return why a diagnosis will call a size uncertain, '' if it will not."""
+    if after.left >= LEAST_LEFT:
+        return ''
+    return f'gravity can imitate all but {after.left:.1%} of its torque'
 
 
 def _unlikely(expected: Expectation) -> str:

@@ -52,8 +52,8 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
     """
     Return what a diagnosis leaves open, that which costs most first.
 
-    These are ambiguous, untestable and weak findings, and common effects that the recording
-    cannot show on a joint that moves. Inertia and Coriolis torque, which every arm has, are left
+    These are ambiguous, untestable and weak findings, the other side of a tie where the recording
+    cannot show it, and friction and offsets that it cannot show on a joint that moves. Inertia and Coriolis torque, which every arm has, are left
     to those who ask for them by name.
     """
     found: dict[tuple[str, str | None], tuple[float, Target]] = {}
@@ -67,17 +67,29 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
                 max(spans.values()) if finding.joint is None else spans[finding.joint])
             target = Target(known.name, finding.joint, finding.rivals)
             found[target.effect, target.joint] = (1e3 + cost, target)
+            # A tie stays one as long as the other effect cannot be tested.
+            for rival in _untested(finding, diagnosis):
+                found.setdefault((rival, finding.joint), (
+                    1e3 + cost, Target(rival, finding.joint, (known.name,))))
     for joint, report in diagnosis.joints.items():
         number = names.index(joint)
         moves = np.ptp(motion.samples.q[:, number]) > _MOVES
         load = float(np.abs(motion.gravity[:, number]).max())
-        for effect in _COMMON:
+        for effect in (*_COMMON, 'torque_offset'):
             loaded = effect != 'load_dependent_friction' or load > _LOADED * spans[joint]
             if effect in report.untestable and moves and loaded:
                 target = Target(effect, joint)
                 found.setdefault((effect, joint), (float(spans[joint]), target))
     ordered = sorted(found.values(), key=lambda pair: -pair[0])
     return [target for _, target in ordered[:MOST_TARGETS]]
+
+
+def _untested(finding: Finding, diagnosis: Diagnosis) -> list[str]:
+    """Return the rivals on the joint of a finding that the recording cannot show."""
+    if finding.joint is None:
+        return []
+    untestable = diagnosis.joints[finding.joint].untestable
+    return [rival for rival in finding.rivals if rival in untestable and rival in all_effects()]
 
 
 def with_stand_ins(target: Target, diagnosis: Diagnosis | None) -> Target:

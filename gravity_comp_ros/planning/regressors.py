@@ -153,6 +153,11 @@ class Situation:
         return float((np.array(samples.starts)[samples.runs] + samples.t).max())
 
     @property
+    def n_gravity(self) -> int:
+        """Return how many parameters of gravity are nuisance terms."""
+        return len(self._gravity_spread())
+
+    @property
     def skip(self) -> int:
         """Return how many rows in front of a planned motion are none of it."""
         return int(self._session is not None)
