@@ -8,6 +8,7 @@ from gravity_comp_ros.effects.presliding import presliding_state, steady_path
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
+from hypothesis import given, settings, strategies as st
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -271,3 +272,21 @@ def test_an_end_stop_is_found_where_it_is():
         left[setting['start'], setting['side']] = ((y - columns @ found) ** 2).sum()
     where, side = min(left, key=left.get)
     assert side == 1.0 and abs(where - start) < 0.03 * np.ptp(q)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10 ** 6), st.sampled_from([1e-6, 1e-5, 1e-4]))
+def test_a_path_without_flutter_turns_where_the_joint_turns(seed, noise):
+    rng = np.random.default_rng(seed)
+    turns = np.cumsum(rng.uniform(0.02, 0.5, 8) * np.resize([1.0, -1.0], 8))
+    # At rest at every turn, and 2 mrad a sample between.
+    parts = [np.concatenate([np.full(40, a), np.linspace(a, b, max(2, round(abs(b - a) / 2e-3)))])
+             for a, b in zip(turns, turns[1:])]
+    truth = np.concatenate(parts)
+    path = steady_path(truth + noise * rng.standard_normal(len(truth)))
+    # No lag: an encoder's noise is all by which the path is off.
+    assert np.abs(path - truth).max() < 6.0 * noise
+    # At rest it moves by the noise at most, however long that lasts.
+    assert np.abs(np.diff(path[:40])).sum() < 6.0 * noise
+    way = np.abs(np.diff(turns)).sum()
+    assert np.abs(np.diff(path)).sum() == pytest.approx(way, abs=12.0 * noise * len(turns))

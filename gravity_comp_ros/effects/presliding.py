@@ -45,12 +45,44 @@ def steady_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
 
     :param t: times (M,) in s; even ones if not given.
 
-    The path is pulled along on a leash of three times the noise: what is shorter does not move
-    it, so that an encoder's noise at rest does not wear down what friction has built up.
+    A joint has turned where q has gone back by nine times the noise, and its turn is where q went
+    furthest. From turn to turn the path only goes on, so that an encoder's noise at rest does not
+    wear down what friction has built up.
     """
     leash = _FLUTTER * position_noise(q, t)
     if leash <= 0.0:
         return q
+    turned = _turned(_pulled(q, leash), leash)
+    path, at, sign = np.empty_like(q), 0, turned[0][1] if turned else 0.0
+    for seen, _ in turned[1:]:
+        turn = at + int(np.argmax(sign * q[at:seen + 1]))
+        path[at:turn + 1] = sign * np.maximum.accumulate(sign * q[at:turn + 1])
+        at, sign = turn, -sign
+    path[at:] = sign * np.maximum.accumulate(sign * q[at:]) if sign else q[0]
+    return path
+
+
+def _turned(path: FloatArray, least: float) -> list[tuple[int, float]]:
+    """Return where it shows that a path (M,) goes another way by more than `least`, and which."""
+    steps = np.diff(path)
+    moves = np.flatnonzero(steps)
+    # The last sample of each stretch in one direction.
+    ends = moves[np.flatnonzero(np.diff(np.sign(steps[moves]), append=0.0))] + 1
+    found: list[tuple[int, float]] = []
+    sign, high, low = 0.0, float(path[0]), float(path[0])
+    for k, value in zip(ends.tolist(), path[ends].tolist()):
+        high, low = max(high, value), min(low, value)
+        if sign <= 0.0 and value > low + least:
+            sign, high = 1.0, value
+            found.append((k, sign))
+        elif sign >= 0.0 and value < high - least:
+            sign, low = -1.0, value
+            found.append((k, sign))
+    return found
+
+
+def _pulled(q: FloatArray, leash: float) -> FloatArray:
+    """Return q (M,) as it pulls something along on a leash: what is shorter does not move it."""
     # Each sample clips the path to a range, and clips one after another are one clip again: so
     # those of 2, 4, 8 ... samples follow from each other. The first one leaves no choice.
     low, high = q - leash, q + leash
