@@ -93,8 +93,9 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
             # The means of inertia belong to a form that a short motion is not given, the spread
             # of lengths to an arm without a description, ways to vertical axes.
             missing = set(effect.setting_units) - set().union(*settings)
-            assert missing <= {'inertia': {'mean_s', 'mean_c'},
-                               'rigid_body_dynamics': {'spread', 'way', 'way_2'}}.get(effect.name, set())
+            allowed = {'inertia': {'mean_s', 'mean_c'},
+                       'rigid_body_dynamics': {'spread', 'way', 'way_2'}}
+            assert missing <= allowed.get(effect.name, set())
         for setting in some(settings) if settings else []:
             columns = effect.columns(motion, joint, setting)
             k = len(effect.coefficients_of(motion, joint, setting))

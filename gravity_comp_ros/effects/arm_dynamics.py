@@ -167,8 +167,8 @@ def _length(joint: int, axis: str) -> Coefficient:
 
 
 def _product(joint: int, axis: str) -> Coefficient:
-    return Coefficient(f'hp{axis}_{joint}', 'kg·m^2', f'moment about axis {joint} times the length '
-                                                      f'to it, along {axis}')
+    return Coefficient(f'hp{axis}_{joint}', 'kg·m^2', f'moment about axis {joint} times the '
+                                                      f'length to it, along {axis}')
 
 
 def _rotor(joint: int) -> Coefficient:

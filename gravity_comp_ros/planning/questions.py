@@ -53,8 +53,8 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
     Return what a diagnosis leaves open, that which costs most first.
 
     These are ambiguous, untestable and weak findings, the other side of a tie where the recording
-    cannot show it, and friction and offsets that it cannot show on a joint that moves. Inertia and Coriolis torque, which every arm has, are left
-    to those who ask for them by name.
+    cannot show it, and friction and offsets that it cannot show on a joint that moves. Inertia
+    and Coriolis torque, which every arm has, are left to those who ask for them by name.
     """
     found: dict[tuple[str, str | None], tuple[float, Target]] = {}
     names = motion.samples.names
