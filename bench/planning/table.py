@@ -32,17 +32,35 @@ def settled(results: Sequence[dict[str, Any]]) -> str:
     """Return the counts of cases that are right, by poor recording or tie."""
     groups = dict.fromkeys(_group(r) for r in results)
     heads = ('recording', 'cases', 'right at once', 'left', 'planned 20 s', 'planned 7 s',
-             'planned wide 20 s', 'random 20 s', 'random, 3 joints', 'Fourier 20 s')
+             'planned wide 20 s', 'as advised', 'random 20 s', 'random, 3 joints',
+             'Fourier 20 s')
     lines = ['| ' + ' | '.join(heads) + ' |', '|' + '---|' * len(heads)]
     rows = [[r for r in results if _group(r) == group] for group in groups]
     for name, cases in [*zip(groups, rows), ('all', list(results))]:
         left = [r for r in cases if r['ways']]
-        counts = [sum(r['ways'].get(way, {}).get('verdict') == 'right' for r in left)
-                  for way in WAYS]
+        counts = [sum(_is_right(r, way) for r in left) for way in WAYS]
+        counts.insert(WAYS.index('planned_wide') + 1,
+                      sum(_is_right(r, advised(r)) for r in left))
         at_once = sum(r.get('before') == 'right' for r in cases)
         lines.append(f'| {name} | {len(cases)} | {at_once} | {len(left)} | '
                      + ' | '.join(map(str, counts)) + ' |')
     return '\n'.join(lines)
+
+
+def advised(result: dict[str, Any]) -> str:
+    """
+    Return the way that a user goes who heeds the plan.
+
+    Where it states less than an even chance near recorded poses for the hidden effect, or does
+    not plan for it, that is the plan with wider limits.
+    """
+    expected = result['ways'].get('planned', {}).get('expected', ())
+    likely = any(e['effect'] == result['effect'] and e['chance'] >= 0.5 for e in expected)
+    return 'planned' if likely else 'planned_wide'
+
+
+def _is_right(result: dict[str, Any], way: str) -> bool:
+    return result['ways'].get(way, {}).get('verdict') == 'right'
 
 
 def calibration(results: Sequence[dict[str, Any]]) -> str:
