@@ -46,11 +46,17 @@ class Part:
 
 
 def candidates(space: Workspace, model: GravityModel, joint: int, pace: Pace,
-               longest: float = _LONGEST) -> list[Part]:
-    """Return parts that move a joint, alone or with a neighbour, at several postures."""
+               longest: float = _LONGEST, whole: bool = False) -> list[Part]:
+    """
+    Return parts that move a joint, alone or with a neighbour, at several postures.
+
+    :param whole: whether the joint has to go once through its whole range as well.
+    """
     found: list[Part] = []
     for words, base in _bases(space, model, joint):
         found += _of_one_joint(space, joint, words, base, pace, longest)
+        if whole:
+            found += _whole_range(space, joint, words, base, pace, longest)
         for partner in (joint - 1, joint + 1):
             if 0 <= partner < space.n_joints:
                 found += _of_two_joints(space, (joint, partner), words, base, pace, longest)
@@ -113,16 +119,24 @@ def _of_one_joint(space: Workspace, joint: int, words: str, base: FloatArray, pa
                                  up, pace.slower(slow), longest))
     found.append(_stairs(f'in steps up and down{where}', joint, base, axis, down, up, pace,
                          longest))
-    whole = _to_and_fro(f'once through its whole range{where}', (joint,), base, axis, -down, up,
-                        pace, longest)
     amplitude = min(up, down) * axis
     if min(up, down) > _LEAST_STROKE:
         wave = wave_within(base, amplitude, np.full(len(base), 0.25), min(longest, 8.0), pace)
         found.append(Part(f'in a sine{where}', (joint,), base, (wave,)))
-    short = [part for part in found if part.duration <= _OVER * longest]
-    # A torque of the angle is told from gravity at the ends of the travel, in another posture.
-    is_wide = up + down > 0.5 * longest * pace.speed
-    return [*short, whole] if is_wide and whole.duration <= 2.0 * _OVER * longest else short
+    return [part for part in found if part.duration <= _OVER * longest]
+
+
+def _whole_range(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
+                 longest: float) -> list[Part]:
+    """Return a part that goes once to both ends of a joint's travel, if shorter ones do not."""
+    axis = np.eye(space.n_joints)[joint]
+    up, down = (space.extent(base, sign * axis, 3.0) for sign in (1.0, -1.0))
+    if up + down <= 0.5 * longest * pace.speed:
+        return []
+    where = f' {words}' if words else ''
+    part = _to_and_fro(f'once through its whole range{where}', (joint,), base, axis, -down, up,
+                       pace, longest)
+    return [part] if part.duration <= 2.0 * _OVER * longest else []
 
 
 def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: FloatArray,

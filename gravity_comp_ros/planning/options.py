@@ -55,6 +55,11 @@ class PlanOptions:
     high: FloatArray | None = None
     start: FloatArray | None = None
 
+    @property
+    def goes_beyond(self) -> bool:
+        """Return whether the motion may leave the recorded range."""
+        return self.low is not None
+
     def __post_init__(self) -> None:
         for name in ('duration', 'max_speed', 'max_acceleration', 'max_jerk', 'rate'):
             value = getattr(self, name)

@@ -34,6 +34,8 @@ Progress = Callable[[str, float], None]
 # Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
 _ROWS, _RATE = 2500, 25.0
 _LIKELY = 0.5
+# The family of effects that are told from gravity at the ends of a joint's travel.
+_ELASTIC = 'elastic'
 # The share of the samples that are slower than a joint's top speed; no motion is slower, rad/s.
 _TOP, _SLOWEST = 0.98, 0.03
 
@@ -123,7 +125,7 @@ def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target]
     if targets is None or asked_for:
         doubt = gravity_doubt(model, samples.q, samples.tau, white_noise(samples), asked_for)
     if targets is None and diagnosis is not None:
-        targets = open_targets(diagnosis, situation.recorded)
+        targets = open_targets(diagnosis, situation.recorded, options.goes_beyond)
         if doubt is not None and len(targets) == MOST_TARGETS:
             targets = [t for k, t in enumerate(targets) if k < MOST_TARGETS - 1]
     targets = [target for target in targets or () if target.effect != GRAVITY]
@@ -194,7 +196,9 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
     longest = float(np.clip(0.25 * options.duration, 3.0, 8.0))
     found: list[Part] = []
     for joint in dict.fromkeys(joints):
-        found += candidates(space, model, joint, pace, longest)
+        springs = any(known_effect(target.effect).family == _ELASTIC for target in targets
+                      if target.joint in (None, names[joint]))
+        found += candidates(space, model, joint, pace, longest, springs)
     return found
 
 

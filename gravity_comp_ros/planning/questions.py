@@ -48,14 +48,18 @@ def named_targets(effects: Iterable[str], joints: tuple[str, ...]) -> list[Targe
     return [*found, Target(GRAVITY, None)] if GRAVITY in named else found
 
 
-def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
+def open_targets(diagnosis: Diagnosis, motion: Motion, beyond: bool = False) -> list[Target]:
     """
     Return what a diagnosis leaves open, that which costs most first.
 
     These are ambiguous, untestable and weak findings, the other side of a tie where the recording
-    cannot show it, and friction and offsets that it cannot show on a joint that moves. Inertia
-    and Coriolis torque, which every arm has, are left to those who ask for them by name.
+    cannot show it, and friction that it cannot show on a joint that moves. Inertia and Coriolis
+    torque, which every arm has, are left to those who ask for them by name.
+
+    :param beyond: whether poses beyond the recorded ones may be visited. There gravity no longer
+        imitates an offset, so that those count as well.
     """
+    common = (*_COMMON, *(('torque_offset',) if beyond else ()))
     found: dict[tuple[str, str | None], tuple[float, Target]] = {}
     names = motion.samples.names
     spans = dict(zip(names, np.ptp(motion.samples.tau, axis=0)))
@@ -75,7 +79,7 @@ def open_targets(diagnosis: Diagnosis, motion: Motion) -> list[Target]:
         number = names.index(joint)
         moves = np.ptp(motion.samples.q[:, number]) > _MOVES
         load = float(np.abs(motion.gravity[:, number]).max())
-        for effect in (*_COMMON, 'torque_offset'):
+        for effect in common:
             loaded = effect != 'load_dependent_friction' or load > _LOADED * spans[joint]
             if effect in report.untestable and moves and loaded:
                 target = Target(effect, joint)
