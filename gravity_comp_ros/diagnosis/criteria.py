@@ -10,10 +10,12 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate
 from gravity_comp_ros.diagnosis.estimates import p_of_size
+from gravity_comp_ros.diagnosis.evidence import absorbed
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
+import numpy as np
 
 Key = tuple[str, int | None]
 # What a moving joint usually has.
@@ -23,6 +25,8 @@ USUAL = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 _PROMISING = 0.25
 # An alternative explains at least this part of what an effect explains in its place.
 _COMPARABLE = 0.5
+# Effects of a joint that gravity may hide, and for which something rare then stands.
+_HIDDEN = ('torque_offset', 'joint_spring')
 # (candidate, coefficients in its own units) -> why they are not physical, or None.
 Implausible = Callable[[Candidate, FloatArray], 'str | None']
 
@@ -134,11 +138,19 @@ class Criteria:
         after, = self.fits.errors_with_each(joint, beside, [trial])
         if self.gain_of(trial, before, after, beside).p >= self.options.alpha:
             return False
-        shares = sorted((share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])),
-                        reverse=True)
-        # On one joint alone, an effect of the whole arm stands for something that is not tested.
-        joints = 2 if trial.joint is None else 1
-        return shares[:joints][-1] >= self.options.least_rare_share
+        shares = [share(before[:, [n]], after[:, [n]]) for n in range(before.shape[1])]
+        if trial.joint is None and self._hides_something(int(np.argmax(shares))):
+            # On that joint it may stand for what is hidden, so another one must show it.
+            shares.remove(max(shares))
+        return max(shares, default=0.0) >= self.options.least_rare_share
+
+    def _hides_something(self, joint: int) -> bool:
+        """Return whether a spring or an offset of a joint would not show in this motion."""
+        if ('joint_spring', joint) in self.fits.layout.untestable:
+            return True
+        rows, prior = self.fits.rows[joint], self.fits.prior(joint, [])
+        return any(1.0 - absorbed(rows, c.columns, prior) < self.options.least_left ** 2
+                   for c in self.candidates if c.joint == joint and c.effect.name in _HIDDEN)
 
     def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:
         """Return the effects, not chosen, that a law of speed must pay beside."""

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.errors import OptionError
 
+# Where gravity imitates all but this share of the torque of an effect, the size is uncertain.
+LEAST_LEFT = 0.03
+
 
 @dataclass(frozen=True)
 class SelectionOptions:
@@ -15,8 +18,8 @@ class SelectionOptions:
     `alpha` is the family-wise chance of a false alarm; `least_share` of a joint's held-out
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
     expected in every joint; `most` effects are looked for in all. Something rare that acts on the
-    whole arm takes that share off two joints: on one joint alone it stands for something of that
-    joint which the motion does not show. Friction or an
+    whole arm takes that share off another joint than one whose offset or spring the motion hides,
+    since gravity imitates all but `least_left` of it. Friction or an
     offset that takes `evident_share` off a joint's error is not corrected for the other joints and
     effects that were tried, and may be proven by its size as well: chance takes a few hundredths
     off, and a short recording has few blocks. So may what else takes `evident_rare_share` off.
@@ -27,6 +30,7 @@ class SelectionOptions:
     alpha: float = 0.01
     least_share: float = 0.004
     least_rare_share: float = 0.1
+    least_left: float = LEAST_LEFT
     evident_share: float = 0.4
     evident_rare_share: float = 0.8
     most: int = 40
@@ -73,7 +77,7 @@ class VerdictOptions:
     least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
-    least_left: float = 0.03
+    least_left: float = LEAST_LEFT
     least_part: float = 0.03
     least_of_confounder: float = 0.2
 
