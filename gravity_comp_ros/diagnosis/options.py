@@ -54,7 +54,8 @@ class VerdictOptions:
     about 20 groups. `effective_each`: *established* asks for this many more a coefficient, as a
     rule of thumb of regression has it (Harrell, Regression Modeling Strategies, 2015, 4.4); of an
     effect with more than `many` coefficients any finding does, of a rare one, which could stand
-    for something common, with more than `many_rare`.
+    for something common, with more than `many_rare`; but for one that takes `evident_share` off
+    the squared error, which no chance among so many coefficients does.
     `least_reduction`: an effect that takes a smaller share off the RMSE of the joint where it
     helps most is not worth a name. `most_runs`: *established* asks for a gain in this share of
     the runs. `alike`: two effects whose columns agree to this share of their squares cannot be
@@ -74,6 +75,7 @@ class VerdictOptions:
     effective_each: float = 10.0
     many: int = 8
     many_rare: int = 2
+    evident_share: float = 0.8
     least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
@@ -84,8 +86,8 @@ class VerdictOptions:
     def __post_init__(self) -> None:
         if min(self.fewest_effective, self.least_effective, self.effective_each) < 0.0:
             raise OptionError('verdict: numbers of samples are at least 0')
-        for name in ('least_reduction', 'most_runs', 'alike', 'least_left', 'least_part',
-                     'least_of_confounder'):
+        for name in ('evident_share', 'least_reduction', 'most_runs', 'alike', 'least_left',
+                     'least_part', 'least_of_confounder'):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise OptionError(f'verdict: {name} is {getattr(self, name)}; it is a share, '
                                   f'from 0 to 1')
