@@ -11,7 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, open_ways, turned
+from gravity_comp_ros.effects.arm_dynamics import (
+    chain_dynamics, open_ways, turned, ways_of)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.errors import GravityCompError
@@ -54,7 +55,8 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
             return None
         gravity = tangent(samples.q, chain)
         n_tilts = gravity.shape[2] - chain.moments.size
-        found = MotionProblem.of(gravity, n_tilts, motion, chain_dynamics(chain)).fit()
+        dynamics = chain_dynamics(chain, ways_of(chain, samples.q))
+        found = MotionProblem.of(gravity, n_tilts, motion, dynamics).fit()
         cleaned = replace(samples, tau=samples.tau - found.beside)
         chain = fit_chain(cleaned, chain)
     now, then = (np.log(np.maximum(part.std(axis=0), 1e-9)) for part in (found.residual, left))

@@ -203,6 +203,11 @@ def open_ways(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
     return list(product((1.0, -1.0), repeat=count))
 
 
+def ways_of(chain: Chain, q: FloatArray) -> tuple[float, ...]:
+    """Return the way in which each axis turns whose way gravity at q (M, N) does not show."""
+    return tuple(way_of(chain, axis) for axis in range(len(open_ways(chain, q)[0])))
+
+
 def turned(chain: Chain, ways: tuple[float, ...]) -> Chain:
     """
     Return the chain whose first axes turn one way (1) or the other (-1); none is left as it is.
