@@ -189,7 +189,7 @@ class Criteria:
         taken = {c.key for c in chosen}
         moves = any(c.effect.certain for c in chosen)
         return [c for c in self.candidates if c.key not in taken and c.key not in refused
-                and self._has_parent(c, taken) and not (moves and _moves(c))]
+                and self.has_parent(c, taken) and not (moves and _moves(c))]
 
     def open_on(self, joint: int, chosen: Sequence[Candidate],
                 refused: Collection[Key]) -> list[Candidate]:
@@ -203,7 +203,7 @@ class Criteria:
         taken = {c.key for c in chosen if c is not candidate}
         return [c for c in self.candidates if c is not candidate
                 and c.key not in taken and c.key not in refused
-                and self._has_parent(c, taken)
+                and self.has_parent(c, taken)
                 and (c.joint == candidate.joint or c.shared or candidate.shared)]
 
     def with_each_instead(self, candidate: Candidate, others: Sequence[Candidate],
@@ -225,7 +225,8 @@ class Criteria:
             then.update(zip(map(id, here), self.fits.errors_with_each(joint, rest, here)))
         return ((c, self.fits.errors(joints[id(c)], chosen), then[id(c)]) for c in others)
 
-    def _has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
+    def has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
+        """Return whether an effect that corrects another has one to correct."""
         corrects, there = candidate.effect.corrects, taken | self.given
         return not corrects or any((name, candidate.joint) in there for name in corrects)
 

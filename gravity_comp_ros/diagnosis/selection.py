@@ -178,11 +178,16 @@ class _Search:
         return self.add_best()
 
     def remove_idle(self) -> bool:
-        """Drop a chosen effect that the others have made needless, or that is not physical."""
+        """
+        Drop a chosen effect that the others have made needless, or that is not physical.
+
+        So with one that corrects another which is not there any more.
+        """
         # What corrects another effect goes before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.corrects):
             rest = self._without(candidate)
-            if not self.criteria.is_needed(candidate, rest):
+            if not (self.criteria.has_parent(candidate, {c.key for c in rest})
+                    and self.criteria.is_needed(candidate, rest)):
                 self._change(rest)
                 return True
             if candidate.effect.certain and not self.criteria.is_physical(candidate, self.chosen):
