@@ -106,11 +106,11 @@ def test_small_effects_are_drawn_once():
 
 def test_the_tables_count():
     told = {'effect': 'coulomb_friction', 'joint': 'a', 'separation': 100.0, 'untestable': None,
-            'outcome': 'established', 'share': 1.0}
+            'outcome': 'established', 'share': 1.0, 'chance': 1.0}
     one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False}
     done = [{**one, 'before': 'right', 'ways': {}},
             {**one, 'before': 'open', 'ways': {
                 'planned': {'verdict': 'right', 'expected': [told]},
                 'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 0 | 0 | 0 | 1 |' in settled(done).splitlines()
+    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 0 | 1 | 0 | 0 | 1 |' in settled(done).splitlines()
     assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(done).splitlines()

@@ -149,7 +149,7 @@ class Criteria:
         if ('joint_spring', joint) in self.fits.layout.untestable:
             return True
         rows, prior = self.fits.rows[joint], self.fits.prior(joint, [])
-        return any(1.0 - absorbed(rows, c.columns, prior) < self.options.least_left ** 2
+        return any(1.0 - absorbed(rows, c.columns, prior) < self.options.least_shown ** 2
                    for c in self.candidates if c.joint == joint and c.effect.name in _HIDDEN)
 
     def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:

@@ -19,7 +19,7 @@ class SelectionOptions:
     error must go for an effect to be worth a name, `least_rare_share` for one that is not
     expected in every joint; `most` effects are looked for in all. Something rare that acts on the
     whole arm takes that share off another joint than one whose offset or spring the motion hides,
-    since gravity imitates all but `least_left` of it. Friction or an
+    since gravity imitates all but `least_shown` of it. Friction or an
     offset that takes `evident_share` off a joint's error is not corrected for the other joints and
     effects that were tried, and may be proven by its size as well: chance takes a few hundredths
     off, and a short recording has few blocks. So may what else takes `evident_rare_share` off.
@@ -30,7 +30,7 @@ class SelectionOptions:
     alpha: float = 0.01
     least_share: float = 0.004
     least_rare_share: float = 0.1
-    least_left: float = LEAST_LEFT
+    least_shown: float = LEAST_LEFT
     evident_share: float = 0.4
     evident_rare_share: float = 0.8
     most: int = 40
@@ -54,7 +54,7 @@ class VerdictOptions:
     about 20 groups. `effective_each`: *established* asks for this many more a coefficient, as a
     rule of thumb of regression has it (Harrell, Regression Modeling Strategies, 2015, 4.4); of an
     effect with more than `many` coefficients any finding does, of a rare one, which could stand
-    for something common, with more than `many_rare`; but for one that takes `evident_share` off
+    for something common, with more than `many_rare`; but for one that takes `evident_of_many` off
     the squared error, which no chance among so many coefficients does.
     `least_reduction`: an effect that takes a smaller share off the RMSE of the joint where it
     helps most is not worth a name. `most_runs`: *established* asks for a gain in this share of
@@ -75,7 +75,7 @@ class VerdictOptions:
     effective_each: float = 10.0
     many: int = 8
     many_rare: int = 2
-    evident_share: float = 0.8
+    evident_of_many: float = 0.8
     least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
@@ -86,7 +86,7 @@ class VerdictOptions:
     def __post_init__(self) -> None:
         if min(self.fewest_effective, self.least_effective, self.effective_each) < 0.0:
             raise OptionError('verdict: numbers of samples are at least 0')
-        for name in ('evident_share', 'least_reduction', 'most_runs', 'alike', 'least_left',
+        for name in ('evident_of_many', 'least_reduction', 'most_runs', 'alike', 'least_left',
                      'least_part', 'least_of_confounder'):
             if not 0.0 <= getattr(self, name) <= 1.0:
                 raise OptionError(f'verdict: {name} is {getattr(self, name)}; it is a share, '

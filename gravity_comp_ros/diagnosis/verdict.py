@@ -96,7 +96,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
         return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
     many = options.many_rare if candidate.effect.expectation == Expectation.RARE else options.many
     if (proof.free > many and proof.n_effective < _asked(proof, options)
-            and proof.after ** 2 > (1.0 - options.evident_share) * proof.before ** 2):
+            and proof.after ** 2 > (1.0 - options.evident_of_many) * proof.before ** 2):
         return Verdict.WEAK, _too_few(proof, options)
     doubt = _doubt(fits, chosen, candidate, proof, options)
     return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')
