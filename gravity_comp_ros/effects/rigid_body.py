@@ -119,26 +119,35 @@ def _known(motion: Motion, setting: Setting) -> Dynamics:
     return dynamics
 
 
-def _physical(motion: Motion, dynamics: ChainDynamics) -> dict[str, float]:
+def _physical(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
     """
     Return the setting that predicts other parts of the motion best.
 
     The share of the usual spread is smaller where the fitted mass matrix would not be positive:
-    few motions determine all lengths and inertias, and the nominal arm is physical.
+    few motions determine all lengths and inertias, and the nominal arm is physical. Ways in which
+    axes may turn are compared after that.
     """
     part = motion.at(evenly_picked(motion.samples.n_samples, _FITTED))
-    q, chain = part.samples.q, dynamics.chain
+    q, chain = part.samples.q, arm.chain
     gravity = chain.jacobian(q).transpose(2, 1, 0)
-    tried = [(ways, MotionProblem.of(gravity, 2 * q.shape[1], part, chain_dynamics(chain, ways)))
-             for ways in open_ways(chain, q)]
-    errors = [problem.held_out_errors(_SHARES) for _, problem in tried]
-    best = int(np.argmin([error.min() for error in errors]))
-    ways, problem = tried[best]
-    for share in _SHARES[int(errors[best].argmin()):]:
-        least, largest = _least_energy(chain_dynamics(chain, ways), problem.fit(share).dynamics, q)
+    found = []
+    for ways in open_ways(chain, q):
+        dynamics = chain_dynamics(chain, ways)
+        problem = MotionProblem.of(gravity, 2 * q.shape[1], part, dynamics)
+        found.append((*_shrunk(problem, dynamics, q), ways))
+    _, share, ways = min(found, key=lambda each: each[0])
+    return {'spread': share, **dict(zip(WAYS, ways))}
+
+
+def _shrunk(problem: MotionProblem, dynamics: ChainDynamics, q: FloatArray
+            ) -> tuple[float, float]:
+    """Return the error of other parts, and the share: the best one, or a smaller physical one."""
+    errors = problem.held_out_errors(_SHARES)
+    for number in range(int(errors.argmin()), len(_SHARES)):
+        least, largest = _least_energy(dynamics, problem.fit(_SHARES[number]).dynamics, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
-    return {'spread': share, **dict(zip(WAYS, ways))}
+    return float(errors[number]), _SHARES[number]
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:
