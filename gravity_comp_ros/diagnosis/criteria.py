@@ -10,7 +10,6 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate
 from gravity_comp_ros.diagnosis.estimates import p_of_size
-from gravity_comp_ros.diagnosis.evidence import absorbed
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.effects.effect import Expectation
@@ -148,8 +147,7 @@ class Criteria:
         """Return whether a spring or an offset of a joint would not show in this motion."""
         if ('joint_spring', joint) in self.fits.layout.untestable:
             return True
-        rows, prior = self.fits.rows[joint], self.fits.prior(joint, [])
-        return any(1.0 - absorbed(rows, c.columns, prior) < self.options.least_shown ** 2
+        return any(1.0 - self.fits.absorbed(c) < self.options.least_shown ** 2
                    for c in self.candidates if c.joint == joint and c.effect.name in _HIDDEN)
 
     def _simpler_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:

@@ -12,7 +12,7 @@ from gravity_comp_ros.diagnosis.bordered import (
     Border, border, errors_with, explained, Stem, stem)
 from gravity_comp_ros.diagnosis.candidates import AnyTrial, Candidate, Layout
 from gravity_comp_ros.diagnosis.evidence import (
-    Fit, held_out_errors, held_out_residual, joint_rows, JointRows, Prior, rebased,
+    absorbed, Fit, held_out_errors, held_out_residual, joint_rows, JointRows, Prior, rebased,
     shared_information, solve)
 from gravity_comp_ros.evaluation.blocks import Blocks
 import numpy as np
@@ -70,6 +70,11 @@ class Fits:
             self._information[key] = shared_information(
                 self.rows[n], np.concatenate([shared, own]), len(shared))
         return self._information[key]
+
+    def absorbed(self, candidate: Candidate) -> float:
+        """Return the share of an effect that gravity can imitate, given the other joints."""
+        place = candidate.place
+        return absorbed(self.rows[place], candidate.columns, self.prior(place, []))
 
     def fit(self, joint: int, chosen: Sequence[AnyTrial]) -> Fit:
         """Return the fit of one joint with these effects."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.criteria import Criteria
-from gravity_comp_ros.diagnosis.evidence import absorbed
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.evaluation.gain import Gain
 import numpy as np
@@ -51,9 +50,7 @@ class Scale:
 
     def absorbed(self, candidate: Candidate) -> float:
         """Return the share of an effect that gravity can imitate, given the other joints."""
-        fits = self.criteria.fits
-        return absorbed(fits.rows[candidate.place], candidate.columns,
-                        fits.prior(candidate.place, []))
+        return self.criteria.fits.absorbed(candidate)
 
     def left(self, candidate: Candidate) -> float:
         """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""

@@ -16,7 +16,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.options import VerdictOptions
+from gravity_comp_ros.diagnosis.options import LEAST_LEFT
 import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
@@ -27,9 +27,9 @@ from scipy.linalg import cho_factor, cho_solve
 _HALF, _WIDTH = 7.69, 0.59
 # Information is worth its logarithm from about this separation on.
 _SCALE = 4.0
-# A diagnosis asks for this share of a torque that gravity cannot imitate; a plan aims for more, as
-# gravity has more terms there.
-LEAST_LEFT, _MARGIN = VerdictOptions().least_left, 1.5
+# A plan aims for more than the share of a torque that a diagnosis asks gravity to leave: gravity
+# has more terms there.
+_MARGIN = 1.5
 
 
 @dataclass(frozen=True)
@@ -91,11 +91,7 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
     :param n_gravity: of the nuisance terms so many, the first ones, are gravity's.
     """
     z, k = len(prior), widths[0]
-    nuisance = information[:z, :z] + np.diag(prior)
-    scale = 1.0 / np.sqrt(np.diag(nuisance))
-    factor = cho_factor(nuisance * np.outer(scale, scale) + 1e-10 * np.eye(z))
-    cross = information[:z, z:] * scale[:, None]
-    left = information[z:, z:] - cross.T @ cho_solve(factor, cross)
+    left = _beside(information, prior, slice(z, None))
     own = left[:k, :k]
     separations = [_separation(own, size)]
     at = k
@@ -107,22 +103,26 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
     variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
     spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
                       np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    return Answer(tuple(separations), spread, _left(information, prior, z, size, n_gravity))
+    return Answer(tuple(separations), spread,
+                  _left(information, prior[:n_gravity], slice(z, z + k), size))
 
 
-def _left(information: FloatArray, prior: FloatArray, z: int, size: FloatArray,
-          n_gravity: int) -> float:
-    """Return the share of the target's torque that gravity cannot imitate."""
-    gravity, own = slice(0, n_gravity), slice(z, z + len(size))
+def _beside(information: FloatArray, prior: FloatArray, columns: slice) -> FloatArray:
+    """Return the information on columns that the first terms leave, with their prior (Z,)."""
+    z = len(prior)
+    known = information[:z, :z] + np.diag(prior)
+    scale = 1.0 / np.sqrt(np.diag(known))
+    factor = cho_factor(known * np.outer(scale, scale) + 1e-10 * np.eye(z))
+    cross = information[:z, columns] * scale[:, None]
+    return np.asarray(information[columns, columns] - cross.T @ cho_solve(factor, cross))
+
+
+def _left(information: FloatArray, gravity: FloatArray, own: slice, size: FloatArray) -> float:
+    """Return the share of the target's torque that gravity, with its prior, cannot imitate."""
     whole = _separation(information[own, own], size)
-    if n_gravity == 0 or whole == 0.0:
+    if not len(gravity) or whole == 0.0:
         return 1.0
-    gram = information[gravity, gravity] + np.diag(prior[gravity])
-    scale = 1.0 / np.sqrt(np.diag(gram))
-    cross = information[gravity, own] * scale[:, None]
-    factor = cho_factor(gram * np.outer(scale, scale) + 1e-10 * np.eye(n_gravity))
-    left = information[own, own] - cross.T @ cho_solve(factor, cross)
-    return _separation(left, size) / whole
+    return _separation(_beside(information, gravity, own), size) / whole
 
 
 def _separation(information: FloatArray, size: FloatArray) -> float:

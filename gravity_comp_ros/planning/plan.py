@@ -9,6 +9,7 @@ from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.diagnosis.options import LEAST_LEFT
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -16,7 +17,7 @@ from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, Part
 from gravity_comp_ros.planning.choice import Chooser
-from gravity_comp_ros.planning.criterion import Answer, chance, LEAST_LEFT
+from gravity_comp_ros.planning.criterion import Answer, chance
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, Plan, PlannedPart)
 from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
