@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.planning.poor import RATE
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning import PlanOptions
@@ -24,8 +24,19 @@ def random_slow(samples: JointSamples, options: PlanOptions, seed: int) -> motio
     """Return slow random motion of all joints within the recorded range, as fast as a plan."""
     low, high = samples.q.min(axis=0), samples.q.max(axis=0)
     limit = np.full(samples.n_joints, options.max_speed)
-    sines = motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
-    return motions.multisine(low - 1e-3, high + 1e-3, limit, seed, sines, MORE_SECONDS, RATE)
+    return motions.multisine(low - 1e-3, high + 1e-3, limit, seed, _sines(options), MORE_SECONDS,
+                             RATE)
+
+
+def _sines(options: PlanOptions) -> motions.MultisineOptions:
+    return motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
+
+
+def random_wide(samples: JointSamples, options: PlanOptions, low: FloatArray, high: FloatArray,
+                seed: int) -> motions.Motion:
+    """Return slow random motion of all joints within limits, as wide as a plan may be."""
+    limit = np.full(samples.n_joints, options.max_speed)
+    return motions.multisine(low, high, limit, seed, _sines(options), MORE_SECONDS, RATE)
 
 
 def random_near(samples: JointSamples, options: PlanOptions, joint: int,

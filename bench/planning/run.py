@@ -9,10 +9,11 @@ Run from the root of the repository; what is in the results already is not run a
 Each case is an arm with one hidden effect and a poor recording of 60 s. Those whose diagnosis is
 not right go on with a planned motion of 20 s or of 7 s near recorded poses, with one of 20 s in
 the middle half of the joints' range, and with 20 s of slow random motion of all joints, of slow
-random motion of three joints near recorded poses, and of a Fourier series that excites all
-parameters alike. A case is settled rightly if the diagnosis of both recordings finds
-the effect on its joint, established or likely, and nothing else there. The plan is for all that
-the diagnosis leaves open; in a tie it is for the hidden effect, as somebody asks who suspects it.
+random motion of three joints near recorded poses, of slow random motion in that middle half, and
+of a Fourier series that excites all parameters alike. A case is settled rightly if the diagnosis
+of both recordings finds the effect on its joint, established or likely, and nothing else there.
+The plan is for all that the diagnosis leaves open; in a tie it is for the hidden effect, as
+somebody asks who suspects it.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ import sys
 import time
 from typing import Any
 
-from bench.planning.rivals import fourier, MORE_SECONDS, played, random_near, random_slow
+from bench.planning.rivals import (
+    fourier, MORE_SECONDS, played, random_near, random_slow, random_wide)
 from bench.planning.scenes import KINDS, known_axes, Scene
 from gravity_comp_ros.data.gate import slow_samples
-from gravity_comp_ros.data.samples import concatenate
+from gravity_comp_ros.data.samples import concatenate, FloatArray
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis, FOUND
 from gravity_comp_ros.errors import GravityCompError
@@ -37,6 +39,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning import Expectation, Plan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.outcome import outcome
 from gravity_comp_ros.simulation import motions
+import numpy as np
 
 SHORT_SECONDS = 7.0
 _ALWAYS_THERE = ('inertia', 'coriolis', 'rigid_body_dynamics')
@@ -128,9 +131,15 @@ class Case:
 
     def planned_wide(self) -> tuple[motions.Motion, dict[str, Any]]:
         """Return a motion planned within the limits of the joints, not the recorded poses."""
-        arm = self.scene.made
-        return self.planned(MORE_SECONDS, low=0.5 * arm.lower, high=0.5 * arm.upper,
-                            reach=math.inf)
+        low, high = self.limits
+        return self.planned(MORE_SECONDS, low=low, high=high, reach=math.inf)
+
+    @property
+    def limits(self) -> tuple[FloatArray, FloatArray]:
+        """Return the middle half of the joints' range, with room for the recorded poses."""
+        arm, q = self.scene.made, self.old.q
+        return (np.minimum(0.5 * arm.lower, q.min(axis=0)),
+                np.maximum(0.5 * arm.upper, q.max(axis=0)))
 
     def planned(self, seconds: float, **limits: Any) -> tuple[motions.Motion, dict[str, Any]]:
         """Return the planned motion, and what was expected of it."""
@@ -147,6 +156,8 @@ class Case:
         options, seed = PlanOptions(MORE_SECONDS), self.scene.seed
         if way == 'random':
             return random_slow(self.old, options, seed), {}
+        if way == 'random_wide':
+            return random_wide(self.old, options, *self.limits, seed), {}
         if way == 'fourier':
             return fourier(self.old, self.model, options, seed), {}
         return random_near(self.old, options, self.scene.joint, seed), {}
@@ -156,7 +167,7 @@ WAYS = {'planned': lambda case: case.planned(MORE_SECONDS),
         'planned_short': lambda case: case.planned(SHORT_SECONDS),
         'planned_wide': lambda case: case.planned_wide(),
         **{way: (lambda case, way=way: case.rival(way))
-           for way in ('random', 'random_near', 'fourier')}}
+           for way in ('random', 'random_near', 'fourier', 'random_wide')}}
 
 
 def told(expectations: tuple[Expectation, ...]) -> list[dict[str, Any]]:

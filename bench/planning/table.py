@@ -16,7 +16,8 @@ from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.planning.criterion import chance
 import numpy as np
 
-WAYS = ('planned', 'planned_short', 'planned_wide', 'random', 'random_near', 'fourier')
+WAYS = ('planned', 'planned_short', 'planned_wide', 'random', 'random_near', 'fourier',
+        'random_wide')
 _BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 
 
@@ -33,7 +34,7 @@ def settled(results: Sequence[dict[str, Any]]) -> str:
     groups = dict.fromkeys(_group(r) for r in results)
     heads = ('recording', 'cases', 'right at once', 'left', 'planned 20 s', 'planned 7 s',
              'planned wide 20 s', 'as advised', 'random 20 s', 'random, 3 joints',
-             'Fourier 20 s')
+             'Fourier 20 s', 'random wide 20 s')
     lines = ['| ' + ' | '.join(heads) + ' |', '|' + '---|' * len(heads)]
     rows = [[r for r in results if _group(r) == group] for group in groups]
     for name, cases in [*zip(groups, rows), ('all', list(results))]:

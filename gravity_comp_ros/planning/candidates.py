@@ -1,7 +1,8 @@
 """
 Parts that a planned motion may be made of, each as a person would move to test something.
 
-Every part begins and ends at rest at one pose, its `base`, and moves one to three joints.
+Every part begins and ends at rest at one pose, its `base`, and moves one to three joints. Where
+more joints than that are asked about, there are parts that move all of them.
 Short strokes at creeping speed are none of them: by the criterion they tell much, but the
 direction of the joint is then the least certain, and a diagnosis sees little in them.
 """
@@ -29,6 +30,9 @@ _LEAST_STROKE = 0.02
 # Sizes of waves that are tried, and time between the points at which they are checked, s.
 _SHARES, _CHECK = (1.0, 0.7, 0.5, 0.3, 0.15), 0.02
 _MOST_BASES = 5
+# Tours of all joints: how far their postures are from the start, rad; the share of the whole
+# duration that one takes; how many postures are drawn for one, and how many tours.
+_WIDEST, _WHOLE, _POSTURES, _TOURS = 1.2, (1.0, 0.6), 40, 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,34 @@ def candidates(space: Workspace, model: GravityModel, joint: int, pace: Pace,
             if 0 <= partner < space.n_joints:
                 found += _of_two_joints(space, (joint, partner), words, base, pace, longest)
         found += _of_three_joints(space, joint, words, base, pace, longest)
+    return found
+
+
+def of_all_joints(space: Workspace, pace: Pace, duration: float) -> list[Part]:
+    """
+    Return tours of drawn postures, all joints moving at once, of up to `duration` s.
+
+    Gravity is then seen at other postures for all joints at once: one joint at a time takes longer
+    than a short motion has.
+    """
+    rng, found = np.random.default_rng(0), []
+    for number in range(_TOURS):
+        length = duration * _WHOLE[number % len(_WHOLE)]
+        legs: list[Segment] = []
+        back: list[Segment] = []
+        at, time = space.start, 0.0
+        for pose in rng.uniform(np.maximum(space.low, space.start - _WIDEST),
+                                np.minimum(space.high, space.start + _WIDEST),
+                                (_POSTURES, space.n_joints)):
+            if not (space.admits_line(at, pose) and space.admits_line(pose, space.start)):
+                continue
+            leg, home = Line(at, pose, pace), Line(pose, space.start, pace)
+            if time + leg.duration + home.duration > length:
+                continue
+            legs, back, at, time = [*legs, leg], [home], pose, time + leg.duration
+        if len(legs) > 1:
+            found.append(Part(f'all from posture to posture, tour {number + 1}',
+                              tuple(range(space.n_joints)), space.start, (*legs, *back)))
     return found
 
 

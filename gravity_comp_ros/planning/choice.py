@@ -14,7 +14,7 @@ from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
 _EXCHANGES = 2
-# Parts that a choice is grown from where the best one hides a target.
+# Parts that a choice is grown from, and where the best choice hides a target.
 _SEEDS = 3
 # Less than this is no help, in the units of `Answer.value`.
 _HELPS = 0.02
@@ -50,7 +50,7 @@ class Chooser:
 
         None comes twice: noise would average out, but what the model lacks there would not.
         """
-        chosen = self._grown([])
+        chosen = max([self._grown([]), *map(self._grown, self._best_alone())], key=self._value)
         for _ in range(_EXCHANGES):
             if not self._exchange(chosen):
                 break
@@ -100,6 +100,13 @@ class Chooser:
         gains = [0.0 if b is None else inquiry.answer(a + b).value - inquiry.answer(a).value
                  for inquiry, a, b in zip(self._inquiries[:self._n_targets], self._old, new)]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
+
+    def _best_alone(self) -> list[list[int]]:
+        """Return the parts that tell most, each by itself: a long one never comes by its rate."""
+        values = self._values(self._old)
+        gains = [self._gain(self._old, values, k) for k in range(len(self._parts))]
+        return [[int(k)] for k in np.argsort(gains)[::-1][:_SEEDS]
+                if gains[k] > _HELPS and self._is_clear(int(k))]
 
     def _grown(self, chosen: list[int], most_hidden: int | None = None) -> list[int]:
         """Return parts with others added as long as one helps and none hides a target."""

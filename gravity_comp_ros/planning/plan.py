@@ -15,7 +15,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.candidates import candidates, Part
+from gravity_comp_ros.planning.candidates import candidates, of_all_joints, Part
 from gravity_comp_ros.planning.choice import Chooser
 from gravity_comp_ros.planning.criterion import Answer, chance
 from gravity_comp_ros.planning.expected import (
@@ -35,6 +35,8 @@ Progress = Callable[[str, float], None]
 # Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
 _ROWS, _RATE = 2500, 25.0
 _LIKELY = 0.5
+# Where targets are on more joints than this, parts that move all joints are tried too.
+_TOGETHER = 3
 # The family of effects that are told from gravity at the ends of a joint's travel.
 _ELASTIC = 'elastic'
 # The share of the samples that are slower than a joint's top speed; no motion is slower, rad/s.
@@ -95,7 +97,8 @@ class _Asked:
             none = asked.never_tested(both, target.alternatives)
             found.append(_expectation(target, asked, old.without(none), new.without(none),
                                       self.situation, self.diagnosis,
-                                      reason or _imitated(new)))
+                                      reason or asked.tie_stays(both, target.alternatives)
+                                      or _imitated(new)))
         return tuple(found)
 
     def gravity(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
@@ -200,6 +203,8 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
         springs = any(known_effect(target.effect).family == _ELASTIC for target in targets
                       if target.joint in (None, names[joint]))
         found += candidates(space, model, joint, pace, longest, springs)
+    if len(set(joints)) > _TOGETHER:
+        found += of_all_joints(space, pace, options.duration)
     return found
 
 

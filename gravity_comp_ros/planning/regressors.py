@@ -30,6 +30,8 @@ _OWN = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 _AXIS_SPREAD = 0.3
 # A new recording is taken to begin so long after the last one, s.
 _PAUSE = 60.0
+# Directions of nuisance columns smaller than this share of the largest are none.
+_DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,20 @@ class Question:
         names = {name.partition(':')[0] for name in named}
         return {k for k, other in enumerate(self.alternatives) if other.effect.name not in names
                 and other.effect.untestable(both, other.joint or 0) is not None}
+
+
+    def tie_stays(self, both: Motion, named: Sequence[str]) -> str:
+        """
+        Return why a diagnosis of a motion will still call this ambiguous, '' if it will not.
+
+        :param named: alternatives that explained the recordings as well, each NAME or NAME:JOINT.
+        """
+        for other in self.alternatives:
+            if other.joint == self.target.joint and other.effect.name in named:
+                reason = other.effect.untestable(both, other.joint or 0)
+                if reason is not None:
+                    return f'{other.effect.name}, which may explain it, stays untestable: {reason}'
+        return ''
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +218,26 @@ class Situation:
             total = part if total is None else total + part
         if total is None:
             raise OptionError('plan: a question about no joint')
+        k = gravity.shape[2]
+        for n in set(range(self.n_joints)) - set(question.joints):
+            total[:k, :k] += (seconds * self.noise.per_second[n]) * self._shared(motion, n, skip)
         return total
+
+    def _shared(self, motion: Motion, joint: int, skip: int) -> FloatArray:
+        """
+        Return the information of a joint's rows on gravity, kept with the motion.
+
+        Its own nuisance terms are projected out of each motion by itself: the diagnosis, which
+        has them once for all, finds no less.
+        """
+        key = f'shared by {joint}'
+        if key not in motion.memo:
+            rows, own = self._gravity(motion)[skip:, joint], _own('', motion, joint)[skip:]
+            basis, size, _ = np.linalg.svd(own, full_matrices=False)
+            basis = basis[:, size > _DEPENDENT * max(size.max(initial=0.0), 1e-300)]
+            rest = rows - basis @ (basis.T @ rows)
+            motion.memo[key] = rest.T @ rest
+        return motion.memo[key]
 
     def measured(self, questions: Sequence[Question]) -> Situation:
         """
