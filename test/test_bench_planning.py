@@ -107,10 +107,13 @@ def test_small_effects_are_drawn_once():
 def test_the_tables_count():
     told = {'effect': 'coulomb_friction', 'joint': 'a', 'separation': 100.0, 'untestable': None,
             'outcome': 'established', 'share': 1.0, 'chance': 1.0}
-    one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False}
+    one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False,
+           'left': 'absent'}
     done = [{**one, 'before': 'right', 'ways': {}},
-            {**one, 'before': 'open', 'ways': {
+            {**one, 'before': 'open', 'left': 'weak', 'ways': {
                 'planned': {'verdict': 'right', 'expected': [told]},
                 'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 0 | 1 | 0 | 0 | 1 |' in settled(done).splitlines()
+    lines = settled(done).splitlines()
+    assert '| narrow | 2 | 1 | 1 | 1 | 0 | 1 | 1 |' in lines
+    assert '| all that the diagnosis says | 1 | 0 | 1 | 1 | 0 | 1 | 1 |' in lines
     assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(done).splitlines()

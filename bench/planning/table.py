@@ -14,10 +14,14 @@ from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
 from gravity_comp_ros.planning.criterion import chance
+from gravity_comp_ros.planning.questions import OPEN
 import numpy as np
 
-WAYS = ('planned', 'planned_short', 'planned_wide', 'random', 'random_near', 'fourier',
-        'random_wide')
+# Columns of the table, by way; that of a user who heeds the plan stands beside them.
+WAYS = {'planned': 'planned 20 s', 'planned_short': 'planned 7 s',
+        'planned_wide': 'planned wide 20 s', 'random': 'random 20 s',
+        'random_near': 'random, 3 joints', 'fourier': 'Fourier 20 s',
+        'random_wide': 'random wide 20 s'}
 _BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 
 
@@ -30,18 +34,21 @@ def main() -> int:
 
 
 def settled(results: Sequence[dict[str, Any]]) -> str:
-    """Return the counts of cases that are right, by poor recording or tie."""
+    """
+    Return the counts of cases that are right, by poor recording or tie.
+
+    The last row has those of which the diagnosis says itself that the effect is open.
+    """
     groups = dict.fromkeys(_group(r) for r in results)
-    heads = ('recording', 'cases', 'right at once', 'left', 'planned 20 s', 'planned 7 s',
-             'planned wide 20 s', 'as advised', 'random 20 s', 'random, 3 joints',
-             'Fourier 20 s', 'random wide 20 s')
-    lines = ['| ' + ' | '.join(heads) + ' |', '|' + '---|' * len(heads)]
-    rows = [[r for r in results if _group(r) == group] for group in groups]
-    for name, cases in [*zip(groups, rows), ('all', list(results))]:
+    ways = [way for way in WAYS if any(way in r['ways'] for r in results)]
+    heads = ('recording', 'cases', 'right at once', 'left', *map(WAYS.get, ways), 'as advised')
+    lines = ['| ' + ' | '.join(map(str, heads)) + ' |', '|' + '---|' * len(heads)]
+    rows = [(name, [r for r in results if _group(r) == name]) for name in groups]
+    said = [r for r in results if r.get('left') in OPEN]
+    for name, cases in [*rows, ('all', list(results)), ('all that the diagnosis says', said)]:
         left = [r for r in cases if r['ways']]
-        counts = [sum(_is_right(r, way) for r in left) for way in WAYS]
-        counts.insert(WAYS.index('planned_wide') + 1,
-                      sum(_is_right(r, advised(r)) for r in left))
+        counts = [sum(_is_right(r, way) for r in left) for way in ways]
+        counts.append(sum(_is_right(r, advised(r)) for r in left))
         at_once = sum(r.get('before') == 'right' for r in cases)
         lines.append(f'| {name} | {len(cases)} | {at_once} | {len(left)} | '
                      + ' | '.join(map(str, counts)) + ' |')
