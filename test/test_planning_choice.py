@@ -1,11 +1,15 @@
 """What is planned, and what is expected of it, on an arm whose truth is known."""
 
+from dataclasses import replace
+
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
 from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.criterion import answer, chance
 from gravity_comp_ros.planning.questions import observed_separation, open_targets
+from gravity_comp_ros.planning.regressors import Alternative, NoiseRate, Question, Situation
 from hypothesis import given, settings, strategies
 import numpy as np
 from planning_arm import CHAIN, model, NAMES, NOISE, one_way
@@ -78,6 +82,46 @@ def test_nothing_left_of_a_column_is_no_information():
     found = answer(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
     assert found.separation < 1e-2 and np.isinf(found.spread[0])
     assert chance(found.separation) < 1e-3
+
+
+def test_other_joints_say_of_gravity_what_least_squares_says():
+    # An offset of the elbow, gravity's parameters, and nuisance terms of every joint.
+    old, no_setting = build_motion(one_way(0, duration=20.0, rate=20.0), model()), {}
+    noise = NoiseRate(np.array([400.0, 100.0, 900.0]))
+    situation = Situation(old, model(), noise, 0.05, 20.0)
+    offset = Alternative(all_effects()['torque_offset'], 1, no_setting)
+    asked = Question(offset, (), np.ones(1), (1,), False)
+    found = situation.information(asked, old, 0.05)
+    k, gravity = situation.n_gravity, CHAIN.jacobian(old.samples.q)[2:]
+    own = situation.own_columns(old)
+    per_joint = own.shape[2]
+    normal = np.zeros((k + 3 * per_joint,) * 2)
+    for n in range(3):
+        rows = np.zeros((len(old.samples.q), len(normal)))
+        rows[:, :k] = gravity[:, n].T
+        rows[:, k + n * per_joint:k + (n + 1) * per_joint] = own[:, n]
+        normal += 0.05 * noise.per_second[n] * rows.T @ rows
+    # Of the elbow the offset is the question; the others' nuisance terms are projected out.
+    others = np.r_[k:k + per_joint, k + 2 * per_joint:len(normal)]
+    kept = np.setdiff1d(np.arange(len(normal)), others)
+    left = normal[np.ix_(kept, kept)] - normal[np.ix_(kept, others)] @ np.linalg.pinv(
+        normal[np.ix_(others, others)], rcond=1e-12) @ normal[np.ix_(others, kept)]
+    np.testing.assert_allclose(found[:k, :k], left[:k, :k], atol=1e-5 * np.abs(left).max())
+
+
+def test_a_tie_stays_while_the_other_effect_cannot_be_shown():
+    old, known = one_way(0), all_effects()
+    held = replace(old, q=old.q * [0.0, 1.0, 0.0], qd=old.qd * [0.0, 1.0, 0.0])
+    spring = Alternative(known['joint_spring'], 1, {'centre': 0.0, 'overtones': 1.0})
+    offset = Alternative(known['torque_offset'], 1, {})
+    asked = Question(offset, (spring,), np.ones(1), (1,), False)
+    alone = build_motion(held, model())
+    reason = known['joint_spring'].untestable(alone, 1)
+    assert reason and asked.tie_stays(alone, ('joint_spring',)) == (
+        f'joint_spring, which may explain it, stays untestable: {reason}')
+    # It is no tie if the diagnosis did not name it, nor where the spring would show.
+    assert not asked.tie_stays(alone, ())
+    assert not asked.tie_stays(build_motion(old, model()), ('joint_spring',))
 
 
 def finding(effect, joint, verdict, before=0.1, after=0.05, rivals=()):

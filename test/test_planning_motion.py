@@ -3,6 +3,7 @@
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.errors import BagError, DataError, OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
+from gravity_comp_ros.planning.candidates import of_all_joints
 from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.planning.segments import Hold, Line, Pace, sampled, wave_within
 from gravity_comp_ros.planning.workspace import workspace
@@ -85,6 +86,21 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     assert (motion.q <= old.q.max(axis=0) + 1e-9).all()
     np.testing.assert_allclose(motion.q[0], motion.q[-1], atol=1e-9)
     assert np.abs(motion.qd[[0, -1]]).max() < 1e-9
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=strategies.integers(0, 100), duration=strategies.floats(4.0, 30.0),
+       speed=strategies.floats(0.05, 1.0), reach=strategies.floats(0.05, 2.0))
+def test_tours_of_all_joints_keep_their_limits(seed, duration, speed, reach):
+    old = one_way(seed, duration=20.0, rate=20.0)
+    space = workspace(old, PlanOptions(duration, reach=reach))
+    pace = Pace(speed, 1.0, 10.0)
+    for part in of_all_joints(space, pace, duration):
+        assert part.joints == (0, 1, 2) and part.duration <= duration * (1 + 1e-9)
+        check_pace(part.segments, pace, 500.0)
+        _, (q, _, _) = sampled(part.segments, 100.0)
+        assert space.admits(q)
+        np.testing.assert_allclose(q[[0, -1]], [space.start, space.start], atol=1e-9)
 
 
 def test_start_and_limits_of_ones_own():
