@@ -91,7 +91,7 @@ def of_all_joints(space: Workspace, pace: Pace, duration: float) -> list[Part]:
                 continue
             legs, back, at, time = [*legs, leg], [home], pose, time + leg.duration
         if len(legs) > 1:
-            found.append(Part(f'all from posture to posture, tour {number + 1}',
+            found.append(Part(f'together through {len(legs)} postures, tour {number + 1}',
                               tuple(range(space.n_joints)), space.start, (*legs, *back)))
     return found
 

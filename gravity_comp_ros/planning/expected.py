@@ -22,7 +22,7 @@ class PlannedPart:
 
     @property
     def sentence(self) -> str:
-        names = ' and '.join(self.joints)
+        names = ' and '.join(filter(None, [', '.join(self.joints[:-1]), self.joints[-1]]))
         what = f' ({", ".join(self.settles)})' if self.settles else ''
         return f'{self.start:.1f} to {self.end:.1f} s: {names} {self.what}{what}'
 

@@ -27,7 +27,7 @@ _EXPECTED = (*_COMMON, 'torque_offset', 'joint_spring')
 # A joint that travels further, rad, moves; one whose load is a larger share of its torque's range
 # carries gravity.
 _MOVES, _LOADED = 0.02, 0.3
-MOST_TARGETS = 6
+MOST_TARGETS = 10
 _MOST_ALTERNATIVES, _MOST_SETTINGS = 8, 4
 # An effect of unknown size is taken to be this share of the joint's torque range, and no less
 # than this many standard deviations of noise.
