@@ -27,9 +27,9 @@ from scipy.linalg import cho_factor, cho_solve
 _HALF, _WIDTH = 7.69, 0.59
 # Information is worth its logarithm from about this separation on.
 _SCALE = 4.0
-# A plan aims for more than the share of a torque that a diagnosis asks gravity to leave: gravity
-# has more terms there.
-_MARGIN = 1.5
+# The share of a torque that gravity must leave in a plan: a diagnosis asks for `LEAST_LEFT`, and
+# its gravity has more terms, so that it leaves about half as much.
+ENOUGH_LEFT = 2.0 * LEAST_LEFT
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Answer:
         It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
         one target is not worth all the time.
         """
-        shown = min(1.0, self.left / (_MARGIN * LEAST_LEFT)) * self.separation
+        shown = min(1.0, self.left / ENOUGH_LEFT) * self.separation
         return float(np.log1p((shown / _SCALE) ** 2))
 
 
