@@ -59,6 +59,31 @@ def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
     assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
 
 
+def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
+    old, limited = read_bag(folder / 'old.mcap').samples.q, ['--urdf', folder / 'arm.urdf']
+    out, ends = tmp_path / 'wide.csv', (old.min(axis=0), old.max(axis=0))
+    for more, argv, limit in ((0.4, [], 9.0), (4.0, limited, 3.0 * 0.96)):
+        assert main(planned(folder, out, '--settle', 'torque_offset', '--widen', more,
+                            *argv)) == 0
+        q = read_trajectory(out).q
+        assert (q >= np.maximum(ends[0] - more, -limit) - 1e-9).all()
+        assert (q <= np.minimum(ends[1] + more, limit) + 1e-9).all()
+        assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
+
+
+def test_more_room_is_advised_where_it_is_needed(folder, tmp_path, capsys):
+    # In 0.1 rad gravity looks like an offset.
+    write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, span=0.1))])
+    line = planned(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
+    line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
+    assert main(line) == 0
+    told = ' '.join(capsys.readouterr().err.split())
+    assert 'gravity may imitate all but' in told
+    assert 'may settle torque_offset:elbow: --widen 0.7' in told
+    assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
+    assert '--widen' not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize('friction, verdict', [(0.5, 'established'), (0.0, 'absent')])
 def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
     motion, stated = tmp_path / 'motion.csv', tmp_path / 'plan.json'
@@ -86,6 +111,8 @@ def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
 
 @pytest.mark.parametrize('argv, status, words', [
     (('--within', 'limits'), 1, '--within limits needs the limits'),
+    (('--within', 'limits', '--widen', '1'), 1, 'exclude each other'),
+    (('--widen', '-1'), 2, 'not above 0'),
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])

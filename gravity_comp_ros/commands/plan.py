@@ -8,6 +8,7 @@ from pathlib import Path
 
 from gravity_comp_ros.api import results
 from gravity_comp_ros.commands import next_step, reading, terminal
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
@@ -23,12 +24,14 @@ def run(args: argparse.Namespace) -> int:
     model = load_model(args.model)
     args.joints = model.joints
     targets = _targets(args, model)
+    if args.widen is not None and args.within == 'limits':
+        raise OptionError('--widen and --within limits exclude each other: give one of them')
     with terminal.progress() as report:
         recording = reading.load_all(args, report)
-        check, links = collision_check(args.urdf, model.joints,
-                                       recording.samples.joints(model.joints).q)
-        found = plan(recording.samples, model, targets, _options(args, model), progress=report,
-                     obstacles=check)
+        q = recording.samples.joints(model.joints).q
+        options = _options(args, model, q)
+        check, links = collision_check(args.urdf, model.joints, q)
+        found = plan(recording.samples, model, targets, options, progress=report, obstacles=check)
     trajectory = found.trajectory
     if args.effort:
         trajectory = replace(trajectory, effort=model.predict(trajectory.q))
@@ -36,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     write_trajectory(args.output, trajectory, comments, args.goal)
     if args.json != '-':
         _show(args, found, links)
-    terminal.warn(*found.notes)
+    terminal.warn(*found.notes, *_wider(found, options))
     if args.json:
         terminal.emit_json({**found.to_json(), 'output': str(args.output), 'links': links,
                             'links_checked': check is not None,
@@ -50,21 +53,34 @@ def _targets(args: argparse.Namespace, model: GravityModel) -> list[Target] | No
     return named_targets(args.settle.split(','), model.joints)
 
 
-def _options(args: argparse.Namespace, model: GravityModel) -> PlanOptions:
+def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> PlanOptions:
     low = high = None
     reach = args.reach
     if args.within == 'limits':
         if args.urdf is None:
             raise OptionError('--within limits needs the limits: --urdf FILE')
-        from gravity_comp_ros.description.joint_limits import position_limits
-        from gravity_comp_ros.description.urdf import read_text
-        low, high = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
-        # A margin of 2 % at either end: a planned motion should not end at a stop.
-        low, high = low + 0.02 * (high - low), high - 0.02 * (high - low)
+        low, high = _described(args, model)
+        reach = float('inf')
+    elif args.widen is not None:
+        low, high = q.min(axis=0) - args.widen, q.max(axis=0) + args.widen
+        if args.urdf is not None:
+            ends = _described(args, model)
+            # The arm was at its recorded poses, whatever the description says.
+            low = np.minimum(np.maximum(low, ends[0]), q.min(axis=0))
+            high = np.maximum(np.minimum(high, ends[1]), q.max(axis=0))
         reach = float('inf')
     start = None if args.start is None else np.array(args.start)
     return PlanOptions(args.duration, args.max_speed, args.max_acceleration, args.max_jerk, reach,
                        low=low, high=high, start=start)
+
+
+def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArray, FloatArray]:
+    """Return the position limits of the description, with a margin of 2 % at either end."""
+    from gravity_comp_ros.description.joint_limits import position_limits
+    from gravity_comp_ros.description.urdf import read_text
+    low, high = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
+    # A planned motion should not end at a stop.
+    return low + 0.02 * (high - low), high - 0.02 * (high - low)
 
 
 def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
@@ -89,6 +105,16 @@ def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
                    f'{bags[-1]}, and diagnose all together',
                    next_step.command('diagnose', args, *_expected(args), bags=bags,
                                      model=args.model))
+
+
+def _wider(found: Plan, options: PlanOptions) -> list[str]:
+    """Return how to settle what poses near the recorded ones do not settle."""
+    open_still = [each.target.name for each in found.expectations if not each.is_likely]
+    if options.goes_beyond or not open_still:
+        return []
+    return [f'poses farther from the recorded ones may settle {", ".join(open_still)}: --widen 0.7 '
+            f'lets every joint leave its recorded range by 0.7 rad, --within limits --urdf FILE '
+            f'takes the limits of a description']
 
 
 def _expected(args: argparse.Namespace) -> list[str]:

@@ -50,6 +50,11 @@ class Expectation:
     separation: float
     untestable: str
 
+    @property
+    def is_likely(self) -> bool:
+        """Return whether the motion settles the target at least as likely as not."""
+        return self.chance >= 0.5
+
     def to_json(self) -> dict[str, Any]:
         """Return one object of `expected` of `plan --json`."""
         widths = {symbol: {'value': width if np.isfinite(width) else None, 'unit': unit}

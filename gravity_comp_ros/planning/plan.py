@@ -34,7 +34,6 @@ Progress = Callable[[str, float], None]
 
 # Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
 _ROWS, _RATE = 2500, 25.0
-_LIKELY = 0.5
 # Where targets are on more joints than this, parts that move all joints are tried too.
 _TOGETHER = 3
 # The family of effects that are told from gravity at the ends of a joint's travel.
@@ -69,7 +68,7 @@ def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] |
     t, (q, qd, qdd) = sampled(motion, options.rate)
     tell('plan', 1.0)
     expected = asked.expectations(motion)
-    notes = (*asked.notes, *(_unlikely(each) for each in expected if each.chance < _LIKELY))
+    notes = (*asked.notes, *(_unlikely(each) for each in expected if not each.is_likely))
     return Plan(Trajectory(model.joints, t, q, qd, qdd),
                 _planned_parts(stretches, chosen, asked, model.joints), expected, notes,
                 asked.gravity(motion))

@@ -20,14 +20,15 @@ examples:
   gravity_comp plan run1.mcap --model arm.json -o motion.yaml
   gravity_comp plan run1.mcap --model arm.json --settle coulomb_friction:elbow -o motion.csv
   gravity_comp plan run1.mcap --model arm.json --within limits --urdf robot.urdf -o motion.yaml
+  gravity_comp plan run1.mcap --model arm.json --widen 0.7 -o motion.yaml
   ros2 topic pub --once /joint_trajectory_controller/joint_trajectory \\
       trajectory_msgs/msg/JointTrajectory "$(cat motion.yaml)"
   gravity_comp synth --motion motion.yaml -o new.mcap              plays it on a simulated arm
   gravity_comp plan run1.mcap --model arm.json --json plan.json -o motion.yaml
   gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   what is settled now
 
-The motion begins and ends at rest at one recorded pose, and moves one to three joints at a time
-within recorded poses. Bring the arm to the first point before it is played. Obstacles and people
+The motion begins and ends at rest at one recorded pose, and moves one to three joints at a time,
+or all of them where more are asked about, within recorded poses. Bring the arm to the first point before it is played. Obstacles and people
 are not known here: keep the space clear. With --urdf and pinocchio it is checked that the links of
 the arm do not hit each other.
 """
@@ -54,6 +55,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument('--reach', metavar='RAD', type=arguments.positive, default=REACH,
                        help='how far each joint may be from a recorded pose '
                        '(default: %(default)s)')
+    group.add_argument('--widen', metavar='RAD', type=arguments.positive, default=None,
+                       help='let every joint leave its recorded range by this much, in any pose '
+                       'of the others, within the limits of --urdf if given; look whether the '
+                       'arm has the room')
     for name, unit, usual, what in LIMITS:
         group.add_argument('--' + name.replace('_', '-'), metavar=unit, type=arguments.positive,
                            default=usual, help=f'{what} (default: %(default)s)')
