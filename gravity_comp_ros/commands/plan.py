@@ -112,9 +112,10 @@ def _wider(found: Plan, options: PlanOptions) -> list[str]:
     open_still = [each.target.name for each in found.expectations if not each.is_likely]
     if options.goes_beyond or not open_still:
         return []
-    return [f'poses farther from the recorded ones may settle {", ".join(open_still)}: --widen 0.7 '
-            f'lets every joint leave its recorded range by 0.7 rad, --within limits --urdf FILE '
-            f'takes the limits of a description']
+    names = ', '.join(open_still)
+    return [f'poses farther from the recorded ones may settle {names}: --widen 0.7 lets every '
+            f'joint leave its recorded range by 0.7 rad, --within limits --urdf FILE takes the '
+            f'limits of a description']
 
 
 def _expected(args: argparse.Namespace) -> list[str]:

@@ -28,9 +28,9 @@ examples:
   gravity_comp diagnose run1.mcap new.mcap --model arm.json --plan plan.json   what is settled now
 
 The motion begins and ends at rest at one recorded pose, and moves one to three joints at a time,
-or all of them where more are asked about, within recorded poses. Bring the arm to the first point before it is played. Obstacles and people
-are not known here: keep the space clear. With --urdf and pinocchio it is checked that the links of
-the arm do not hit each other.
+or all of them where more are asked about, within recorded poses. Bring the arm to the first point
+before it is played. Obstacles and people are not known here: keep the space clear. With --urdf and
+pinocchio it is checked that the links of the arm do not hit each other.
 """
 
 
