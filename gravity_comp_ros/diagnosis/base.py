@@ -32,6 +32,7 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.potential import fit_potential
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 _ROUGH_SAMPLES = 500
@@ -202,7 +203,7 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
 def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
     """Return what columns (M, N, K) leave of each joint's mean squared torque: (N,)."""
     flat = columns.reshape(tau.size, -1)
-    x = np.linalg.lstsq(flat, tau.ravel(), rcond=1e-10)[0]
+    x = lstsq(flat, tau.ravel(), rcond=1e-10)
     return np.asarray(((tau - (flat @ x).reshape(tau.shape)) ** 2).mean(axis=0))
 
 

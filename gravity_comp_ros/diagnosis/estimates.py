@@ -10,6 +10,7 @@ from gravity_comp_ros.diagnosis.evidence import covariance, Fit, largest_part
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 from scipy import special
 
@@ -68,7 +69,7 @@ def all_may_be_nothing(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
         return True
     values = fit.all_data[here]
     spread = _covariance(fits, chosen, joint, fit, groups)[np.ix_(here, here)]
-    t2 = float(values @ np.linalg.lstsq(spread, values, rcond=1e-10)[0])
+    t2 = float(values @ lstsq(spread, values, rcond=1e-10))
     return bool(special.fdtrc(k, b - k, t2 * (b - k) / (k * (b - 1))) >= _DOUBT)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.motion_fit import independent
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Directions that the motion excites less, next to the most excited, are left out.
@@ -55,7 +56,7 @@ def _moments(rotations: FloatArray, q: FloatArray, tau: FloatArray,
              weight: FloatArray) -> Chain:
     columns = ForwardKinematics(rotations, q).moment_columns()
     flat = (columns * weight[None, :, None]).reshape(len(columns), -1).T
-    found = np.linalg.lstsq(flat, (tau * weight).T.ravel(), rcond=_EXCITED)[0]
+    found = lstsq(flat, (tau * weight).T.ravel(), rcond=_EXCITED)
     return Chain(rotations, np.asarray(found.reshape(-1, 2), dtype=float))
 
 
@@ -63,7 +64,7 @@ def _step(chain: Chain, q: FloatArray, tau: FloatArray, weight: FloatArray) -> F
     """Return the two angles (2,) in rad by which the base turns in a step of Gauss and Newton."""
     flat = (columns_on_axes(chain, q) * weight[None, :, None]).reshape(tau.size, -1)
     left = ((tau - chain.torque(q)) * weight).ravel()
-    return np.asarray(np.linalg.lstsq(flat, left, rcond=_EXCITED)[0][:2])
+    return np.asarray(lstsq(flat, left, rcond=_EXCITED)[:2])
 
 
 def _tilted(chain: Chain, angles: FloatArray) -> Chain:

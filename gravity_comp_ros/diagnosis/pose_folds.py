@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.evaluation.blocks import Blocks, N_FOLDS
+from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # The poses of blocks must lie this much farther apart than within a block, or none is new.
@@ -26,7 +27,7 @@ def pose_folds(samples: JointSamples, blocks: Blocks) -> Blocks | None:
     whole = float(np.sqrt(samples.q.var(axis=0).sum()))
     if spread <= _APART * whole:
         return None
-    along = centred @ np.linalg.svd(centred, full_matrices=False)[2][0]
+    along = centred @ svd(centred)[2][0]
     fold = np.empty(blocks.count, dtype=np.int64)
     fold[np.argsort(along, kind='stable')] = np.arange(blocks.count) * N_FOLDS // blocks.count
     return replace(blocks, fold=fold)

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.nuisance import nuisance
 from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 
@@ -36,4 +37,4 @@ def _each(gravity: FloatArray, motion: Motion) -> Iterator[tuple[FloatArray, Flo
     """Return the columns of each joint, those of gravity first, and their coefficients."""
     for joint, tau in enumerate(motion.samples.tau.T):
         columns = np.column_stack([gravity[:, joint], nuisance(motion, joint)])
-        yield columns, np.linalg.lstsq(columns, tau, rcond=1e-10)[0]
+        yield columns, lstsq(columns, tau, rcond=1e-10)

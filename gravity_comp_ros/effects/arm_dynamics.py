@@ -25,6 +25,7 @@ from gravity_comp_ros.models.kinematic.nominal_arm import mean_inertia, nominal_
 from gravity_comp_ros.models.kinematic.rigid_body import identifiable, PARAMETERS, regressor
 from gravity_comp_ros.models.kinematic.unknown_lengths import (
     INERTIAS, motion_columns, product_columns)
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Samples whose regressor is built at once, and poses at which moments are read off a model.
@@ -267,5 +268,5 @@ def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
     q = np.random.default_rng(0).uniform(low, np.maximum(high, low), (_POSES, model.n_joints))
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
     flat = columns.reshape(len(columns), -1).T
-    found = np.linalg.lstsq(flat, model.predict(q).T.ravel(), rcond=1e-6)[0]
+    found = lstsq(flat, model.predict(q).T.ravel(), rcond=1e-6)
     return np.asarray(found.reshape(-1, 2) / STANDARD_GRAVITY)

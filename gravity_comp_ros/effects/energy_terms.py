@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
+from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 _CHUNK = 4096
@@ -50,7 +51,7 @@ def lateral(part: Expansion, n_joints: int, joint: int, turning: int) -> Expansi
         row[np.searchsorted(features, half.indices)] = half.weights
     if not weights.any():
         return None
-    left, size, right = np.linalg.svd(weights, full_matrices=False)
+    left, size, right = svd(weights)
     if len(size) > 1 and size[1] > 0.2 * size[0]:
         return None
     # The sign is made that of the larger half, so that it does not hang on the decomposition.

@@ -12,6 +12,7 @@ from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 _TO_AND_FRO = ('move joint {joint} to and fro through its range with the others still, once '
@@ -169,7 +170,7 @@ class CoupledFriction(Effect):
             np.ones(motion.samples.n_samples), motion.direction(joint),
             motion.direction(partner), motion.samples.qd[:, [joint, partner]]])
         column = self.columns(motion, joint, setting)[:, 0]
-        rest = column - known @ np.linalg.lstsq(known, column, rcond=None)[0]
+        rest = column - known @ lstsq(known, column)
         return float(rest.std()) > _OWN_DIRECTION
 
     def untestable(self, motion: Motion, joint: int) -> str | None:

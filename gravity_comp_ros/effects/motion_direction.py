@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.presliding import evenly_spaced, presliding_state, steady_path
+from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # rad/s. Below this, encoders and drives are not to be trusted.
@@ -121,7 +122,7 @@ class _Fit:
     def __init__(self, qd: FloatArray, qdd: FloatArray, residual: FloatArray) -> None:
         self.rows = slice(None, None, max(1, len(qd) // _ROWS))
         plain = np.column_stack([np.ones_like(qd), qd, qdd])[self.rows]
-        basis, size, _ = np.linalg.svd(plain, full_matrices=False)
+        basis, size, _ = svd(plain)
         self.basis = basis[:, size > 1e-12 * size[0]]
         self.y = self._rest(residual[self.rows])
         self.without = float(self.y @ self.y)

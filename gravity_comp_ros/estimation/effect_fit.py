@@ -27,6 +27,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Lengths and axes of an arm without a description move each other for some rounds.
@@ -201,7 +202,7 @@ def _left(motion: Motion, samples: JointSamples, columns: FloatArray) -> FloatAr
         gravity = motion.serial_arm.jacobian(q).transpose(2, 1, 0)
         flat = np.hstack([flat, gravity.reshape(left.size, -1)])
     size = np.maximum(np.sqrt((flat ** 2).mean(axis=0)), 1e-300)
-    x = np.linalg.lstsq(flat / size, left.ravel(), rcond=1e-9)[0]
+    x = lstsq(flat / size, left.ravel(), rcond=1e-9)
     std = (left - ((flat / size) @ x).reshape(left.shape)).std(axis=0)
     return np.asarray(np.maximum(std, 1e-3 * max(float(std.max()), 1e-9)))
 

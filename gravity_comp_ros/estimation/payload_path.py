@@ -14,6 +14,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 _POSES = 200
@@ -46,7 +47,7 @@ def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
     q = _poses(box)
     columns = ForwardKinematics(chain.axes, q).moment_columns()
     rows = columns.reshape(len(columns), -1).T
-    return np.asarray(np.linalg.lstsq(rows, _torque(path, q).T.ravel(), rcond=1e-6)[0])
+    return np.asarray(lstsq(rows, _torque(path, q).T.ravel(), rcond=1e-6))
 
 
 def _size(path: Expansion, model: GravityModel) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.estimation.gravity_step import Part
 from gravity_comp_ros.evaluation.blocks import Blocks
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 from scipy import linalg
 
@@ -65,7 +66,7 @@ class System:
         try:
             return np.asarray(linalg.cho_solve(linalg.cho_factor(matrix), right))
         except linalg.LinAlgError:
-            return np.asarray(linalg.lstsq(matrix, right)[0])
+            return np.asarray(lstsq(matrix, right))
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return what unknowns x leave, (M, N) in N·m."""

@@ -7,6 +7,7 @@ from typing import Any
 
 from gravity_comp_ros.data.gate import FAST, GateOptions, slow_samples
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Less travel than this is no motion; less than the second leaves most of a joint's sines and
@@ -139,13 +140,13 @@ def _shares(samples: JointSamples, n: int) -> tuple[float | None, float | None]:
                              np.cos(samples.q[:, moving])])
     if not moving.any() or tau.std() < 1e-9 or len(samples) < 4 * poses.shape[1]:
         return None, None
-    rest = tau - poses @ np.linalg.lstsq(poses, tau, rcond=None)[0]
+    rest = tau - poses @ lstsq(poses, tau)
     pose_share = float(1 - rest.var() / tau.var())
     fastest = float(np.abs(qd).max())
     if fastest == 0 or not moving[n] or rest.std() < 1e-9 * tau.std():
         return pose_share, None
     direction = np.tanh(qd / (0.05 * fastest))
-    direction = direction - poses @ np.linalg.lstsq(poses, direction, rcond=None)[0]
+    direction = direction - poses @ lstsq(poses, direction)
     if direction.std() < 1e-6:
         return pose_share, None
     slope = float(direction @ rest / (direction @ direction))

@@ -14,6 +14,7 @@ from bisect import bisect_left
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # How long a driver may take from a command to the effort that it reports, s.
@@ -110,7 +111,7 @@ def _beside_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
     found = np.empty_like(residual)
     for n in range(residual.shape[1]):
         columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
-        coefficients = np.linalg.lstsq(columns, residual[:, n], rcond=None)[0]
+        coefficients = lstsq(columns, residual[:, n])
         found[:, n] = residual[:, n] - columns @ coefficients
     return found
 

@@ -22,6 +22,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import correlation_time
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.planning.segments import sampled, Segment
+from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # Columns of a joint's own nuisance terms, by the effect that each of them is.
@@ -233,7 +234,7 @@ class Situation:
         key = f'shared by {joint}'
         if key not in motion.memo:
             rows, own = self._gravity(motion)[skip:, joint], _own('', motion, joint)[skip:]
-            basis, size, _ = np.linalg.svd(own, full_matrices=False)
+            basis, size, _ = svd(own)
             basis = basis[:, size > _DEPENDENT * max(size.max(initial=0.0), 1e-300)]
             rest = rows - basis @ (basis.T @ rows)
             motion.memo[key] = rest.T @ rest
@@ -286,7 +287,7 @@ def _worth(residual: FloatArray, known: FloatArray, samples: JointSamples, step:
     """Return what a second is worth, `step` s being the time between samples recorded."""
     scale = np.sqrt((known ** 2).mean(axis=0))
     known = known[:, scale > 1e-9] / scale[scale > 1e-9]
-    basis, size, _ = np.linalg.svd(known, full_matrices=False)
+    basis, size, _ = svd(known)
     basis = basis[:, size > 1e-6 * size[0]]
     rest = residual - basis @ (basis.T @ residual)
     left = max(len(rest) - basis.shape[1], 1)

@@ -18,6 +18,7 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
+from gravity_comp_ros.models.least_squares import lstsq, svd
 import numpy as np
 
 # Gravity with more terms than this is not fitted again; its residual is taken as it is.
@@ -73,7 +74,7 @@ def added_variable(motion: Motion, model: GravityModel, finding: Finding,
         own = (columns[:, joint] if columns.ndim == 3 else columns)[rows]
         basis, rest = _free(motion, model, joint, others, rows)
         own = own - basis @ (basis.T @ own)
-        x = own @ np.linalg.lstsq(own, rest, rcond=1e-8)[0]
+        x = own @ lstsq(own, rest, rcond=1e-8)
         if float(x @ x) > gained:
             best, gained = AddedVariable(finding, model.joints[joint], x, rest), float(x @ x)
     return best
@@ -98,7 +99,7 @@ def _free(motion: Motion, model: GravityModel, joint: int, others: list[Finding]
         if columns is None or (columns.ndim == 2 and place != model.joints[joint]):
             continue
         known.append((columns[:, joint] if columns.ndim == 3 else columns)[rows])
-    basis, spread, _ = np.linalg.svd(np.hstack(known), full_matrices=False)
+    basis, spread, _ = svd(np.hstack(known))
     basis = basis[:, spread > 1e-9 * max(spread, default=0.0)]
     return basis, tau - basis @ (basis.T @ tau)
 

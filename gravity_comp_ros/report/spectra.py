@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 _LONGEST = 4096
@@ -69,7 +70,7 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
         sine, cosine = np.sin(order * q), np.cos(order * q)
         sine, cosine = sine - sine.mean(), cosine - cosine.mean()
         gram = np.array([[sine @ sine, sine @ cosine], [sine @ cosine, cosine @ cosine]])
-        found = np.linalg.lstsq(gram, [sine @ residual, cosine @ residual], rcond=1e-6)[0]
+        found = lstsq(gram, [sine @ residual, cosine @ residual], rcond=1e-6)
         amplitudes[k] = float(np.hypot(*found))
     return orders, amplitudes
 

@@ -17,6 +17,7 @@ from functools import cached_property
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 from scipy.linalg import lapack
 
@@ -257,7 +258,7 @@ def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
     if not len(gram):
         return np.zeros(0)
     _, found, failed = lapack.dposv(gram, right)
-    return np.asarray(np.linalg.lstsq(gram, right, rcond=1e-13)[0] if failed else found)
+    return np.asarray(lstsq(gram, right, rcond=1e-13) if failed else found)
 
 
 def _sweep(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:

@@ -11,6 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
+from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Masses lie about the middle line of a link, at this share of the mean length of it and of the one
@@ -104,4 +105,4 @@ def _moments_of(geometry: Geometry, parameters: FloatArray) -> FloatArray:
     torque = regressor(geometry, q, zero, zero, 1.0) @ parameters.T
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
     flat = columns.transpose(2, 1, 0).reshape(-1, 2 * n)
-    return np.asarray(np.linalg.lstsq(flat, torque.reshape(len(flat), -1), rcond=1e-9)[0])
+    return np.asarray(lstsq(flat, torque.reshape(len(flat), -1), rcond=1e-9))

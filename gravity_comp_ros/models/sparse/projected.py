@@ -19,6 +19,7 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.sparse.regressor import Design
+from gravity_comp_ros.models.least_squares import lstsq, svd
 import numpy as np
 
 # Directions of the nuisance columns shorter than this share of the longest are rounding.
@@ -35,7 +36,7 @@ def orthonormal_basis(columns: FloatArray) -> FloatArray:
     kept = lengths > 0.0
     if not kept.any():
         return np.zeros((len(columns), 0))
-    u, s, _ = np.linalg.svd(columns[:, kept] / lengths[kept], full_matrices=False)
+    u, s, _ = svd(columns[:, kept] / lengths[kept])
     return np.ascontiguousarray(u[:, s > _RANK * s[0]])
 
 
@@ -66,7 +67,7 @@ class NuisanceBasis:
         free = orthonormal_basis(columns[:, loose])
         rest = columns[:, ~loose] * spread[~loose]
         rest = rest - free @ (free.T @ rest)
-        u, s, _ = np.linalg.svd(rest, full_matrices=False)
+        u, s, _ = svd(rest)
         kept = s > _RANK * max(float(s.max(initial=0.0)), 1e-300)
         power = s[kept] ** 2
         return cls(np.hstack([free, u[:, kept]]),
@@ -111,12 +112,12 @@ def nuisance_coefficients(columns: FloatArray, target: FloatArray,
                           spread: FloatArray | None = None) -> FloatArray:
     """Return the likeliest coefficients (K,) of columns (R, K) that explain a target (R,)."""
     if spread is None:
-        return np.asarray(np.linalg.lstsq(columns, target, rcond=1e-9)[0])
+        return np.asarray(lstsq(columns, target, rcond=1e-9))
     # The prior of each coefficient is a row of its own.
     rows = np.concatenate([columns, np.diag(1.0 / spread)])
     lengths = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     target = np.concatenate([target, np.zeros(len(spread))])
-    return np.asarray(np.linalg.lstsq(rows / lengths, target, rcond=1e-9)[0] / lengths)
+    return np.asarray(lstsq(rows / lengths, target, rcond=1e-9) / lengths)
 
 
 class ProjectedDesign:

@@ -22,6 +22,7 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.sparse.gram import Gram
 from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
 from gravity_comp_ros.models.sparse.regressor import Design
+from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 from scipy import linalg
 
@@ -85,7 +86,7 @@ def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     # The triangle that is left of [A b] after rotating its rows holds all that follows.
     triangle = linalg.qr(np.column_stack([a / lengths, b]), mode='r', check_finite=False)[0]
     k = len(indices)
-    u, s, vt = linalg.svd(triangle[:k, :k], full_matrices=False, check_finite=False)
+    u, s, vt = svd(triangle[:k, :k])
     keep = s > 1e-12 * s[0]
     half = vt[keep].T / s[keep]
     x = half @ (u[:, keep].T @ triangle[:k, k]) / lengths

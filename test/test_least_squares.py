@@ -1,0 +1,33 @@
+"""Least squares of a matrix that divide and conquer gives up on."""
+
+from gravity_comp_ros.models.least_squares import lstsq, svd
+import numpy as np
+import pytest
+
+
+def gives_up(*_, **__):
+    raise np.linalg.LinAlgError('SVD did not converge in Linear Least Squares')
+
+
+@pytest.mark.parametrize('rcond', [None, 1e-10])
+def test_the_qr_iteration_finds_the_same(monkeypatch, rcond):
+    rng = np.random.default_rng(0)
+    # Of seven columns two are combinations of the others.
+    x = rng.normal(size=(40, 5)) @ rng.normal(size=(5, 7))
+    y = rng.normal(size=(40, 2))
+    found, (u, size, v) = lstsq(x, y, rcond), svd(x)
+    monkeypatch.setattr(np.linalg, 'lstsq', gives_up)
+    monkeypatch.setattr(np.linalg, 'svd', gives_up)
+    np.testing.assert_allclose(lstsq(x, y, rcond), found, atol=1e-9)
+    again = svd(x)
+    np.testing.assert_allclose(again[1], size, atol=1e-9)
+    np.testing.assert_allclose((again[0] * again[1]) @ again[2], (u * size) @ v, atol=1e-9)
+
+
+def test_what_is_not_finite_is_an_error():
+    x = np.eye(3)
+    x[0, 0] = np.nan
+    with pytest.raises(np.linalg.LinAlgError):
+        svd(x)
+    with pytest.raises(np.linalg.LinAlgError):
+        lstsq(x, np.ones(3))
