@@ -21,7 +21,8 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, rows_of
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, ModelMismatchError
-from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.fast_motion import fit_gravity
+from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
@@ -62,7 +63,7 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     if effects:
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
-        result, joint = fit(recording.slow, options, progress), None
+        result, joint = fit_gravity(recording.slow, options, progress), None
         changing = _still_changes(recording.slow, result, options)
         result = result.warned(changing) if changing else result
     if recording.ungated:
@@ -79,7 +80,7 @@ def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions
         return ''
     how = replace(options, formulation=result.model.formulation)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
-    found = unsettled(result.model, samples, noise, lambda early: fit(early, how).model)
+    found = unsettled(result.model, samples, noise, lambda early: fit_gravity(early, how).model)
     return '' if found is None else f'{found}. Record more motion'
 
 

@@ -18,11 +18,12 @@ from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import samples_each
 from gravity_comp_ros.effects.predict import (
     direction_of, effect_torque, installed, predict_on)
+from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, FitOptions, gravity_model)
 from gravity_comp_ros.estimation.refit_terms import Term
-from gravity_comp_ros.estimation.regression import build_regression
+from gravity_comp_ros.estimation.regression import build_regression, is_fast
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
@@ -38,17 +39,26 @@ _REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
              'rigid_body_dynamics': INERTIA}
 # Columns that change by less than this share are the same; a round must lower the RMSE by this.
 _SAME, _FALLS = 0.01, 1e-3
+# Effects that describe the torque of motion, beside which none is a nuisance term.
+_MOTION = ('rigid_body_dynamics', 'inertia', 'coriolis')
 # Rows that show what gravity and effects leave at best.
 _ROWS = 1500
 
 
 @dataclass(frozen=True, eq=False)
 class EffectFit:
-    """The model with its effects, how gravity was estimated, and the RMSE of its prediction."""
+    """
+    The model with its effects, how gravity was estimated, and the RMSE of its prediction.
+
+    `dynamics` says whether rigid-body dynamics was a nuisance term, and `left` in N·m is the RMSE
+    of all joints beside it.
+    """
 
     model: GravityModel
     estimate: Estimate
     rmse: FloatArray
+    dynamics: bool
+    left: float
 
 
 def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
@@ -70,11 +80,15 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
                                            *map(installed, kept))):
         motion, rows = motion.at(rows), np.arange(len(rows))
     best: EffectFit | None = None
-    columns = _columns(motion, rows, terms)
+    hidden = dynamics_beside(motion.at(rows), (*terms, *kept))
+    if hidden:
+        # It is made of axes and moments, which a chain alone has.
+        options = FitOptions('chain', options.sparse)
+    columns = _columns(motion, rows, (*terms, *hidden))
     for _ in range(_ROUNDS):
-        found, beside, now = _once(motion, rows, model, terms, kept, columns, options, known,
-                                   warm, spared)
-        if best is not None and _total(found) >= (1.0 - _FALLS) * _total(best):
+        found, beside, now = _once(motion, rows, model, (terms, hidden), kept, columns, options,
+                                   known, warm, spared)
+        if best is not None and found.left >= (1.0 - _FALLS) * best.left:
             break
         best, warm = found, True
         if _same(columns, now):
@@ -84,11 +98,32 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
     return best
 
 
-def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[Term],
+def dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> tuple[Term, ...]:
+    """
+    Return rigid-body dynamics where it has to be a nuisance term of a motion, () elsewhere.
+
+    :param there: the effects of the model.
+    """
+    named = {each.effect.name if isinstance(each, Term) else each.name for each in there}
+    effect = known_effect('rigid_body_dynamics')
+    if (named & set(_MOTION) or not is_fast(motion.samples) or motion.serial_arm is None
+            or effect.untestable(motion, 0) is not None):
+        return ()
+    return (Term(effect, None, effect.settings(motion, 0)[0]),)
+
+
+def _once(motion: Motion, rows: IntArray, model: GravityModel,
+          shown_and_hidden: tuple[Sequence[Term], Sequence[Term]],
           kept: tuple[AppliedEffect, ...], columns: FloatArray, options: FitOptions,
           known: FloatArray | None, warm: bool, spared: frozenset[tuple[str, int]]
           ) -> tuple[EffectFit, Motion, FloatArray]:
-    """Return a fit, and the motion and the columns (K, R, N) beside the gravity found."""
+    """
+    Return a fit, and the motion and the columns (K, R, N) beside the gravity found.
+
+    :param shown_and_hidden: the effects of the model, and those that are nuisance terms.
+    """
+    shown, hidden = shown_and_hidden
+    terms = (*shown, *hidden)
     part = motion.samples.select(rows)
     fixed = np.zeros(part.tau.shape)
     if kept:
@@ -109,11 +144,16 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel, terms: Sequence[T
         dense = _condensed(means, now)
         usual = _usual(beside, terms, few, dense)
         estimate = replace(estimate, effects=_again(estimate, gravity, dense, usual))
-    effects = of_gravity(gravity, motion, (*kept, *_applied(motion, terms, estimate)))
+        columns = now
+    effects = of_gravity(gravity, motion, (*kept, *_applied(motion, shown, estimate)))
     made = _having(gravity, effects, motion)
     left = motion.samples.tau[rows] - predict_on(made, motion, rows)
     rmse = np.sqrt((left ** 2).mean(axis=0))
-    return EffectFit(replace(made, noise=rmse), estimate, rmse), beside, now
+    n = len(columns) - sum(len(term.coefficients(motion)) for term in hidden)
+    left = left - np.tensordot(estimate.effects[n:], columns[n:], axes=1)
+    # The unit is the same in each round: one number for all joints.
+    total = float(np.sqrt((left ** 2).mean()))
+    return EffectFit(replace(made, noise=rmse), estimate, rmse, bool(hidden), total), beside, now
 
 
 def _condensed(means: Condensation, columns: FloatArray) -> FloatArray | None:
@@ -252,8 +292,3 @@ def _having(model: GravityModel, effects: tuple[AppliedEffect, ...],
 def _same(one: FloatArray, other: FloatArray) -> bool:
     return one.shape == other.shape and bool(
         np.linalg.norm(one - other) <= _SAME * max(float(np.linalg.norm(other)), 1e-300))
-
-
-def _total(fit: EffectFit) -> float:
-    """Return the RMSE of all joints in N·m as one number: the unit is the same in each round."""
-    return float(np.sqrt((fit.rmse ** 2).mean()))

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
 from gravity_comp_ros.effects.request import Request
-from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult
+from gravity_comp_ros.estimation.fast_motion import fit_gravity
+from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.refit import Progress, refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -44,5 +45,5 @@ def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence
     :raises FitError: if there are too few slow samples.
     :raises DataError: if an effect cannot be seen in the recording.
     """
-    first = fit(slow, options, progress)
+    first = fit_gravity(slow, options, progress)
     return FitWithEffects(first, refit(samples, first.model, wanted, speeds, use, progress))

@@ -137,6 +137,10 @@ def _shows_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
     A few poses that are reached and left quickly would be set aside as outliers without inertia,
     and they may be the only ones that show an axis.
     """
-    fast = (np.abs(samples.qd) > _FAST).any(axis=1)
     uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
-    return bool(fast.mean() > _FAST_SHARE or uneven.mean() > _UNEVEN_SHARE)
+    return is_fast(samples) or bool(uneven.mean() > _UNEVEN_SHARE)
+
+
+def is_fast(samples: JointSamples) -> bool:
+    """Return whether joints are so fast for a tenth of the time that inertia shows."""
+    return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _FAST_SHARE)
