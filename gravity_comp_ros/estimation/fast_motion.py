@@ -11,15 +11,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from gravity_comp_ros.data.samples import evenly_picked, JointSamples
+from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.estimation.effect_fit import fit_with_terms
 from gravity_comp_ros.estimation.fit import fit, FitOptions, FitResult, Progress
-from gravity_comp_ros.estimation.fit_report import build_report
+from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.estimation.regression import is_fast
 import numpy as np
 
 # Of longer recordings evenly picked samples serve.
 _MOST_ROWS = 10000
+# A potential has so many more terms that it must leave less by this (natural logarithm).
+_CLEARLY = 0.26
 _WHY = 'rigid-body dynamics was fitted beside it'
 
 
@@ -37,24 +40,33 @@ def fit_gravity(samples: JointSamples, options: FitOptions = FitOptions(),
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
     first = fit(samples, options, progress)
-    chain = first.model.chain
-    if chain is None or not is_fast(samples):
+    if not is_fast(samples) or options.formulation not in ('auto', 'chain'):
         return first
     if progress:
         progress('dynamics', 0.0)
-    samples = samples.joints(first.model.joints)
+    samples, warning = checked_velocity(samples)
     rows = evenly_picked(samples.n_samples, _MOST_ROWS)
-    known = None if first.model.geometry is None else first.model.geometry.rotations
-    found = fit_with_terms(build_motion(samples, first.model), np.asarray(rows), first.model, (),
-                           (), options, known, warm=True)
+    # What rows of inertia lack can make a potential the better choice: the chain is tried anyway.
+    model = first.model if first.model.chain is not None else fit(
+        samples, FitOptions('chain', options.sparse)).model
+    known = None if model.geometry is None else model.geometry.rotations
+    found = fit_with_terms(build_motion(samples, model), np.asarray(rows), model, (), (),
+                           FitOptions('chain', options.sparse), known)
     if progress:
         progress('dynamics', 1.0)
     if not found.dynamics:
         return first
-    choice = replace(found.estimate.choice, why=f'{first.report.choice.why}; {_WHY}',
-                     held_out=first.report.choice.held_out)
-    report = build_report(found.model, samples, choice, found.estimate.choice.estimate.regression)
-    report = replace(report, warnings=tuple(dict.fromkeys((*first.report.warnings,
-                                                           *report.warnings))))
+    before = first.report.choice
+    why = before.why if first.model.chain is not None else 'a potential leaves hardly less'
+    choice = replace(found.estimate.choice, why=f'{why}; {_WHY}', held_out=before.held_out,
+                     warning=before.warning)
+    report = build_report(found.model, samples, choice, choice.estimate.regression, warning)
+    if first.model.chain is None and _left(report) > _left(first.report) + _CLEARLY:
+        return first
     return FitResult(replace(found.model, provenance={
         'options': options.to_json(), 'report': report.to_json()}), report, True)
+
+
+def _left(report: FitDetails) -> float:
+    """Return the mean logarithm of what the fit leaves of each joint: each in its own units."""
+    return float(np.log(np.maximum(list(report.noise.values()), 1e-12)).mean())

@@ -25,11 +25,20 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class FormulationChoice:
-    """Which formulation and why; `held_out` are errors in multiples of the noise, by name."""
+    """
+    Which formulation and why; `held_out` are errors in multiples of the noise, by name.
+
+    `warning` says why known axes were not used, '' if they were.
+    """
 
     formulation: str
     why: str
     held_out: Mapping[str, float]
+    warning: str = ''
+
+    def to_json(self) -> dict[str, Any]:
+        """Return what a report holds of it; the warning is among the warnings."""
+        return {'formulation': self.formulation, 'why': self.why, 'held_out': dict(self.held_out)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +73,7 @@ class FitDetails:
     def to_json(self) -> dict[str, Any]:
         """Return the report as a model's provenance and `fit --json` hold it."""
         return {
-            'formulation': self.formulation, 'choice': asdict(self.choice),
+            'formulation': self.formulation, 'choice': self.choice.to_json(),
             'n_samples': self.n_samples, 'n_runs': self.n_runs, 'n_fitted': self.n_fitted,
             'features': dict(self.features), 'rmse': dict(self.rmse),
             'noise': {'absolute': dict(self.noise), 'relative': dict(self.relative_noise)},
@@ -96,7 +105,8 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
         return dict(zip(model.joints, values.tolist()))
 
     return FitDetails(
-        model.formulation, FormulationChoice(choice.formulation, choice.why, choice.held_out),
+        model.formulation,
+        FormulationChoice(choice.formulation, choice.why, choice.held_out, choice.warning),
         samples.n_samples, samples.n_runs, regression.samples.n_samples,
         by_joint(model.n_features()), by_joint(model.noise),
         by_joint(np.concatenate([each.absolute for each in noises])),

@@ -70,7 +70,7 @@ def over_angle(q: FloatArray, residual: FloatArray) -> tuple[FloatArray, FloatAr
         sine, cosine = np.sin(order * q), np.cos(order * q)
         sine, cosine = sine - sine.mean(), cosine - cosine.mean()
         gram = np.array([[sine @ sine, sine @ cosine], [sine @ cosine, cosine @ cosine]])
-        found = lstsq(gram, [sine @ residual, cosine @ residual], rcond=1e-6)
+        found = lstsq(gram, np.array([sine @ residual, cosine @ residual]), rcond=1e-6)
         amplitudes[k] = float(np.hypot(*found))
     return orders, amplitudes
 
