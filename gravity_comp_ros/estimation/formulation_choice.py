@@ -43,7 +43,7 @@ _COMPARED, _MOST_JOINTS = 300, 9
 # With so few joints the potential costs next to nothing.
 _CHEAP_JOINTS = 4
 # Known axes are another arm's if a free chain takes this share off some joint's RMSE.
-_OTHER_ARM = 0.3
+OTHER_ARM = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ def _chain(regression: Regression, known: FloatArray | None,
     free = estimate_chain(regression, start=fixed.chain)
     left, least = _rms(fixed.residual()), _rms(free.residual())
     worst = int(np.argmax(left / np.maximum(least, floor(regression.samples.tau))))
-    if least[worst] >= (1.0 - _OTHER_ARM) * left[worst]:
+    if least[worst] >= (1.0 - OTHER_ARM) * left[worst]:
         return fixed, ''
     name = regression.samples.names[worst]
     return free, (f'the description is not used: with its axes {left[worst]:.2g} N·m of the '
