@@ -2,13 +2,9 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.disturbances.backlash import Backlash
-from gravity_comp_ros.simulation.disturbances.balancer import SpringBalancer
-from gravity_comp_ros.simulation.disturbances.bumper import Bumper
-from gravity_comp_ros.simulation.disturbances.cogging import Cogging
-from gravity_comp_ros.simulation.disturbances.detent import Detent
-from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
-from gravity_comp_ros.simulation.disturbances.soft_gear import SoftGear
+from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
+from gravity_comp_ros.simulation.disturbances.of_angle import (
+    Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 from hypothesis import given, settings, strategies as st

@@ -2,11 +2,9 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
+from gravity_comp_ros.simulation.disturbances.friction import (
+    DifferentialFriction, Friction, LoadFriction, WarmFriction)
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.shafts import DifferentialFriction
-from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

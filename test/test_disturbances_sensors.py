@@ -2,12 +2,9 @@
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.disturbances.encoder import EncoderOffset
-from gravity_comp_ros.simulation.disturbances.grasp import Grasp
-from gravity_comp_ros.simulation.disturbances.late_effort import LateEffort
-from gravity_comp_ros.simulation.disturbances.mounting import TiltedBase
-from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeGain, GaugeZero
-from gravity_comp_ros.simulation.disturbances.tool_jet import ToolJet
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
+    EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
+from gravity_comp_ros.simulation.disturbances.whole_arm import Grasp, TiltedBase, ToolJet
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions, random_poses
 from gravity_comp_ros.simulation.pauses import Pause, with_pauses
 from gravity_comp_ros.simulation.sensors import ornstein_uhlenbeck, SensorOptions, torque_noise

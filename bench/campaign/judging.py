@@ -13,10 +13,9 @@ from gravity_comp_ros.simulation.case_list import bristles, coulomb, offset
 from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
 from gravity_comp_ros.simulation.degraded import (
     Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
-from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift
+from gravity_comp_ros.simulation.disturbances.friction import Friction, WarmFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift
-from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
 from gravity_comp_ros.simulation.drawn import draws
 import numpy as np
 

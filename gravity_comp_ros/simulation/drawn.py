@@ -6,12 +6,10 @@ from collections.abc import Callable, Sequence
 
 from gravity_comp_ros.simulation.case_list import bristles, ROLES
 from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
-from gravity_comp_ros.simulation.disturbances.cogging import Cogging
-from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift, GaugeZero
+from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeZero
+from gravity_comp_ros.simulation.disturbances.of_angle import Cogging, DressPack
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 

@@ -10,24 +10,15 @@ from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
 from gravity_comp_ros.simulation.cases import noise_levels
-from gravity_comp_ros.simulation.disturbances.backlash import Backlash
-from gravity_comp_ros.simulation.disturbances.balancer import SpringBalancer
-from gravity_comp_ros.simulation.disturbances.bumper import Bumper
-from gravity_comp_ros.simulation.disturbances.cogging import Cogging
-from gravity_comp_ros.simulation.disturbances.detent import Detent
-from gravity_comp_ros.simulation.disturbances.dress_pack import DressPack
-from gravity_comp_ros.simulation.disturbances.encoder import EncoderOffset
-from gravity_comp_ros.simulation.disturbances.friction import Friction
-from gravity_comp_ros.simulation.disturbances.greased_gear import GreasedGear
-from gravity_comp_ros.simulation.disturbances.late_effort import LateEffort
-from gravity_comp_ros.simulation.disturbances.load_friction import LoadFriction
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
+    EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
+from gravity_comp_ros.simulation.disturbances.friction import (
+    DifferentialFriction, Friction, GreasedGear, LoadFriction, WarmFriction)
+from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.mounting import TiltedBase
-from gravity_comp_ros.simulation.disturbances.shafts import DifferentialFriction
-from gravity_comp_ros.simulation.disturbances.soft_gear import SoftGear
-from gravity_comp_ros.simulation.disturbances.strain_gauge import GaugeDrift, GaugeGain, GaugeZero
-from gravity_comp_ros.simulation.disturbances.tool_jet import ToolJet
-from gravity_comp_ros.simulation.disturbances.warm_friction import WarmFriction
+from gravity_comp_ros.simulation.disturbances.of_angle import (
+    Bumper, Cogging, Detent, DressPack, SpringBalancer)
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
 from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np

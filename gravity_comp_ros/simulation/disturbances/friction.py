@@ -1,20 +1,39 @@
-"""Friction in one joint's gear, the same or not in both directions."""
+"""Friction in the gear of one joint, or in the gear that two wrist joints share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from abc import abstractmethod
+from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.changed import check_joint, with_torque
-from gravity_comp_ros.simulation.disturbances.grid import fine
+from gravity_comp_ros.simulation.disturbances.grid import fine, Grid
+from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 
+# Vogel's law of a synthetic gear oil: viscosity ~ exp(B / (T - T0)), T in degrees Celsius.
+VOGEL_B = 900.0
+VOGEL_T0 = -95.0
+
+
+class JointFriction(JointTorque):
+    """Friction of one joint: it has a memory, so that it is integrated in fine steps."""
+
+    @abstractmethod
+    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+        """Return the torque (K,) in N·m on the grid."""
+
+    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+        grid = fine(motion)
+        return self.rubbing(grid, signals)[grid.at]
+
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(JointFriction):
     """
     LuGre friction on a joint, counted from 0; `backward` if it differs at negative speed.
 
@@ -25,10 +44,158 @@ class Friction:
     surfaces: LuGre
     backward: LuGre | None = None
 
+    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+        return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint],
+                               self.surfaces, self.backward)
+
+
+@dataclass(frozen=True)
+class GreasedGear(JointFriction):
+    """
+    Grease in the gear of a joint, counted from 0, beside its dry `surfaces`.
+
+    Its torque is `stress` asinh(v / `thinning`), in N·m and rad/s. Grease that is sheared at the
+    rate v has that shear stress (H. Eyring, Viscosity, plasticity, and diffusion as examples of
+    absolute reaction rates, J. Chem. Phys. 4, 1936): slow grease is viscous, fast grease gets
+    thinner.
+
+    :raises OptionError: if a number is not positive.
+    """
+
+    joint: int
+    stress: float
+    thinning: float
+    surfaces: LuGre
+
+    def __post_init__(self) -> None:
+        if not (self.stress > 0.0 and self.thinning > 0.0):
+            raise OptionError('greased gear: stress and thinning speed must be positive')
+
+    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+        v = grid.qd[:, self.joint]
+        dry = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
+        return np.asarray(dry + self.stress * np.arcsinh(v / self.thinning))
+
+
+@dataclass(frozen=True)
+class LoadFriction(JointFriction):
+    """
+    LuGre friction whose sliding level is that of teeth pressed together.
+
+    The preload that keeps the teeth engaged stands at right angles to the force that they
+    transmit, so that the normal force is their hypotenuse and
+
+        level = fraction * sqrt(preload^2 + load^2):
+
+    the transmitted torque `load`, in N·m, loses the `fraction` once it is well above `preload`.
+    """
+
+    joint: int
+    fraction: float
+    preload: float = 3.0
+    presliding: float = 2e-4
+
+    def __post_init__(self) -> None:
+        if not 0 < self.fraction < 1 or not self.preload > 0:
+            raise OptionError(f'load friction: the fraction {self.fraction} must lie between 0 '
+                              f'and 1 and the preload {self.preload} N·m above 0')
+
+    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+        load = grid.between_samples(signals.tau[:, self.joint])
+        surfaces = LuGre(self.fraction, presliding=self.presliding)
+        return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint], surfaces,
+                               normal=np.hypot(self.preload, load))
+
+
+@dataclass(frozen=True)
+class WarmFriction(JointFriction):
+    """
+    LuGre friction in a gear with a temperature T, in degrees Celsius, that starts at `begin`.
+
+        capacity dT/dt = idle + |friction * qd| - (T - room) / resistance
+
+    `resistance` in K/W and `capacity` in J/K give the time resistance * capacity in which the
+    gear warms; `idle` W come from motor and brake. The viscous coefficient follows Vogel's law
+    of its oil; the bristles' force falls by the fraction `softening` a kelvin, down to a fifth.
+    Without `begin` the gear starts at the temperature of the room.
+    """
+
+    joint: int
+    surfaces: LuGre
+    idle: float = 3.0
+    resistance: float = 6.0
+    capacity: float = 12.0
+    softening: float = 0.015
+    room: float = 22.0
+    begin: float | None = None
+
+    def __post_init__(self) -> None:
+        for field in ('resistance', 'capacity'):
+            if not getattr(self, field) > 0:
+                raise OptionError(f'warm friction: {field} must be positive')
+
+    def dry_factor(self, temperature: FloatArray) -> FloatArray:
+        return np.asarray(np.maximum(1 - self.softening * (temperature - self.room), 0.2))
+
+    def viscosity_factor(self, temperature: FloatArray) -> FloatArray:
+        cold = VOGEL_B / (self.room - VOGEL_T0)
+        return np.asarray(np.exp(VOGEL_B / (temperature - VOGEL_T0) - cold))
+
+    def temperature(self, t: FloatArray, cold_power: FloatArray) -> FloatArray:
+        """
+        Return T (K,) at times t (K,) in s.
+
+        :param cold_power: |friction * qd| (K,) in W as it would be at room temperature; it is
+            scaled by how far dry friction has fallen.
+        """
+        keep = np.exp(-np.diff(t) / (self.resistance * self.capacity))
+        state = self.room if self.begin is None else self.begin
+        out = [state]
+        for power, k in zip(cold_power.tolist(), keep.tolist()):
+            fall = max(1 - self.softening * (state - self.room), 0.2)
+            target = self.room + self.resistance * (self.idle + fall * power)
+            state = target + (state - target) * k
+            out.append(state)
+        return np.array(out)
+
+    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+        v = grid.qd[:, self.joint]
+        cold = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
+        warm = self.temperature(grid.t, np.abs(cold * v))
+        oil = self.surfaces.viscous * v
+        return self.dry_factor(warm) * (cold - oil) + self.viscosity_factor(warm) * oil
+
+
+@dataclass(frozen=True)
+class DifferentialFriction:
+    """
+    LuGre friction on the two shafts of a differential that drives a pair of joints.
+
+    The shafts turn by s = q_a + q_b and d = q_b - q_a. What rubs on them reaches the joints
+    by the transpose of that map: tau_a = f_s - f_d, tau_b = f_s + f_d. A shaft without
+    friction has None.
+    """
+
+    pair: tuple[int, int]
+    sum_shaft: LuGre | None
+    difference_shaft: LuGre | None = None
+
+    def __post_init__(self) -> None:
+        if self.pair[0] == self.pair[1]:
+            raise OptionError('differential friction: the pair must be two joints')
+
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
-        grid = fine(motion)
-        torque = friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint],
-                                 self.surfaces, self.backward)
-        return with_torque(signals, self.joint, torque[grid.at])
+        a, b = self.pair
+        check_joint(a, arm)
+        check_joint(b, arm)
+        grid, tau = fine(motion), signals.tau.copy()
+        for sign, surfaces in ((1.0, self.sum_shaft), (-1.0, self.difference_shaft)):
+            if surfaces is None:
+                continue
+            angle = grid.q[:, b] + sign * grid.q[:, a]
+            speed = grid.qd[:, b] + sign * grid.qd[:, a]
+            torque = friction_torque(grid.t, angle, speed, surfaces)[grid.at]
+            tau[:, a] += sign * torque
+            tau[:, b] += torque
+        return replace(signals, tau=tau)

@@ -1,31 +1,27 @@
-"""A torque sensor's own errors: its zero, its gain, and a zero that wanders."""
+"""Sensors that err: a gauge's zero, gain and drift, an encoder's zero, an effort that is late."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.changed import check_joint, with_torque
+from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class GaugeZero:
+class GaugeZero(JointTorque):
     """A bridge that is out of balance by `zero` N·m."""
 
     joint: int
     zero: float
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
-        return with_torque(signals, self.joint, np.full(len(motion.t), self.zero))
+    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+        return np.full(len(motion.t), self.zero)
 
 
 @dataclass(frozen=True)
@@ -44,7 +40,7 @@ class GaugeGain:
 
 
 @dataclass(frozen=True)
-class GaugeDrift:
+class GaugeDrift(JointTorque):
     """
     A zero that moves while the sensor warms, and wanders besides.
 
@@ -74,11 +70,52 @@ class GaugeDrift:
             sensor = np.exp(-age / (self.lag * self.warming))
         return np.asarray(1.0 - (mount - self.lag * sensor) / (1.0 - self.lag))
 
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        check_joint(self.joint, arm)
+    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
         age = motion.t - motion.t[0]
         steps = rng.standard_normal(len(age)) * np.sqrt(np.diff(age, prepend=0.0))
         walk = self.wander * np.cumsum(steps)
-        return with_torque(signals, self.joint,
-                           self.rise * self.temperature(age + self.begun) + walk)
+        return np.asarray(self.rise * self.temperature(age + self.begun) + walk)
+
+
+@dataclass(frozen=True)
+class EncoderOffset:
+    """
+    A joint that reports its angle `offset` rad too large.
+
+    One that is there in every recording cannot be seen in them: turned by a constant angle, a
+    sum of products of sines and cosines is another such sum.
+    """
+
+    joint: int
+    offset: float
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        check_joint(self.joint, arm)
+        q = signals.q.copy()
+        q[:, self.joint] += self.offset
+        return replace(signals, q=q)
+
+
+@dataclass(frozen=True)
+class LateEffort:
+    """
+    Effort `delay` s late on every joint, or on `joints` alone.
+
+    Between samples it runs in straight lines, so samples should lie closer than the torque
+    turns. Before the first sample the arm is at rest, and the torque that of the first.
+    """
+
+    delay: float
+    joints: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.delay >= 0:
+            raise OptionError(f'late effort: the delay is {self.delay} s; it must be 0 or more')
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        tau = signals.tau.copy()
+        for joint in range(arm.n_joints) if self.joints is None else self.joints:
+            tau[:, joint] = np.interp(motion.t - self.delay, motion.t, signals.tau[:, joint])
+        return replace(signals, tau=tau)

@@ -1,18 +1,49 @@
-"""A force that turns with the tool, as the thrust of a water jet or the pull of a spindle."""
+"""What acts on the arm as a whole: something picked up, a base not level, a force of the tool."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.arms import (
+    Arm, gravity_torque, inverse_dynamics, Payload, with_base_tilt, with_payload)
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
 
-FloatArray = NDArray[np.float64]
+
+@dataclass(frozen=True)
+class Grasp:
+    """A payload that the arm holds from `after` s into the motion, 0 being its beginning."""
+
+    payload: Payload
+    after: float = 0.0
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        held = motion.t - motion.t[0] >= self.after
+        q, qd, qdd = motion.q[held], motion.qd[held], motion.qdd[held]
+        tau = signals.tau.copy()
+        if held.any():
+            tau[held] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
+                          - inverse_dynamics(arm, q, qd, qdd))
+        return replace(signals, tau=tau)
+
+
+@dataclass(frozen=True)
+class TiltedBase:
+    """A base turned by `roll` about x, then by `pitch` about y, in rad."""
+
+    roll: float
+    pitch: float
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        tilted = with_base_tilt(arm, self.roll, self.pitch)
+        change = gravity_torque(tilted, motion.q) - gravity_torque(arm, motion.q)
+        return replace(signals, tau=signals.tau + change)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,40 @@
+"""A torque on one joint, and how a disturbance of it hands its signals on."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import replace
+
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.motions import Motion
+from gravity_comp_ros.simulation.synthesise import Signals
+import numpy as np
+
+
+def check_joint(joint: int, arm: Arm) -> None:
+    """
+    Check a joint's number, counted from 0.
+
+    :raises OptionError: if the arm has no such joint.
+    """
+    if not 0 <= joint < arm.n_joints:
+        raise OptionError(f'no joint number {joint + 1}: {arm.name} has {arm.n_joints}')
+
+
+class JointTorque(ABC):
+    """What adds to the torque of the joint of number `joint`, counted from 0."""
+
+    joint: int
+
+    @abstractmethod
+    def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
+        """Return what comes on top of the torque of the joint, (M,) in N·m."""
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        check_joint(self.joint, arm)
+        tau = signals.tau.copy()
+        tau[:, self.joint] += self.added(signals, motion, rng)
+        return replace(signals, tau=tau)
