@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-FloatArray = NDArray[np.float64]
+from numpy.typing import ArrayLike
 
 _ORDER = 3
 

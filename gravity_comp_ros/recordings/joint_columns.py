@@ -6,12 +6,10 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.recordings.message_batch import Batch
 from gravity_comp_ros.recordings.message_layout import Block
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 UNDECODABLE = 'not decodable'
 DUPLICATE = 'duplicate joint name'
@@ -27,7 +25,7 @@ class _Layout:
         self.rows = array('q')
         self.position, self.velocity, self.effort = array('d'), array('d'), array('d')
 
-    def take(self, rows: NDArray[np.int64], block: Block) -> None:
+    def take(self, rows: IntArray, block: Block) -> None:
         self.rows.frombytes(rows.astype(np.int64, copy=False).tobytes())
         for store, values in ((self.position, block.position), (self.velocity, block.velocity),
                               (self.effort, block.effort)):
@@ -109,14 +107,14 @@ class Columns:
         return max(self._layouts, key=lambda names: len(self._layouts[names].rows))
 
     @property
-    def log_ns(self) -> NDArray[np.int64]:
+    def log_ns(self) -> IntArray:
         return np.frombuffer(self._log_ns, dtype=np.int64)
 
     @property
-    def stamp_ns(self) -> NDArray[np.int64]:
+    def stamp_ns(self) -> IntArray:
         return np.frombuffer(self._stamp_ns, dtype=np.int64)
 
-    def presence(self, joints: Sequence[str]) -> NDArray[np.bool_]:
+    def presence(self, joints: Sequence[str]) -> BoolArray:
         """Return which message (M,) has which joint (N,)."""
         found = np.zeros((len(self), len(joints)), dtype=bool)
         for names, layout in self._layouts.items():

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import struct
 
+from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-FloatArray = NDArray[np.float64]
+from numpy.typing import ArrayLike
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 JOINT_STATE_HASH = 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e'

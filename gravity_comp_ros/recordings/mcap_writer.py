@@ -10,15 +10,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from gravity_comp_ros.atomic import replacing
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.joint_state_cdr import (
     encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH)
 from mcap.writer import CompressionType, Writer
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 # A stamp of 0 means "not set" in ROS, so time 0 of the samples becomes this date.
 DEFAULT_START_NS = 1_700_000_000 * 10**9
@@ -112,7 +109,7 @@ def write_bag(path: str | Path, topics: Sequence[JointTopic],
     return sum(len(topic.t) for topic in topics)
 
 
-def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[NDArray[np.int64]],
+def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntArray],
            options: WriteOptions) -> None:
     writer = Writer(stream, chunk_size=options.chunk_bytes,
                     compression=_COMPRESSION[options.compression])
@@ -136,7 +133,7 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[NDAr
     writer.finish()
 
 
-def _stamps(topic: JointTopic, start_ns: int) -> NDArray[np.int64]:
+def _stamps(topic: JointTopic, start_ns: int) -> IntArray:
     t = np.asarray(topic.t, dtype=np.float64)
     if not np.isfinite(t).all() or (np.diff(t) < 0).any():
         raise OptionError(f'topic {topic.name}: times must be finite and not go back')
@@ -145,6 +142,6 @@ def _stamps(topic: JointTopic, start_ns: int) -> NDArray[np.int64]:
     return start_ns + np.round(t * 1e9).astype(np.int64)
 
 
-def _events(number: int, stamps: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+def _events(number: int, stamps: IntArray) -> Iterator[tuple[int, int, int]]:
     for row, stamp in enumerate(stamps.tolist()):
         yield stamp, number, row

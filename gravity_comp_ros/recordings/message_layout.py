@@ -13,12 +13,11 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.recordings.joint_state_cdr import JointStateDecoder, JointStateMessage, Spans
 from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
 import numpy as np
 from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 _STAMP = 4  # where seconds and nanoseconds begin, after the bytes that name the encoding
 # Templates kept; more kinds of messages on one topic are no longer worth comparing with all.
@@ -53,7 +52,7 @@ class _Template:
         self._fixed = [(begin, whole[begin:end]) for begin, end in fixed]
         self._values = [(begin, size) for _, begin, size in spans.arrays]
 
-    def matching(self, rows: Bytes) -> NDArray[np.bool_]:
+    def matching(self, rows: Bytes) -> BoolArray:
         """Return which rows (M, length) have this layout, shape (M,)."""
         equal = np.ones(len(rows), dtype=bool)
         for begin, expected in self._fixed:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # No position in rad, speed or effort in any driver's unit is larger.
 IMPOSSIBLE = 1e9
@@ -60,7 +57,7 @@ def zero_effort_note(joint: str) -> str:
     return f'effort of joint {joint} is always 0'
 
 
-def zero_velocity_notes(joints: Sequence[str], moves: Mask, speed: Mask) -> list[str]:
+def zero_velocity_notes(joints: Sequence[str], moves: BoolArray, speed: BoolArray) -> list[str]:
     """
     Say where a driver publishes 0 for a speed that it does not measure.
 

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 import re
 
+from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 # Words that tell sides apart, so that few joints in common are enough.
 _SIDES = ('left', 'right', 'l', 'r')

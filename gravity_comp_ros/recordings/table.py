@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.errors import BagError, OptionError
 from gravity_comp_ros.recordings.mcap_writer import DEFAULT_START_NS, JointTopic
 from gravity_comp_ros.recordings.table_columns import (
@@ -14,9 +15,6 @@ from gravity_comp_ros.recordings.table_units import check_angles, check_seconds,
 from gravity_comp_ros.recordings.units import (
     ANGLE_UNITS, CURRENT_UNITS, TIME_UNITS, TORQUE_UNITS)
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS}
 NONE = 'none'
@@ -227,7 +225,7 @@ def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | N
     return names
 
 
-def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> NDArray[np.bool_]:
+def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> BoolArray:
     """Return which rows to use; unless bad rows may be skipped, all or an error."""
     used = [*chosen.position, *chosen.velocity, *chosen.effort]
     used += [] if chosen.time is None else [chosen.time]
@@ -262,8 +260,8 @@ def _refuse_text(table: Table, used: list[int]) -> None:
                    f'number{comma} (--skip-bad-rows leaves such rows out)')
 
 
-def _rising_rows(table: Table, time: FloatArray, keep: NDArray[np.bool_],
-                 options: TableOptions) -> NDArray[np.bool_]:
+def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
+                 options: TableOptions) -> BoolArray:
     rows = np.flatnonzero(keep)
     latest = np.maximum.accumulate(time[rows])
     back = np.append(False, time[rows][1:] <= latest[:-1])

@@ -11,11 +11,10 @@ from itertools import chain
 from pathlib import Path
 import zipfile
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 import numpy as np
 from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

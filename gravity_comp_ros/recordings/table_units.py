@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 # A joint that travels as far, rad, moves; a usual speed of one that does, rad/s.
 _MOVES, _USUAL = 0.05, 0.3

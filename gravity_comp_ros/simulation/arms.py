@@ -8,12 +8,11 @@ from math import pi, radians
 from pathlib import Path
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 import pinocchio as pin
-
-FloatArray = NDArray[np.float64]
 
 # KUKA LBR iiwa 7 R800, from public robot descriptions (IFL-CAMP/iiwa_stack, BSD-2). One row a
 # joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.

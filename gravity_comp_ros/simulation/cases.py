@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from zlib import crc32
 
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
 from gravity_comp_ros.simulation.degraded import Degradation
@@ -18,9 +18,7 @@ from gravity_comp_ros.simulation.sensors import measured, SensorOptions
 from gravity_comp_ros.simulation.six_axis import six_axis
 from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
 Pair = tuple[str, int | None]
 """An effect and its joint, counted from 0; None for the arm as a whole, or any joint of it."""
 

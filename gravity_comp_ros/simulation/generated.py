@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, empty_model, with_base_tilt
 from gravity_comp_ros.simulation.motions import Motion, sample
 import numpy as np
-from numpy.typing import NDArray
 import pinocchio as pin
-
-FloatArray = NDArray[np.float64]
 
 _REACH = 2.6
 _SPEED = 0.15

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-FloatArray = NDArray[np.float64]
 Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
 """A path takes times (M,) in s and returns q, qd, qdd, each (M, N) in rad, rad/s, rad/s²."""
 

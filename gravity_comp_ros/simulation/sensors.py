@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-FloatArray = NDArray[np.float64]
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import (
     Arm, gravity_torque, inverse_dynamics, Payload, with_payload)
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.noise import add_noise, NoiseOptions
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

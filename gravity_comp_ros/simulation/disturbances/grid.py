@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.simulation.motions import Motion
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 DEFAULT_STEP = 0.005
 

@@ -18,11 +18,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
-from numpy.typing import NDArray
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
