@@ -6,6 +6,8 @@ from dataclasses import replace
 from functools import cache
 from itertools import product
 
+from bench.cases.pauses import Pause, with_pauses
+from bench.cases.six_axis import six_axis
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -13,8 +15,6 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque, iiwa7
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
-from gravity_comp_ros.simulation.pauses import Pause, with_pauses
-from gravity_comp_ros.simulation.six_axis import six_axis
 import numpy as np
 import pinocchio as pin
 from serial_arms import geometry_of

@@ -1,5 +1,6 @@
 """The bench of planned motion: its recordings lack what they say, and its judge is right."""
 
+from bench.cases.six_axis import six_axis
 from bench.planning.poor import KINDS as POOR_KINDS, RATE
 from bench.planning.rivals import random_near, random_slow
 from bench.planning.run import judged
@@ -12,7 +13,6 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.planning import PlanOptions
 from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.six_axis import six_axis
 from gravity_comp_ros.simulation.synthesise import synthesise
 import numpy as np
 import pytest

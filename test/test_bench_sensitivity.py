@@ -5,8 +5,8 @@ from dataclasses import asdict, replace
 from bench.campaign import sensitivity
 from bench.campaign.results import Task
 from bench.campaign.sensitivity import AS_IT_IS, Count, counted, table, variants
+from bench.cases.case_list import case
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
-from gravity_comp_ros.simulation.case_list import case
 
 
 def thresholds(options):

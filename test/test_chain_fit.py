@@ -1,5 +1,6 @@
 """Fits of the chain: accuracy outside the motion, every kind of arm, bad starts, folds."""
 
+from bench.cases import generated
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -10,7 +11,7 @@ from gravity_comp_ros.models.kinematic.right_angles import in_common_frame, upri
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
-from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pinocchio as pin
 import pytest

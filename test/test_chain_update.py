@@ -1,11 +1,12 @@
 """Few-sample update after a tool change."""
 
+from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.update import update, UpdateOptions
 from gravity_comp_ros.models.model_file import load_model, save_model
-from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pytest
 from serial_arms import samples_of

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 from bench.campaign.judging import judging_case
 from bench.campaign.score import score
+from bench.cases.case_list import case
+from bench.cases.cases import recordings
 from bench.planning.scenes import Scene
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.wording import FOUND
-from gravity_comp_ros.simulation.case_list import case
-from gravity_comp_ros.simulation.cases import recordings
 import numpy as np
 import pytest
 

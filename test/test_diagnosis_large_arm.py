@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bench.cases.generated import generated_arm
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.base import choose_base
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -13,7 +14,6 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.generated import generated_arm
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 import sys
 
+from bench.cases.case_list import case, ROLES
+from bench.cases.cases import ARMS, recordings
+from bench.cases.drawn import drawn_case
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.case_list import case, ROLES
-from gravity_comp_ros.simulation.cases import ARMS, recordings
-from gravity_comp_ros.simulation.drawn import drawn_case
 import numpy as np
 import pytest
 

@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+from bench.cases.case_list import case, cases, ROLES
+from bench.cases.cases import ARMS, Case, recordings, undisturbed
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
-from gravity_comp_ros.simulation.case_list import case, cases, ROLES
-from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, recordings, undisturbed
+from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.motions import sample
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bench.cases.generated import generated_arm
 from fast_arms import drawn, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
@@ -17,7 +18,6 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.friction import Friction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.generated import generated_arm
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

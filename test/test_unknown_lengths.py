@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from bench.cases.cases import ARMS
+from bench.cases.generated import generated_arm
 from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
@@ -13,8 +15,6 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.unknown_lengths import INERTIAS, motion_columns
 from gravity_comp_ros.simulation import arms
-from gravity_comp_ros.simulation.cases import ARMS
-from gravity_comp_ros.simulation.generated import generated_arm
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest

@@ -7,16 +7,17 @@ named; viscous friction beside it is there, named or not.
 
 from __future__ import annotations
 
+from bench.cases.case_list import bristles, coulomb, offset
+from bench.cases.cases import ARMS, Case, Pair, Truth
+from bench.cases.degraded import (
+    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
+from bench.cases.drawn import draws
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
-from gravity_comp_ros.simulation.case_list import bristles, coulomb, offset
-from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
-from gravity_comp_ros.simulation.degraded import (
-    Degradation, FilteredTorque, LostMessages, NoVelocity, SteppedTorque)
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift
 from gravity_comp_ros.simulation.disturbances.friction import Friction, WarmFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.drawn import draws
+from gravity_comp_ros.simulation.hidden import noise_levels
 import numpy as np
 
 KINDS = ('friction', 'one_beside', 'two_beside', 'three_beside', 'lost', 'filtered', 'stepped',

@@ -8,10 +8,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+from bench.cases.cases import Case
 import gravity_comp_ros
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.simulation.cases import Case
 
 _ROOT = Path(gravity_comp_ros.__file__).parent
 _ROOMS = ('diagnosis', 'effects', 'evaluation', 'estimation', 'models', 'simulation')

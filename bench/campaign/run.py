@@ -30,12 +30,12 @@ from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.results import fingerprint, load, save, Task
 from bench.campaign.score import ALWAYS_THERE
 from bench.campaign.table import markdown, summary
+from bench.cases.case_list import case, cases, ROLES
+from bench.cases.cases import Case, recordings
+from bench.cases.drawn import drawn_case
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.simulation.case_list import case, cases, ROLES
-from gravity_comp_ros.simulation.cases import Case, recordings
-from gravity_comp_ros.simulation.drawn import drawn_case
 
 
 def main() -> int:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gravity_comp_ros.simulation.cases import Case, Pair, Truth
+from bench.cases.cases import Case, Pair, Truth
+
 
 # `established` and `likely` are findings; the other verdicts say that something is open.
 SURE = ('established', 'likely')

@@ -27,11 +27,11 @@ import sys
 from bench.campaign.judging import judging_case, KINDS
 from bench.campaign.results import Task
 from bench.campaign.score import score
+from bench.cases.case_list import cases, ROLES
+from bench.cases.cases import Case, recordings
+from bench.cases.drawn import drawn_case
 from gravity_comp_ros.diagnosis.diagnose import conclude, gather
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
-from gravity_comp_ros.simulation.case_list import cases, ROLES
-from gravity_comp_ros.simulation.cases import Case, recordings
-from gravity_comp_ros.simulation.drawn import drawn_case
 
 RATE, SECONDS = 25.0, 60.0
 AS_IT_IS = 'as it is'

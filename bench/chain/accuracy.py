@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 import time
 
+from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.request import requests
@@ -27,7 +28,7 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
-from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 
 NOISE = 0.1

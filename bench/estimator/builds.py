@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
-from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
 import pinocchio as pin

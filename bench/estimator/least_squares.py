@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from functools import partial
 import time
 
+from bench.cases.generated import generated_arm
+from bench.cases.six_axis import six_axis
 from gravity_comp_ros.models.kinematic.chain import Chain, tilt
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve, SolveOptions
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.generated import generated_arm
-from gravity_comp_ros.simulation.six_axis import six_axis
 import numpy as np
 from scipy.optimize import least_squares
 

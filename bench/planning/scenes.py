@@ -6,14 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
+from bench.cases.cases import ARMS as JUDGED
+from bench.cases.generated import generated_arm
 from bench.planning.poor import poor_motion, RATE, SECONDS
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.planning import Target
 from gravity_comp_ros.simulation import motions
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.cases import ARMS as JUDGED
-from gravity_comp_ros.simulation.generated import generated_arm
 from gravity_comp_ros.simulation.hidden import hidden
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions

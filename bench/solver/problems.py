@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from bench.cases import generated
 from gravity_comp_ros.models.sparse import dictionary
-from gravity_comp_ros.simulation import arms, generated, motions
+from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np

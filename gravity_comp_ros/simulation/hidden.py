@@ -9,7 +9,6 @@ from math import isfinite
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.cases import noise_levels
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
     EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
 from gravity_comp_ros.simulation.disturbances.friction import (
@@ -25,6 +24,7 @@ import numpy as np
 
 # A torque that stands out of a joint's usual noise without drowning its gravity.
 _ABOVE_NOISE = 10.0
+_BIG_JOINT_NOISE, _WRIST_NOISE, _WRIST_JOINTS = 0.1, 0.03, 3
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,12 @@ KINDS: dict[str, Kind] = {
     'time_delay': Kind(0.04, False, lambda arm, j, x: LateEffort(x)),
     'tool_force': Kind(12.0, False, lambda arm, j, x: ToolJet((0.5 * x, 0.25 * x, -x))),
 }
+
+
+def noise_levels(arm: Arm) -> tuple[float, ...]:
+    """Return each joint's torque noise in N·m: its three last joints are small."""
+    big = max(arm.n_joints - _WRIST_JOINTS, 0)
+    return (_BIG_JOINT_NOISE,) * big + (_WRIST_NOISE,) * (arm.n_joints - big)
 
 
 def hidden(text: str, arm: Arm) -> Hidden:

@@ -7,15 +7,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from zlib import crc32
 
+from bench.cases.degraded import Degradation
+from bench.cases.generated import generated_arm
+from bench.cases.pauses import Pause, with_pauses
+from bench.cases.sensors import measured, SensorOptions
+from bench.cases.six_axis import six_axis
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm, iiwa7
-from gravity_comp_ros.simulation.degraded import Degradation
-from gravity_comp_ros.simulation.generated import generated_arm
+from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.motions import Motion, multisine, MultisineOptions, sample
-from gravity_comp_ros.simulation.pauses import Pause, with_pauses
-from gravity_comp_ros.simulation.sensors import measured, SensorOptions
-from gravity_comp_ros.simulation.six_axis import six_axis
 from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, SynthesisOptions
 import numpy as np
 
@@ -30,7 +31,6 @@ VERDICTS = ('found', 'nothing', 'unexplained', 'untestable', 'weak')
 
 # A delay or a bristle wants finer steps than a recording has.
 _SIMULATION_RATE = 200.0
-_BIG_JOINT_NOISE, _WRIST_NOISE, _WRIST_JOINTS = 0.1, 0.03, 3
 
 
 @dataclass(frozen=True)
@@ -141,12 +141,6 @@ def _received(case: Case, number: int, run: JointSamples,
     if case.pause is None:
         return run
     return replace(run, starts=(number * (case.duration + case.pause),))
-
-
-def noise_levels(arm: Arm) -> tuple[float, ...]:
-    """Return each joint's torque noise in N·m: its three last joints are small."""
-    big = max(arm.n_joints - _WRIST_JOINTS, 0)
-    return (_BIG_JOINT_NOISE,) * big + (_WRIST_NOISE,) * (arm.n_joints - big)
 
 
 def run_motion(case: Case, arm: Arm, number: int, rate: float,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from gravity_comp_ros.simulation.case_list import bristles, ROLES
-from gravity_comp_ros.simulation.cases import ARMS, Case, noise_levels, Pair, Truth
+from bench.cases.case_list import bristles, ROLES
+from bench.cases.cases import ARMS, Case, Pair, Truth
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift, GaugeZero
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.disturbances.of_angle import Cogging, DressPack
+from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians
 
+from bench.cases.cases import ARMS, Case, Pair, Truth
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Payload
-from gravity_comp_ros.simulation.cases import ARMS, Case, Pair, Truth
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
     EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
 from gravity_comp_ros.simulation.disturbances.friction import (
