@@ -22,13 +22,14 @@ from gravity_comp_ros.report.style import LIGHT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_view import chart
-from gravity_comp_ros.workbench.job_state import Failed, Finished, Progressed
+from gravity_comp_ros.workbench.job_state import Failed, Finished
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.work import Given
 from gravity_comp_ros.workbench.worker import Worker
+from gravity_comp_ros.worker.messages import Progress
 from living import lives
 import numpy as np
 import pytest
@@ -314,7 +315,7 @@ def test_work_goes_on_aside_and_can_be_cancelled(paths):
         read = until(worker, Finished).answer
         choice = Choice((0, 1), read.samples.names)
         worker.ask(Learn(choice))
-        assert until(worker, (Progressed, Finished)) is not None
+        assert until(worker, (Progress, Finished)) is not None
         lost = worker.cancel()
         assert [event.cancelled for event in lost] in ([True], [])
         # The next job finds the recordings read again.

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 import time
 
-from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque, predict_torque
 from gravity_comp_ros.effects.request import requests
 from gravity_comp_ros.errors import DataError, FitError
@@ -23,7 +23,7 @@ from gravity_comp_ros.node.absolute_tests import (
 from gravity_comp_ros.node.base_chain import BaseChains, without_friction
 from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
-    friction_of_both, moving_rms, residual_noise, usual_residual)
+    friction_of_both, moving_rms, residual_noise, rms, usual_residual)
 from gravity_comp_ros.node.model_acceptance import judge, Prediction
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 from gravity_comp_ros.node.self_confirmation import echo_objection
@@ -88,7 +88,7 @@ def _without_outliers(job: Job, chain: GravityModel | None
     Without a chain a model is fitted to find them; it is returned where it is one of the job's.
     """
     first = None
-    every, names = outliers.both(job.train, job.held), job.train.names
+    every, names = concatenate((job.train, job.held)), job.train.names
     if chain is not None and chain.joints == names:
         gravity = concatenate(_beside_friction(job.base or chain, job))
         found = outliers.outliers_of_change(gravity, chain)
@@ -218,7 +218,7 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
             return lost
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
-                               _rms(here.train - predict_torque(base, job.train)))
+                               rms(here.train - predict_torque(base, job.train)))
     evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
                                train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)
@@ -263,7 +263,3 @@ def predicted(model: GravityModel, job: Job) -> Prediction:
     """Return what a model says of the samples of a job, effects included."""
     return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
                       residual_noise(model), *friction_of_both(model, job.train, job.held))
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    return np.sqrt(np.mean(np.square(values), axis=0))

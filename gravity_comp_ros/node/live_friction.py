@@ -42,6 +42,11 @@ def usual_residual(model: GravityModel) -> FloatArray:
     return np.hypot(residual_noise(model), DRIFT * size)
 
 
+def rms(values: FloatArray) -> FloatArray:
+    """Return the root mean square of values (M, ...) over the first axis."""
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
 def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     """
     Return the RMS (N,) in N·m of a residual (M, N) over the samples at which the joint moves.

@@ -107,7 +107,6 @@ class Reader:
         self.joints = tuple(joints)
         self.counts: Counter[str] = Counter()
         self.received = 0
-        self.last_fault = ''
         scale = effort_scale if effort_scale else (1.0,)
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
         self._farthest = np.array([ABSURD_TURNS if name in continuous else ABSURD_POSITION
@@ -141,13 +140,13 @@ class Reader:
             return None
         q = self._vector(message.position)
         if q is None:
-            self._drop(WRONG_SIZE)
+            self.counts[WRONG_SIZE] += 1
             return None
         if not all_finite(q):
-            self._drop(POSITION_NOT_FINITE)
+            self.counts[POSITION_NOT_FINITE] += 1
             return None
         if not self._possible.hold(q):
-            self._drop(POSITION_ABSURD)
+            self.counts[POSITION_ABSURD] += 1
             return None
         stamp = message.header.stamp
         t = stamp.sec + 1e-9 * stamp.nanosec
@@ -161,11 +160,10 @@ class Reader:
             self._past.clear()
         if t <= self._last and not new_run:
             if not self._believe(t):
-                self._drop(TIME_STILL if t == self._last else TIME_BACK)
+                self.counts[TIME_STILL if t == self._last else TIME_BACK] += 1
                 return None
             new_run = True
             self.counts[CLOCK_JUMP] += 1
-            self.last_fault = CLOCK_JUMP
             self._past.clear()
         self._rebellion.clear()
         self._last = t
@@ -187,7 +185,6 @@ class Reader:
             return False
         self._unstamped, self._stamped = 0, False
         self.counts[STAMP_LOST] += 1
-        self.last_fault = STAMP_LOST
         self._past.clear()
         return True
 
@@ -197,10 +194,10 @@ class Reader:
             self.counts[OTHER_JOINTS] += 1
             return False
         if len(set(ours)) != len(ours):
-            self._drop(DUPLICATE_JOINT)
+            self.counts[DUPLICATE_JOINT] += 1
             return False
         if len(ours) != len(self.joints):
-            self._drop(MISSING_JOINT)
+            self.counts[MISSING_JOINT] += 1
             return False
         names = list(names)
         self._order = np.array([names.index(name) for name in self.joints], dtype=np.intp)
@@ -222,17 +219,17 @@ class Reader:
             return slope
         qd = self._vector(values)
         if qd is None:
-            self._drop(WRONG_SIZE)
+            self.counts[WRONG_SIZE] += 1
             return None
         if not all_finite(qd):
-            self._drop(VELOCITY_NOT_FINITE)
+            self.counts[VELOCITY_NOT_FINITE] += 1
             return None
         slope, qd_then = self._slope(t, q, qd)
         if slope is not None:
             # Between two velocities of a joint that speeds up or slows down lies its mean.
             most = SLOPE_FACTOR * np.maximum(np.abs(qd), np.abs(qd_then)) + SLOPE_LEAST
             if (np.abs(slope) > most).any():
-                self._drop(VELOCITY_WRONG)
+                self.counts[VELOCITY_WRONG] += 1
                 return slope
         return qd
 
@@ -250,13 +247,13 @@ class Reader:
 
     def _effort(self, values: Sequence[float]) -> FloatArray | None:
         if len(values) == 0:
-            self._drop(NO_EFFORT)
+            self.counts[NO_EFFORT] += 1
             return None
         tau = self._vector(values)
         if tau is None:
-            self._drop(WRONG_SIZE)
+            self.counts[WRONG_SIZE] += 1
         elif not all_finite(tau):
-            self._drop(EFFORT_NOT_FINITE)
+            self.counts[EFFORT_NOT_FINITE] += 1
             return None
         return None if tau is None else tau * self._scale
 
@@ -266,7 +263,3 @@ class Reader:
             self._rebellion.clear()
         self._rebellion.append(t)
         return len(self._rebellion) >= RISING_TO_BELIEVE
-
-    def _drop(self, reason: str) -> None:
-        self.counts[reason] += 1
-        self.last_fault = reason

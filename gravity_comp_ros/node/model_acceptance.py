@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.node.live_friction import moving_rms
+from gravity_comp_ros.node.live_friction import moving_rms, rms
 import numpy as np
 
 # Below this part of a joint's effort variance explained by pose there is no gravity in it.
@@ -102,7 +102,7 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     # The standard error of an RMSE of independent errors, as a part of it.
     chance = 1.0 / np.sqrt(2.0 * held.tau.size) if knows_more and old is not None else 0.0
     better = worse.size == 0 and bool(
-        _rms(rmse_new / noise) < (1.0 + chance - margin) * _rms(rmse_old / noise))
+        rms(rmse_new / noise) < (1.0 + chance - margin) * rms(rmse_old / noise))
     if better and old is None and (explained < EXPLAINED).all():
         return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
                        f'pose does not explain the effort yet ({figures})')
@@ -123,9 +123,5 @@ def _figures(names: tuple[str, ...], rmse_new: FloatArray, rmse_old: FloatArray,
              is_first: bool) -> str:
     k = int(np.argmax(np.maximum(rmse_new, rmse_old)))
     rival = 'a constant torque' if is_first else 'the old model'
-    return (f'held-out RMSE {_rms(rmse_new):.3g} N·m, {rival} {_rms(rmse_old):.3g} N·m on '
+    return (f'held-out RMSE {rms(rmse_new):.3g} N·m, {rival} {rms(rmse_old):.3g} N·m on '
             f'{n_held} samples; worst joint {names[k]} {rmse_new[k]:.3g}, {rmse_old[k]:.3g}')
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import datetime
 from threading import Lock, Thread
 import time
@@ -12,6 +11,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
+from gravity_comp_ros.node.diagnostics import Status
 import numpy as np
 import rclpy
 from rclpy.context import Context
@@ -29,17 +29,15 @@ _MOST_PENDING = 200
 _WAIT = 0.2
 
 
-@dataclass(frozen=True)
-class Status:
-    """One status: `level` is 0 ok, 1 warning, 2 error, 3 stale."""
-
-    name: str
-    level: int
-    message: str
-
-
 class Following:
-    """Keeps the last minutes of a node's predictions and residuals, and what it says."""
+    """
+    Keeps the last minutes of a node's predictions and residuals, and what it says.
+
+    Its methods return at once.
+
+    :param node: its name, such as `gravity_comp`.
+    :raises OptionError: if it is no name.
+    """
 
     def __init__(self, node: str) -> None:
         self.node = f'/{node.strip("/")}'
@@ -66,11 +64,16 @@ class Following:
         self._thread.start()
 
     def joints(self) -> tuple[str, ...]:
-        """Return the joints that the node tells of."""
+        """Return the joints that the node tells of, none before its first message."""
         return self._names
 
     def rows(self, after: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """Return the number of the last row, and time, measured, predicted after `after`."""
+        """
+        Return what came after row number `after`.
+
+        That is the number of the last row, time in s (K,), and measured and predicted torque
+        (K, N) in N·m.
+        """
         with self._lock:
             new = min(self._count - after, len(self._rows))
             kept = list(self._rows)[len(self._rows) - new:] if new > 0 else []
@@ -200,12 +203,3 @@ def _is_news(old: Status | None, new: Status) -> bool:
 
 def _letters(text: str) -> str:
     return ''.join(c for c in text if not (c.isdigit() or c in '.+-'))
-
-
-def follow(node: str) -> Following:
-    """
-    Return what follows the node of that name, such as `gravity_comp`.
-
-    :raises OptionError: if it is no name.
-    """
-    return Following(node)

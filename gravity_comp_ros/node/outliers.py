@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from gravity_comp_ros.data.samples import BoolArray, concatenate, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.update import change_trust
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -74,11 +74,6 @@ def sent_without(sent: Sent | None, train: BoolArray, held: BoolArray) -> Sent |
     if sent is None:
         return None
     return replace(sent, train=sent.train[~train.any(axis=1)], held=sent.held[~held.any(axis=1)])
-
-
-def both(train: JointSamples, held: JointSamples) -> JointSamples:
-    """Return the samples to learn from and to judge by, one after the other."""
-    return concatenate((train, held))
 
 
 def _unless_many(outliers: BoolArray) -> BoolArray:

@@ -15,7 +15,7 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.node.live_friction import moving_rms
+from gravity_comp_ros.node.live_friction import moving_rms, rms
 from gravity_comp_ros.node.payload import PayloadLimits
 import numpy as np
 
@@ -108,8 +108,8 @@ def _inner_links_alone(evidence: PayloadEvidence) -> Iterator[str]:
                                 evidence.q).moment_columns()
     every, beyond = (np.abs(np.tensordot(part.ravel(), columns, axes=(0, 0)).T)
                      / evidence.noise for part in (moments, outer))
-    if n > 2 and _rms(every).max() > 4.0 * RESIDUAL and (
-            _rms(beyond).max() < OUTER_PART * _rms(every).max()):
+    if n > 2 and rms(every).max() > 4.0 * RESIDUAL and (
+            rms(beyond).max() < OUTER_PART * rms(every).max()):
         joint = int(np.argmax(np.hypot(*moments.T)))
         yield (f'only the moment at {evidence.names[joint]} changed; a body on the last link '
                'changes the links beyond the elbow too: a gain of that joint?')
@@ -120,8 +120,8 @@ def _common_factor(evidence: PayloadEvidence, before: FloatArray) -> Iterator[st
     factor = _factor(evidence, before)
     if abs(factor - 1.0) < SAME_FACTOR:
         return
-    left = _rms(evidence.tau - factor * before) / evidence.noise
-    loaded_joints = _rms(before) * abs(factor - 1.0) > 4.0 * evidence.noise
+    left = rms(evidence.tau - factor * before) / evidence.noise
+    loaded_joints = rms(before) * abs(factor - 1.0) > 4.0 * evidence.noise
     if left.max() < 1.5 and loaded_joints.sum() > 1:
         yield (f'the effort of all joints is {factor:.3g} times what it was: another unit or '
                'gain, no payload')
@@ -223,7 +223,3 @@ def _moment_change(evidence: PayloadEvidence) -> FloatArray:
     assert old is not None and new is not None
     # An axis that nothing showed before turns as a load appears beyond it; lengths do not.
     return new.moments - old.moments
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    return np.sqrt(np.mean(np.square(values), axis=0))

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.node.live_friction import rms
 import numpy as np
 
 # How long a driver may take from a command to the effort that it reports, s.
@@ -91,7 +92,7 @@ def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_trai
               *(tau - torque[:, k] for k in range(len(DELAYS)))]
     if not has_new_effects:
         errors = [_beside_friction(error, qd) for error in errors]
-    error, left = errors[0], np.array([_rms(each) for each in errors[1:]])
+    error, left = errors[0], np.array([rms(each) for each in errors[1:]])
     spread = torque[:, 0].std(axis=0)
     counts = spread > _VARIED * float(spread.max(initial=0.0))
     best = int(np.argmin(np.sqrt((left[:, counts] ** 2).mean(axis=1))))
@@ -114,7 +115,3 @@ def _beside_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
         coefficients = lstsq(columns, residual[:, n])
         found[:, n] = residual[:, n] - columns @ coefficients
     return found
-
-
-def _rms(values: FloatArray) -> FloatArray:
-    return np.asarray(np.sqrt((values ** 2).mean(axis=0)))

@@ -106,4 +106,4 @@ class Choice:
 
 def line(*words: str) -> str:
     """Return a command line of these words, quoted where a shell would take them apart."""
-    return ' '.join(shlex.quote(word) for word in words)
+    return shlex.join(words)

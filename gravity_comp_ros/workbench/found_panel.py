@@ -57,7 +57,7 @@ def _findings(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]
                                     'primary', disabled=one.is_adding, name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:
-        below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …', lambda: _turn(rest),
+        below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …', lambda: widgets.turn(rest),
                                     name='more'))
     return [*shown, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else shown
 
@@ -93,10 +93,6 @@ def _structure(one: OpenSession, diagnosis: Diagnosis) -> str:
         return told
     # Below findings it is folded, so that the answer is on the same screen.
     return markup.folded('Beyond the effects', told)
-
-
-def _turn(element: UIElement) -> None:
-    element.visible = not element.visible
 
 
 def _quiet(words: str) -> UIElement:

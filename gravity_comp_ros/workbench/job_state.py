@@ -18,16 +18,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from gravity_comp_ros.workbench.jobs import Answer, Job, Read
+from gravity_comp_ros.worker.messages import Progress
 
 DIED = 'the process that did the work ended (out of memory?)'
-
-
-@dataclass(frozen=True)
-class Progressed:
-    """How far a job is: its stage in words, and a share from 0 to 1."""
-
-    stage: str
-    share: float
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class Failed:
     cancelled: bool = False
 
 
-Event = Progressed | Finished | Failed
+Event = Progress | Finished | Failed
 
 
 class State(Enum):

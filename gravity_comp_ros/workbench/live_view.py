@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, DataRange1d, Div, Span, UIElement
@@ -13,6 +13,10 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import plot, Style
 from gravity_comp_ros.report.tiles import tiles
 from gravity_comp_ros.workbench import widgets
+if TYPE_CHECKING:
+    # Needs ROS, which a page of recordings does without.
+    from gravity_comp_ros.node.diagnostics import Status
+    from gravity_comp_ros.node.node_client import Following
 
 _SHOWN = 3000
 _EVERY = 3
@@ -23,58 +27,10 @@ _OLD_TORQUE, _OLD_STATUS = 2.0, 4.0
 _MOST_EVENTS = 30
 
 
-class Status(Protocol):
-    """One status of the node: its level (0 ok, 1 warning, 2 error, 3 stale) and words."""
-
-    @property
-    def name(self) -> str:
-        """Return which part of the node it is of."""
-
-    @property
-    def level(self) -> int:
-        """Return how bad it is."""
-
-    @property
-    def message(self) -> str:
-        """Return what it says."""
-
-
-class Follower(Protocol):
-    """
-    What follows a node; every method returns at once.
-
-    `rows(after)` gives what came after row number `after`: the new number, time in s (K,), and
-    measured and predicted torque (K, N) in N·m.
-    """
-
-    node: str
-
-    def joints(self) -> tuple[str, ...]:
-        """Return the joints that the node tells of, none before its first message."""
-
-    def rows(self, after: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
-        """Return the rows after number `after`."""
-
-    def coverage(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least and largest angle seen of each joint (N,) in rad."""
-
-    def statuses(self) -> Sequence[Status]:
-        """Return what the node last said of itself."""
-
-    def ages(self) -> tuple[float | None, float | None]:
-        """Return the age in s of the last torque and of the last status, None before the first."""
-
-    def events(self) -> Sequence[tuple[str, str]]:
-        """Return when and what changed, the latest last."""
-
-    def close(self) -> None:
-        """Stop following."""
-
-
 class LiveView:
     """The live view of one page."""
 
-    def __init__(self, follower: Follower, style: Style) -> None:
+    def __init__(self, follower: Following, style: Style) -> None:
         self.follower, self.style = follower, style
         self._state = widgets.html('', 'live-state')
         self._events = widgets.html('', 'live-events')

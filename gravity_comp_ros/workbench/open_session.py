@@ -13,11 +13,12 @@ from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.job_state import Event, Failed, Finished, Progressed
+from gravity_comp_ros.workbench.job_state import Event, Failed, Finished
 from gravity_comp_ros.workbench.jobs import (
     Add, Ask, described, Job, Learn, PlanMotion, Read, WasRead)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
+from gravity_comp_ros.worker.messages import Progress
 
 BUSY = 'every process that may work at a time is busy with another session: wait, or cancel there'
 
@@ -35,7 +36,7 @@ class OpenSession:
         self.worker = worker or Worker()
         self.trouble, self.done, self.warning = '', '', ''
         self._refused = ''
-        self.progress: Progressed | None = None
+        self.progress: Progress | None = None
         self.version = 0
         self.page: object | None = None
         self.left = time.monotonic()
@@ -162,7 +163,7 @@ class OpenSession:
         self.progress = None
 
     def _heard(self, event: Event) -> None:
-        if isinstance(event, Progressed):
+        if isinstance(event, Progress):
             self.progress = event
             return
         self.progress = None

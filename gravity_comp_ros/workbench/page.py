@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import TYPE_CHECKING
 
 from bokeh.document import Document
 from bokeh.events import DocumentReady
@@ -17,13 +18,16 @@ from gravity_comp_ros.workbench import (
     found_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.exports import Downloads
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
-from gravity_comp_ros.workbench.live_view import Follower, LiveView
+from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.side import Actions, Side
 from gravity_comp_ros.workbench.views import NAMES, Views
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.node.node_client import Following
 
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
@@ -38,7 +42,7 @@ class Page:
     """
 
     def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
-                 follower: Follower | None, nonce: str) -> None:
+                 follower: Following | None, nonce: str) -> None:
         self.document, self.sessions, self._wanted = document, sessions, identity
         self.one: OpenSession | None = None
         self.style: Style = LIGHT

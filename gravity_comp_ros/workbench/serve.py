@@ -10,6 +10,7 @@ import secrets
 import signal
 import socket
 import sys
+from typing import TYPE_CHECKING
 import warnings
 
 from bokeh.application import Application
@@ -27,13 +28,15 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.bring import Bring
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
-from gravity_comp_ros.workbench.live_view import Follower
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.work import Given
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
+
+if TYPE_CHECKING:
+    from gravity_comp_ros.node.node_client import Following
 
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
@@ -155,9 +158,9 @@ def _free_port(host: str) -> int:
         return int(probe.getsockname()[1])
 
 
-def _follower(node: str | None) -> Follower | None:
+def _follower(node: str | None) -> Following | None:
     if node is None:
         return None
     # The only way from here to ROS; whoever has no --live needs none.
-    from gravity_comp_ros.node.node_client import follow
-    return follow(node)
+    from gravity_comp_ros.node.node_client import Following
+    return Following(node)

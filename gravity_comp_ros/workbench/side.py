@@ -88,7 +88,8 @@ class Side:
                        *self.scales.values(), self.speeds, sizing_mode='stretch_width',
                        name='units', visible=any(f.value != '1' for f in self.scales.values())
                        or bool(self.speeds.active))
-        shown = widgets.button('Units and speeds …', lambda: _turn(units), name='show-units')
+        shown = widgets.button('Units and speeds …', lambda: widgets.turn(units),
+                               name='show-units')
         return [
             widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
             self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, shown, units,
@@ -99,10 +100,6 @@ class Side:
             widgets.button('Save the model', actions.save_model, name='export-model'),
             widgets.button('Save a report', actions.save_report, name='export-report'),
             widgets.button('Save command lines', actions.save_commands, name='export-commands')]
-
-
-def _turn(element: UIElement) -> None:
-    element.visible = not element.visible
 
 
 def _number(text: str, what: str) -> float:

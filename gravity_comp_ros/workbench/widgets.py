@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bokeh.models import Button, CheckboxGroup, Div, RadioButtonGroup, Select, TextInput
+from bokeh.models import (
+    Button, CheckboxGroup, Div, RadioButtonGroup, Select, TextInput, UIElement)
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.workbench.page_style import INSIDE
 
@@ -51,3 +52,8 @@ def tabs(labels: Sequence[str], action: Callable[[int], None]) -> RadioButtonGro
     made = RadioButtonGroup(labels=list(labels), active=0, stylesheets=[INSIDE])
     made.on_change('active', lambda attribute, old, new: action(new))
     return made
+
+
+def turn(element: UIElement) -> None:
+    """Show what is hidden, or hide it."""
+    element.visible = not element.visible

@@ -9,7 +9,7 @@ next job starts another one, which reads the recordings again. What may follow w
 from __future__ import annotations
 
 from gravity_comp_ros.workbench import job_state
-from gravity_comp_ros.workbench.job_state import Event, Jobs, Move, Progressed, State
+from gravity_comp_ros.workbench.job_state import Event, Jobs, Move, State
 from gravity_comp_ros.workbench.jobs import Bench, Job
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
 from gravity_comp_ros.worker.serve import Work
@@ -74,7 +74,7 @@ class Worker:
             if isinstance(message, Lost):
                 events += self._do(job_state.died(self.jobs))
             elif isinstance(message, Progress):
-                events.append(Progressed(message.stage, message.share))
+                events.append(message)
             elif isinstance(message, Done):
                 events += self._do(job_state.answered(self.jobs, message.answer))
             elif isinstance(message, Failed):
