@@ -150,7 +150,7 @@ def _run_verb(verb: str, argv: list[str]) -> int:
     usage = _usage(verb)
     parser = Parser(prog=f'{PROGRAM} {verb}', description=VERBS[verb], epilog=usage.EPILOG)
     usage.add_arguments(parser)
-    parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]))
+    parser.set_defaults(command=shlex.join([PROGRAM, verb, *argv]), parser=parser)
     # Options may stand between a verb's arguments.
     args = parser.parse_intermixed_args(argv)
     check_outputs(args)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import unicodedata
 
 _UNSAFE = {'Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp'}
@@ -28,3 +29,9 @@ def _shown(character: str) -> str:
 def counted(number: int, thing: str, things: str = '') -> str:
     """Return a number and what is counted, as in `1 sample` and `2 samples`."""
     return f'{number} {thing if number == 1 else things or thing + "s"}'
+
+
+def shown_names(names: Sequence[str], most: int = 12) -> str:
+    """Return names in one line, and how many there are after the first `most`."""
+    more = f' and {len(names) - most} more' if len(names) > most else ''
+    return ', '.join(names[:most]) + more

@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.node.fit_job import work
 from gravity_comp_ros.node.fit_messages import Job, Outcome, Question
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
-from gravity_comp_ros.node.fit_questions import ask
+from gravity_comp_ros.node.fit_worker import ask
 from living import lives
 import numpy as np
 import pytest

@@ -11,7 +11,7 @@ from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.fit_messages import Look
-from gravity_comp_ros.node.fit_questions import look
+from gravity_comp_ros.node.fit_worker import look
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, LiveFriction, residual_noise, usual_residual)
 from gravity_comp_ros.node.payload import PayloadFinding

@@ -1,7 +1,7 @@
 """Descriptions and positions of other joints in bags of every kind."""
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.joint_positions import joint_positions
+from gravity_comp_ros.recordings.bag import joint_positions
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
     decode_string, first_description, robot_description)

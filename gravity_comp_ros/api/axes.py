@@ -142,7 +142,7 @@ def _held_at(reports: Sequence[ReadReport], fixed: Mapping[str, float], text: st
     open_ones = [name for name in held_joints(text, joints, source) if name not in fixed]
     if not open_ones:
         return HeldAt(fixed)
-    from gravity_comp_ros.recordings.joint_positions import joint_positions
+    from gravity_comp_ros.recordings.bag import joint_positions
     ranges = [joint_positions(report.path, open_ones, report.topic) for report in reports]
     recorded = {}
     for name in open_ones:

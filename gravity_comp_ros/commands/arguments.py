@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -200,13 +199,9 @@ def scales(text: str) -> dict[str, float]:
     """Return the numbers in `JOINT=VALUE,...`."""
     found: dict[str, float] = {}
     for part in text.split(','):
-        name, equals, value = part.rpartition('=')
-        if not equals or not name.strip():
-            raise argparse.ArgumentTypeError(f'{part!r} is not JOINT=VALUE')
-        number = finite(value)
-        if number == 0.0:
+        found |= _values(part)
+        if 0.0 in found.values():
             raise argparse.ArgumentTypeError(f'{part!r}: a scale of 0 leaves no torque')
-        found[name.strip()] = number
     return found
 
 
@@ -238,12 +233,6 @@ def positive(text: str) -> float:
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f'{text!r} is not above 0')
     return value
-
-
-def names_shown(names: Sequence[str], most: int = 12) -> str:
-    """Return joint names in one line, cut after `most`."""
-    more = f' and {len(names) - most} more' if len(names) > most else ''
-    return ', '.join(names[:most]) + more
 
 
 def mcap_file(text: str) -> Path:

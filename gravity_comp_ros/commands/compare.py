@@ -38,7 +38,8 @@ def _run(args: argparse.Namespace) -> int:
     if args.previous is not None and args.html is None:
         args.parser.error('--previous is for the report: give --html as well')
     model = load_model(args.model)
-    chosen = _chosen(args, model)
+    chosen = named_joints('--joints: the model', model.joints, args.joints or model.joints,
+                          'shown')
     # The model needs every one of its joints; --joints only says which of them to show.
     args.joints = model.joints
     with terminal.progress() as report:
@@ -106,10 +107,6 @@ def _previous(args: argparse.Namespace, model: GravityModel,
         other, name = steps[-1].previous, f'before {", ".join(steps[-1].effects)}'
     found = compare_model(other, part)
     return {joint: x.rmse for joint, x in found.joints.items()}, name
-
-
-def _chosen(args: argparse.Namespace, model: GravityModel) -> tuple[str, ...]:
-    return named_joints('--joints: the model', model.joints, args.joints or model.joints, 'shown')
 
 
 def _gated_as_fitted(args: argparse.Namespace, model: GravityModel,

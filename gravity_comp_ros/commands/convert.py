@@ -6,9 +6,8 @@ import argparse
 import shlex
 
 from gravity_comp_ros.commands import next_step
-from gravity_comp_ros.commands.arguments import names_shown
 from gravity_comp_ros.commands.terminal import emit_json, safe, show, warn
-from gravity_comp_ros.printable import counted
+from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.mcap_writer import write_bag, WriteOptions
 from gravity_comp_ros.recordings.table import read_table, TableOptions
 
@@ -28,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
                    'notes': converted.notes}, args.json)
         return 0
     show(f'wrote {safe(args.output)}: {counted(len(topic.t), "sample")} over '
-         f'{topic.t[-1]:.4g} s, joints {safe(names_shown(topic.joints))}')
+         f'{topic.t[-1]:.4g} s, joints {safe(shown_names(topic.joints))}')
     if converted.dropped:
         warn(f'{counted(converted.dropped, "bad row")} left out')
     warn(*converted.notes)

@@ -8,9 +8,8 @@ from pathlib import Path
 import shlex
 
 from gravity_comp_ros.commands import next_step, reading, terminal
-from gravity_comp_ros.commands.arguments import names_shown
 from gravity_comp_ros.errors import DataError, OptionError
-from gravity_comp_ros.printable import counted
+from gravity_comp_ros.printable import counted, shown_names
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, Recording
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 
@@ -38,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
         for part in parts:
             terminal.say(
                 f'wrote {part.path}: {counted(len(part.topic.t), "sample")} from '
-                f'{part.begin:.6g} to {part.end:.6g} s, joints {names_shown(part.topic.joints)}')
+                f'{part.begin:.6g} to {part.end:.6g} s, joints {shown_names(part.topic.joints)}')
         next_step.show('see what is in it' if len(parts) == 1 else 'see what is in them',
                        shlex.join(['gravity_comp', 'info', *(str(part.path) for part in parts)]))
     if args.json:

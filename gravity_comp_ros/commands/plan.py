@@ -76,7 +76,7 @@ def _options(args: argparse.Namespace, model: GravityModel, q: FloatArray) -> Pl
 
 def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArray, FloatArray]:
     """Return the position limits of the description, with a margin of 2 % at either end."""
-    from gravity_comp_ros.description.joint_limits import position_limits
+    from gravity_comp_ros.description.robot_tree import position_limits
     from gravity_comp_ros.description.urdf import read_text
     low, high = position_limits(read_text(args.urdf), model.joints, str(args.urdf))
     # A planned motion should not end at a stop.

@@ -47,7 +47,8 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
     with terminal.progress() as report:
         loaded = reading.load(args, report)
         report('update', 0.5)
-        result, axes = update_on_axes(model, loaded, _axes(args, model, loaded))
+        axes = known_axes(loaded.reports, model.joints, arguments.axes_options(args), model=model)
+        result, axes = update_on_axes(model, loaded, axes)
         report('update', 1.0)
     if not args.dry_run:
         save_model(target, result.model)
@@ -61,10 +62,6 @@ def _update(args: argparse.Namespace, model: GravityModel, target: Path) -> int:
              'effects': [effect.target for effect in result.model.applied.effects],
              'description': axes.to_json(), 'warnings': warnings, **loaded.to_json()}, args.json)
     return 0
-
-
-def _axes(args: argparse.Namespace, model: GravityModel, loaded: Recording) -> KnownAxes:
-    return known_axes(loaded.reports, model.joints, arguments.axes_options(args), model=model)
 
 
 def _warnings(model: GravityModel, result: UpdateResult, loaded: Recording) -> list[str]:

@@ -83,20 +83,6 @@ class SampleRing:
     def names(self) -> tuple[str, ...]:
         return self._names
 
-    @property
-    def capacity(self) -> int:
-        return self._capacity
-
-    @property
-    def offered(self) -> int:
-        """The number of samples that came since the ring was made or cleared."""
-        return self._offered
-
-    def clear(self) -> None:
-        """Forget all samples."""
-        self._count = self._offered = self._run = 0
-        self._last = -np.inf
-
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
         """
         Take a sample in; where the ring is full, one leaves.

@@ -8,13 +8,15 @@ obstacle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from xml.etree.ElementTree import Element, ParseError
 
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.printable import printable
 import numpy as np
 
@@ -163,6 +165,23 @@ def parse_tree(text: str | bytes, source: str) -> RobotTree:
                             f'{moving[joint.child].name} and {joint.name}')
         joints[joint.name] = moving[joint.child] = joint
     return RobotTree(joints, moving, source)
+
+
+def position_limits(text: str | bytes, joints: Sequence[str],
+                    source: str = 'URDF') -> tuple[FloatArray, FloatArray]:
+    """
+    Return the lower and upper limits (N,) in rad; a turn either way for a continuous joint.
+
+    :raises DataError: if the text is no URDF.
+    :raises ModelMismatchError: if a joint is not in it.
+    """
+    tree = parse_tree(text, source)
+    missing = [name for name in joints if name not in tree.joints]
+    if missing:
+        raise ModelMismatchError(f'{source} has no joint {", ".join(missing)}')
+    limits = [tree.joints[name].limits() or (-math.pi, math.pi) for name in joints]
+    low, high = np.array(limits, dtype=np.float64).T
+    return low, high
 
 
 def _trimmed(text: str | bytes) -> str | bytes:

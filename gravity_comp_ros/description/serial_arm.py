@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.description.robot_tree import parse_tree, RobotTree, TreeJoint
 from gravity_comp_ros.errors import ModelMismatchError
+from gravity_comp_ros.printable import shown_names
 
 _MOST_NAMES = 16
 
@@ -76,7 +77,7 @@ def _check_known(tree: RobotTree, wanted: Collection[str]) -> None:
     if missing or not wanted:
         known = [joint.name for joint in tree.joints.values() if joint.moves]
         raise ModelMismatchError(f'{tree.source} has no joint {", ".join(missing)}; it has '
-                                 f'{_shown(known)}')
+                                 f'{shown_names(known, _MOST_NAMES)}')
 
 
 def _several_arms(source: str, paths: dict[str, list[TreeJoint]]) -> str:
@@ -86,11 +87,6 @@ def _several_arms(source: str, paths: dict[str, list[TreeJoint]]) -> str:
         names = [joint.name for joint in path if joint.name in paths]
         if not any(set(names) <= set(branch) for branch in branches):
             branches.append(names)
-    listed = ' | '.join(_shown(branch) for branch in branches)
+    listed = ' | '.join(shown_names(branch, _MOST_NAMES) for branch in branches)
     return (f'{source}: the joints are on {len(branches)} different branches: {listed}; name '
             f'those of one arm (--joints {",".join(branches[0])})')
-
-
-def _shown(names: Sequence[str]) -> str:
-    more = f' and {len(names) - _MOST_NAMES} more' if len(names) > _MOST_NAMES else ''
-    return ', '.join(names[:_MOST_NAMES]) + more

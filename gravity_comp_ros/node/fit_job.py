@@ -71,7 +71,7 @@ def work(job: Job) -> Outcome:
             job.sent, job.train, job.held, here.train, here.held,
             job.base is not None and _targets(model) != _targets(job.base))
         if echo is not None:
-            verdict = verdict.refused(echo, is_echo=True)
+            verdict = verdict.not_yet(echo)
         elif (broken := _broken(job, chain, change, model)) is not None:
             verdict = verdict.refused(broken)
         elif verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:

@@ -31,35 +31,26 @@ class Prediction:
     beside_held: FloatArray | float = 0.0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Verdict:
     """
-    The outcome of a comparison on `n_held` samples.
+    The outcome of a comparison; `reason` tells its figures in one line.
 
-    `rmse_new` and `rmse_old` (N,) in N·m; without an old model `rmse_old` is that of a
-    constant torque. `explained` (N,) is the part of the effort's variance that the new model
-    explains in training and on held-out samples. `reason` says all this in one line. `broken` is
-    why the effort cannot be what the drives supply, `echo` that it is what this node sent; both
-    are empty for a model that is judged by its figures alone.
+    `broken` is why the effort cannot be what the drives supply, empty for a model that is judged
+    by its figures alone.
     """
 
     better: bool
     compensated: bool
-    n_held: int
-    rmse_new: FloatArray
-    rmse_old: FloatArray
-    explained: FloatArray
     reason: str
     broken: str = ''
-    echo: str = ''
 
-    def refused(self, why: str, is_echo: bool = False) -> Verdict:
-        """Return the same comparison with a reason to refuse the model whatever it says."""
-        return replace(self, better=False, reason=f'{why} ({self.reason})',
-                       broken='' if is_echo else why, echo=why if is_echo else '')
+    def refused(self, why: str) -> Verdict:
+        """Return the same comparison, of effort that is broken."""
+        return replace(self.not_yet(why), broken=why)
 
     def not_yet(self, why: str) -> Verdict:
-        """Return the same comparison with what more samples must settle first."""
+        """Return the same comparison, the model not taken for this reason."""
         return replace(self, better=False, reason=f'{why} ({self.reason})')
 
 
@@ -94,7 +85,7 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     figures = _figures(train.names, rmse_new, rmse_old, len(held), old is None)
     compensated = _is_compensated(train, explained)
     if compensated:
-        return Verdict(False, True, len(held), rmse_new, rmse_old, explained,
+        return Verdict(False, True,
                        'the effort of no joint depends on pose: this arm seems to compensate '
                        'gravity itself, or its axes are all vertical; nothing to learn '
                        f'({figures})')
@@ -104,13 +95,12 @@ def judge(new: Prediction, old: Prediction | None, train: JointSamples, held: Jo
     better = worse.size == 0 and bool(
         rms(rmse_new / noise) < (1.0 + chance - margin) * rms(rmse_old / noise))
     if better and old is None and (explained < EXPLAINED).all():
-        return Verdict(False, False, len(held), rmse_new, rmse_old, explained,
-                       f'pose does not explain the effort yet ({figures})')
+        return Verdict(False, False, f'pose does not explain the effort yet ({figures})')
     reason = figures
     if not better and worse.size:
         names = ', '.join(train.names[k] for k in worse)
         reason = f'worse on {names}: {figures}'
-    return Verdict(better, False, len(held), rmse_new, rmse_old, explained, reason)
+    return Verdict(better, False, reason)
 
 
 def _is_compensated(train: JointSamples, explained: FloatArray) -> bool:

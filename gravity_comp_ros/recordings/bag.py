@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gravity_comp_ros.errors import BagError, ModelMismatchError
@@ -18,7 +18,20 @@ import numpy as np
 
 # Multiples of the golden ratio fill the unit interval evenly, any part of them.
 _GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
-__all__ = ['read_bag', 'ReadOptions', 'ReadReport', 'Recording']
+__all__ = ['joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
+
+
+@dataclass(frozen=True)
+class PositionRange:
+    """The median position of a joint and the range it keeps to, in rad or m."""
+
+    median: float
+    low: float
+    high: float
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
 
 
 def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recording:
@@ -59,6 +72,28 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     return cleaning.recording(path, topic, n_messages, options)
 
 
+def joint_positions(path: Path | str, joints: Collection[str],
+                    topic: str | None = None) -> dict[str, PositionRange]:
+    """
+    Return where those of the joints are that the recording has; effort is not needed.
+
+    :param topic: of the joint states; None for the usual one.
+    :raises BagError: if the recording cannot be read, or has no such topic.
+    """
+    path = Path(path)
+    with open_storage(path) as storage:
+        columns = _gather(storage, choose_topic(path, storage, topic)[0])
+    names = [name for name in columns.names if name in joints]
+    positions = columns.values(names)[0]
+    found = {}
+    for name, values in zip(names, positions.T):
+        known = values[np.isfinite(values)]
+        if known.size:
+            found[name] = PositionRange(float(np.median(known)), float(known.min()),
+                                        float(known.max()))
+    return found
+
+
 def _by_name(where: str, known: tuple[str, ...], options: ReadOptions) -> ReadOptions:
     """Return the options with joints by name where they were given by number."""
     scaled = named_joints(where, known, options.effort_scale, 'scaled')
@@ -69,7 +104,8 @@ def _by_name(where: str, known: tuple[str, ...], options: ReadOptions) -> ReadOp
     return replace(options, joints=chosen, effort_scale=scale)
 
 
-def _gather(storage: Storage, topic: str, rename: Mapping[str, str], share: float) -> Columns:
+def _gather(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
+            share: float = 1.0) -> Columns:
     """Decode a share of the messages of a topic."""
     columns, decoder, seen = Columns(rename), LayoutDecoder(), 0
     for batch in storage.batches(topic):

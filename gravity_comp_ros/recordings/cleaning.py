@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gravity_comp_ros.data.differentiation import differentiate
-from gravity_comp_ros.data.samples import BoolArray, JointSamples
+from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.joint_columns import Columns
@@ -72,16 +72,12 @@ class Cleaning:
         samples = JointSamples.single_run(
             self.joints, time, self._given('q'), self._given('qd'), self._given('tau'),
             path.name or path.resolve().name, int(self.times[0]) / 1e9)
-        steps = np.diff(time)
         self.notes += gap_notes(time)
         furthest = max(samples.q.max(initial=0.0), -samples.q.min(initial=0.0))
         self.notes += degree_notes(furthest, self.degrees)
-        report = ReadReport(
-            path, topic, n_messages, len(samples), dict(self.dropped),
-            'differentiated' if unmeasured.any() else 'measured',
-            float(1 / np.median(steps)) if steps.size else 0.0, float(time[-1]),
-            int(self.times[0]), fingerprint(path),
-            {joint: value for joint, value in scale.items() if value != 1.0}, tuple(self.notes))
+        report = read_report(path, topic, n_messages, time, self.dropped,
+                             'differentiated' if unmeasured.any() else 'measured',
+                             int(self.times[0]), scale, self.notes)
         return Recording(samples, report)
 
     def _given(self, name: str) -> NDArray[np.float64]:
@@ -168,6 +164,22 @@ class Cleaning:
         which = ('of every joint' if unmeasured.all()
                  else 'of ' + ', '.join(np.array(self.joints)[unmeasured]))
         self.notes.append(f'velocity {which} is differentiated from the position (zero phase)')
+
+
+def read_report(path: Path, topic: str, n_messages: int, t: FloatArray,
+                dropped: Mapping[str, int], velocity: str, start_ns: int,
+                scale: Mapping[str, float], notes: Sequence[str]) -> ReadReport:
+    """
+    Return the report on samples at times t (M,) in s from the first of them.
+
+    :param scale: N·m per unit of effort of every joint.
+    """
+    steps = np.diff(t)
+    return ReadReport(
+        path, topic, n_messages, len(t), dict(dropped), velocity,
+        float(1 / np.median(steps)) if steps.size else 0.0, float(t[-1]), start_ns,
+        fingerprint(path), {joint: value for joint, value in scale.items() if value != 1.0},
+        tuple(notes))
 
 
 def _rising(values: NDArray[np.int64]) -> BoolArray:

@@ -19,13 +19,13 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions, ReadReport
 from gravity_comp_ros.recordings.cleaning import (
-    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, TIME, VELOCITY)
+    BAD_STAMPS, MISSING, MOVES, NOT_FINITE, OTHER_JOINTS, read_report, TIME, VELOCITY)
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.message_layout import LayoutDecoder
 from gravity_comp_ros.recordings.read_notes import (
     degree_notes, drop_impossible, gap_notes, zero_effort_note, zero_velocity_notes)
 from gravity_comp_ros.recordings.several_arms import arms_by_name, jumps_to_and_fro
-from gravity_comp_ros.recordings.storage import fingerprint, open_storage
+from gravity_comp_ros.recordings.storage import open_storage
 from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import choose_topic, RULE
 import numpy as np
@@ -171,15 +171,11 @@ class _Pass:
                            for joint, loaded in zip(self._joints, self._loaded) if not loaded)]
         notes += zero_velocity_notes(self._joints, self._high - self._low > MOVES, self._moving)
         times = (np.frombuffer(self._times, dtype=np.int64) - self._times[0]) / 1e9
-        steps = np.diff(times)
         notes += gap_notes(times)
         furthest = float(max(self._high.max(), -self._low.min()))
         notes += degree_notes(furthest, self._options.degrees)
-        report = ReadReport(
-            path, topic, self._messages, len(times), dict(self._dropped), 'measured',
-            float(1 / np.median(steps)) if steps.size else 0.0, float(times[-1]),
-            self._times[0], fingerprint(path),
-            {joint: value for joint, value in scale.items() if value != 1.0}, tuple(notes))
+        report = read_report(path, topic, self._messages, times, self._dropped, 'measured',
+                             self._times[0], scale, notes)
         return GatedRecording(samples, report, dict(self._gate.dropped))
 
     def _check(self) -> None:

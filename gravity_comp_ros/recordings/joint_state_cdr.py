@@ -71,15 +71,7 @@ class JointStateDecoder:
         self._order = ''
         self._names: tuple[str, ...] = ()
 
-    def decode(self, data: bytes) -> JointStateMessage:
-        """
-        Return the message in `data`.
-
-        :raises ValueError: if the bytes are not a JointState in plain CDR.
-        """
-        return self.decode_with_spans(data)[0]
-
-    def decode_with_spans(self, data: bytes) -> tuple[JointStateMessage, Spans]:
+    def decode(self, data: bytes) -> tuple[JointStateMessage, Spans]:
         """
         Return the message in `data`, and where its parts are.
 

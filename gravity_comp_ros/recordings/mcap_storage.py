@@ -10,9 +10,9 @@ import zlib
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.mcap_chunks import ChunkError, topic_batches
 from gravity_comp_ros.recordings.message_batch import Batch, batched
-from gravity_comp_ros.recordings.storage_interface import StoredTopic
+from gravity_comp_ros.recordings.storage_interface import StoredTopic, summed
 from mcap.reader import SeekingReader
-from mcap.records import Footer, Message
+from mcap.records import Channel, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
 
@@ -91,12 +91,10 @@ class McapStorage:
     def _scan(self) -> tuple[StoredTopic, ...]:
         """Return the topics of a file without summary by reading all of it."""
         self._stream.seek(0)
-        counts: dict[tuple[str, str, str], int] = {}
-        for schema, channel, _ in SeekingReader(self._stream).iter_messages():
-            key = (channel.topic, schema.name if schema else '', channel.message_encoding)
-            counts[key] = counts.get(key, 0) + 1
+        topics = summed((_key(channel, schema), 1) for schema, channel, _ in
+                        SeekingReader(self._stream).iter_messages())
         self._stream.seek(0)
-        return tuple(StoredTopic(*key, count) for key, count in counts.items())
+        return topics
 
     def _truncated(self, size: int) -> BagError:
         readable = _readable_messages(self._path)
@@ -113,12 +111,12 @@ class McapStorage:
 
 def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
     counts = summary.statistics.channel_message_counts if summary.statistics else {}
-    found: dict[tuple[str, str, str], int] = {}
-    for channel in summary.channels.values():
-        schema = summary.schemas.get(channel.schema_id)
-        key = (channel.topic, schema.name if schema else '', channel.message_encoding)
-        found[key] = found.get(key, 0) + counts.get(channel.id, 0)
-    return tuple(StoredTopic(*key, count) for key, count in found.items())
+    return summed((_key(channel, summary.schemas.get(channel.schema_id)),
+                   counts.get(channel.id, 0)) for channel in summary.channels.values())
+
+
+def _key(channel: Channel, schema: Schema | None) -> tuple[str, str, str]:
+    return channel.topic, schema.name if schema else '', channel.message_encoding
 
 
 def _readable_messages(path: Path) -> int:

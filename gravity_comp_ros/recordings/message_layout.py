@@ -89,7 +89,7 @@ class LayoutDecoder:
         while left.size:
             raw, first, left = batch.message(int(left[0])), left[:1], left[1:]
             try:
-                message, spans = self._single.decode_with_spans(raw)
+                message, spans = self._single.decode(raw)
             except ValueError:
                 continue
             yield Block(first, message.names, np.array([message.stamp_ns]),

@@ -15,7 +15,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
 from gravity_comp_ros.recordings.message_batch import Batch, batched
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
-from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic
+from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic, summed
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
@@ -33,12 +33,8 @@ class _Joined:
 
     @property
     def topics(self) -> tuple[StoredTopic, ...]:
-        found: dict[tuple[str, str, str], int] = {}
-        for part in self._parts:
-            for topic in part.topics:
-                key = (topic.name, topic.type, topic.encoding)
-                found[key] = found.get(key, 0) + topic.count
-        return tuple(StoredTopic(*key, count) for key, count in found.items())
+        return summed(((topic.name, topic.type, topic.encoding), topic.count)
+                      for part in self._parts for topic in part.topics)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         for part in self._parts:

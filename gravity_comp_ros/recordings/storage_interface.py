@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -42,3 +42,11 @@ class Storage(Protocol):
 
     def close(self) -> None:
         """Close the files."""
+
+
+def summed(counts: Iterable[tuple[tuple[str, str, str], int]]) -> tuple[StoredTopic, ...]:
+    """Return topics from numbers of messages by name, type and encoding; equal ones are one."""
+    found: dict[tuple[str, str, str], int] = {}
+    for key, count in counts:
+        found[key] = found.get(key, 0) + count
+    return tuple(StoredTopic(*key, count) for key, count in found.items())

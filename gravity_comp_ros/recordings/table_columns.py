@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import re
 
 from gravity_comp_ros.errors import BagError
+from gravity_comp_ros.printable import shown_names
 
 _RANGE = re.compile(r'(\d+)-(\d+)$')
+_MOST_NAMES = 30
 
 
 def _shapes(before: str, words: Sequence[str], after: str) -> tuple[re.Pattern[str], ...]:
@@ -106,7 +108,8 @@ def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list
     numbered = sorted((int(match[1]), k) for k, name in enumerate(columns)
                       if (match := shape.match(name)))
     if not numbered:
-        raise BagError(f'{where}: no column {wanted} for {what}; it has {_listed(columns)}')
+        raise BagError(f'{where}: no column {wanted} for {what}; it has '
+                       f'{shown_names(columns, _MOST_NAMES)}')
     numbers = [number for number, _ in numbered]
     if numbers != list(range(numbers[0], numbers[0] + len(numbers))):
         raise BagError(f'{where}: columns {wanted} for {what} are numbered '
@@ -126,10 +129,6 @@ def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]
     if item.isdecimal():
         first = last = int(item)
     if not 1 <= first <= last <= len(columns):
-        raise BagError(f'{where}: no column {item!r} for {what}; it has {_listed(columns)}')
+        raise BagError(f'{where}: no column {item!r} for {what}; it has '
+                       f'{shown_names(columns, _MOST_NAMES)}')
     return list(range(first - 1, last))
-
-
-def _listed(columns: Sequence[str], most: int = 30) -> str:
-    more = f' and {len(columns) - most} more' if len(columns) > most else ''
-    return ', '.join(columns[:most]) + more

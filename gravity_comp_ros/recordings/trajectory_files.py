@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import csv
 import io
+import json
 import math
 from pathlib import Path
 
@@ -75,7 +76,7 @@ def to_yaml(trajectory: Trajectory, comments: Sequence[str] = (), goal: bool = F
     indent = '  ' if goal else ''
     if goal:
         lines.append('trajectory:')
-    names = ', '.join(_quoted(name) for name in trajectory.joints)
+    names = ', '.join(json.dumps(name, ensure_ascii=False) for name in trajectory.joints)
     lines += [f'{indent}joint_names: [{names}]', f'{indent}points:']
     count = max(1, math.ceil(trajectory.duration / _POINT_STEP - 1e-9))
     times = np.linspace(trajectory.t[0], trajectory.t[-1], count + 1)
@@ -146,7 +147,3 @@ def from_csv(text: str) -> Trajectory:
 
 def _numbers(row: FloatArray) -> str:
     return ', '.join(f'{value:.5f}' for value in row + 0.0)
-
-
-def _quoted(name: str) -> str:
-    return '"' + name.replace('\\', '\\\\').replace('"', '\\"') + '"'

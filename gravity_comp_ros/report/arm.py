@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.description.joint_limits import position_limits
+from gravity_comp_ros.description.robot_tree import position_limits
 from gravity_comp_ros.description.urdf import parse_urdf, read_text
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.kinematic.geometry import Geometry

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import re
 from typing import Any
 
-from bokeh.models import BoxSelectTool, DataRange1d, Range1d, WheelZoomTool
+from bokeh.models import BoxSelectTool, Range1d, WheelZoomTool
 from bokeh.palettes import Cividis256
 from bokeh.plotting import figure
 from gravity_comp_ros.report import css
@@ -109,11 +109,6 @@ def padded(low: float, high: float, share: float = 0.05) -> Range1d:
     """Return a fixed range with some air around it."""
     air = share * (high - low) or max(0.05 * abs(high), 1e-3)
     return Range1d(low - air, high + air)
-
-
-def own_range() -> DataRange1d:
-    """Return a range that follows what is drawn, hidden or not."""
-    return DataRange1d(range_padding=0.06)
 
 
 def short(text: str, most: int = 18) -> str:

@@ -16,7 +16,6 @@ from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.workbench import (
     found_panel, page_parts, page_style, plan_panel, store, widgets)
-from gravity_comp_ros.workbench.exports import Downloads
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
@@ -71,7 +70,7 @@ class Page:
                                      width=90)
         self.again = widgets.button('Try again', self._try_again, 'primary', name='again',
                                     visible=False, width=110)
-        self.downloads = Downloads()
+        self.downloads = page_parts.Downloads()
         self.side = column(sizing_mode='stretch_width', name='side')
         self.missing, self.history, self.shown = (
             column(widgets.html(''), sizing_mode='stretch_width', name=name)

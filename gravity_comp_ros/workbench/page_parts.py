@@ -1,4 +1,4 @@
-"""Smaller parts of the page: its status line, the list of sessions, what the browser says."""
+"""Smaller parts of the page: status line, list of sessions, files, what the browser says."""
 
 from __future__ import annotations
 
@@ -12,6 +12,17 @@ from gravity_comp_ros.workbench.side import Side
 from gravity_comp_ros.workbench.store import Saved
 
 WithChoice = Callable[[OpenSession, Side], None]
+
+_SAVE = """
+if (cb_obj.tags.length < 3) return
+const [name, kind, text] = cb_obj.tags
+const link = document.createElement('a')
+link.href = URL.createObjectURL(new Blob([text], {type: kind}))
+link.download = name
+link.click()
+setTimeout(() => URL.revokeObjectURL(link.href), 10000)
+cb_obj.tags = []
+"""
 
 TURN_DARK = "document.documentElement.classList.toggle('dark')"
 READY = """
@@ -38,6 +49,19 @@ if (what == 'session') {
     if (each._recompute_all_models) each._recompute_all_models()
 }
 """
+
+
+class Downloads:
+    """An invisible part of the page through which files go out."""
+
+    def __init__(self) -> None:
+        self.element = Div(visible=False, tags=[])
+        self.element.js_on_change('tags', CustomJS(code=_SAVE))
+
+    def give(self, name: str, kind: str, text: str) -> None:
+        """Let the browser save `text` as a file of that name."""
+        self.element.tags = []
+        self.element.tags = [name, kind, text]
 
 
 def client_link(heard: Callable[[str], None]) -> Div:

@@ -9,7 +9,7 @@ from bokeh.models import UIElement
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import Style
-from gravity_comp_ros.workbench import compare_view, pair_plots, widgets
+from gravity_comp_ros.workbench import compare_view, widgets
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.compare_view import Seen
 from gravity_comp_ros.workbench.open_session import OpenSession
@@ -59,8 +59,8 @@ class PairView:
         try:
             first, second = (self._seen(one.session, key) for key in (a, b))
             shared = [name for name in first.model.joints if name in second.model.joints]
-            plots = pair_plots.residuals(first, second, one.session.recording.samples.joints(
-                shared), style)
+            plots = compare_view.residuals(
+                first, second, one.session.recording.samples.joints(shared), style)
         except GravityCompError as problem:
             return widgets.html(markup.paragraph(str(problem)))
         return element(compare_view.section(first, second, plots, style))

@@ -43,4 +43,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     speeds.add_argument('--all-samples', action='store_true', help='fast ones too')
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser, output=None, rewrites_model=True)
+    parser.set_defaults(output=None, rewrites_model=True)

@@ -41,4 +41,3 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--previous', metavar='MODEL.json', type=Path, default=None,
                         help='another model, for its errors beside in the report of --html '
                         '(default: what the model was before its last addition)')
-    parser.set_defaults(parser=parser)

@@ -35,7 +35,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--joints', metavar='A,B,...', type=arguments.joint_list, default=None,
                         help='keep these joints, in this order (default: all)')
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser)
 
 
 def times(text: str) -> tuple[float, ...]:

@@ -37,4 +37,4 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     arguments.add_gate(parser)
     arguments.add_reading(parser, joints=False)
     arguments.add_json(parser)
-    parser.set_defaults(parser=parser, rewrites_model=True)
+    parser.set_defaults(rewrites_model=True)

@@ -53,7 +53,6 @@ def _plot(style: Style, title: str, x_label: str, y_label: str, x: FloatArray, y
     made.yaxis.ticker.desired_num_ticks = 3
     if not logarithmic:
         made.yaxis.formatter = BasicTickFormatter(use_scientific=False)
-    if not logarithmic:
         made.varea(x, [0.0] * len(x), y, fill_color=style.residual, fill_alpha=0.25)
     made.hover.tooltips = [(x_label.split(',')[0], '@x{0.000}'), (y_label, '@y{0.0000}')]
     made.add_tools(CrosshairTool(dimensions='height', line_color=style.faint))
