@@ -21,7 +21,7 @@ from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.report.style import LIGHT
 from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.history_view import chart
+from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
 from gravity_comp_ros.workbench.session import Session

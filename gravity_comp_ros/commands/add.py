@@ -55,7 +55,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     held_out.required(args, model)
     args.joints = model.joints
     with terminal.progress() as report:
-        recording = reading.load_all(args, report)
+        recording = reading.load(args, report, is_gated=False)
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
         ties = ties_of(model, recording, result.added)
     reports = recording.reports

@@ -48,7 +48,7 @@ def _run(args: argparse.Namespace) -> int:
     model = _model(args)
     started = time.perf_counter()
     with terminal.progress() as report:
-        recording = reading.load_all(args, report)
+        recording = reading.load(args, report, is_gated=False)
         if model is not None:
             recording = held_out.without(model, recording)
         beside, recording = (model, recording) if model else _fitted(args, recording, report)

@@ -27,7 +27,7 @@ def run(args: argparse.Namespace) -> int:
     if args.widen is not None and args.within == 'limits':
         raise OptionError('--widen and --within limits exclude each other: give one of them')
     with terminal.progress() as report:
-        recording = reading.load_all(args, report)
+        recording = reading.load(args, report, is_gated=False)
         q = recording.samples.joints(model.joints).q
         options = _options(args, model, q)
         check, links = collision_check(args.urdf, model.joints, q)

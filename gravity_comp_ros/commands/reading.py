@@ -17,14 +17,16 @@ from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
 
 
-def load(args: argparse.Namespace, report: ProgressCallback) -> Recording:
+def load(args: argparse.Namespace, report: ProgressCallback,
+         is_gated: bool = True) -> Recording:
     """
     Return what `args.bags` hold, gated as the arguments ask.
 
+    :param is_gated: False for verbs that choose among all samples themselves.
     :raises BagError: if a bag cannot be read.
     :raises ModelMismatchError: if two bags are of different robots.
     """
-    return read_recording(args.bags, read_options(args), gate(args), report)
+    return read_recording(args.bags, read_options(args), gate(args) if is_gated else None, report)
 
 
 def load_enough(args: argparse.Namespace, report: ProgressCallback,
@@ -42,16 +44,6 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback,
             if slow.samples.n_samples >= FEW_SLOW:
                 return slow
     return with_enough_motion(load(args, report))
-
-
-def load_all(args: argparse.Namespace, report: ProgressCallback) -> Recording:
-    """
-    Return what `args.bags` hold for verbs that choose among all samples themselves.
-
-    :raises BagError: if a bag cannot be read.
-    :raises ModelMismatchError: if two bags are of different robots.
-    """
-    return read_recording(args.bags, read_options(args), None, report)
 
 
 def lines(recording: Recording) -> list[str]:

@@ -193,7 +193,8 @@ class BlockGate:
     def _one_per_slot(self, t: FloatArray, first: float) -> BoolArray:
         if self._options.rate_hz is None or not len(t):
             return np.ones(len(t), dtype=bool)
-        slots = _slots(t, first, self._options.rate_hz)
+        # One sample is kept in each interval.
+        slots = np.floor((t - first) * self._options.rate_hz + 0.5)
         fresh = np.concatenate([[slots[0] > self._last_slot], slots[1:] > slots[:-1]])
         self._last_slot = max(self._last_slot, float(slots[-1]))
         return fresh
@@ -227,11 +228,6 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
         dropped += gate.dropped
     return GateResult(samples.select(kept), int(kept.sum()), len(samples),
                       {reason: dropped[reason] for reason in REASONS if dropped[reason]})
-
-
-def _slots(t: FloatArray, first: float, rate_hz: float) -> FloatArray:
-    """Return the interval that each sample of a run falls in; one is kept in each."""
-    return np.floor((t - first) * rate_hz + 0.5)
 
 
 def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,

@@ -13,7 +13,8 @@ from gravity_comp_ros.report import css, markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.headline import headline
 from gravity_comp_ros.report.section import Section
-from gravity_comp_ros.report.sections import all_sections
+from gravity_comp_ros.report.sections import SECTIONS
+from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import DARK, LIGHT
 
 # Nothing may be fetched: what the page needs is in it. Only scripts with the nonce of the page
@@ -75,7 +76,10 @@ window.addEventListener('load', async () => {
 
 def report_html(contents: Contents) -> str:
     """Return the whole page; needs no network and no other file."""
-    sections = all_sections(contents, LIGHT)
+    table = Table(contents)
+    table.embed_fine_lines()
+    # Their plots share one table, so that selections are common.
+    sections = [made for make in SECTIONS.values() if (made := make(contents, table, LIGHT))]
     document = Document()
     # Bokeh looks through all models once, not once for each part.
     with document.models.freeze():
@@ -93,7 +97,8 @@ def report_html(contents: Contents) -> str:
     if document.roots:
         body += f'<script type="application/json" id="data">{_inside(document)}</script>'
     draw = _DRAW.replace('COLOURS', _pairs())
-    scripts = [*_bokeh(), markup.LESS_WORK, f'{{{draw}}}'] if document.roots else []
+    bokeh = Resources(mode='inline', components=list(_COMPONENTS)).js_raw
+    scripts = [*bokeh, markup.LESS_WORK, f'{{{draw}}}'] if document.roots else []
     return _page(f'gravity_comp: {title}', head + f'<nav>{links}</nav>{body}',
                  [*scripts, markup.COPY])
 
@@ -101,11 +106,6 @@ def report_html(contents: Contents) -> str:
 def message_html(title: str, message: str) -> str:
     """Return a page that says in words why there is nothing to show."""
     return _page(title, f'<h1 class="verdict" id="verdict">{markup.text(message)}</h1>', [])
-
-
-def _bokeh() -> list[str]:
-    """Return the scripts of Bokeh."""
-    return list(Resources(mode='inline', components=list(_COMPONENTS)).js_raw)
 
 
 def _pairs() -> str:

@@ -1,6 +1,8 @@
-"""All parts of a report, in the order of a reader's questions."""
+"""All parts of a report, by their short names, in the order of a reader's questions."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
@@ -9,15 +11,17 @@ from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
     answer, arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 
-
-def all_sections(contents: Contents, style: Style) -> list[Section]:
-    """Return every part; their plots share one table, so that selections are common."""
-    table = Table(contents)
-    table.embed_fine_lines()
-    found = [answer.section(contents, table, style), joints.section(contents),
-             time.section(contents, table, style), arm.section(contents, table, style),
-             residuals.section(contents, table, style), pairs.section(contents, table, style),
-             spectrum.section(contents, style), effects.section(contents, table, style),
-             equations.section(contents, style), quality.section(contents),
-             provenance.section(contents)]
-    return [section for section in found if section is not None]
+# What makes a part; None where there is nothing to show of it.
+Maker = Callable[[Contents, Table, Style], Section | None]
+SECTIONS: dict[str, Maker] = {
+    'Answer': answer.section,
+    'Errors': lambda contents, table, style: joints.section(contents),
+    'Over time': time.section,
+    'Arm': arm.section,
+    'Residual': residuals.section,
+    'Pairs': pairs.section,
+    'Spectrum': lambda contents, table, style: spectrum.section(contents, style),
+    'Effects': effects.section,
+    'Model': lambda contents, table, style: equations.section(contents, style),
+    'Data': lambda contents, table, style: quality.section(contents),
+    'Origin': lambda contents, table, style: provenance.section(contents)}

@@ -13,6 +13,7 @@ from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline, largest
 from gravity_comp_ros.report.page import report_html
+from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.workbench import (
     found_panel, page_parts, page_style, plan_panel, store, widgets)
@@ -23,7 +24,7 @@ from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.side import Actions, Side
-from gravity_comp_ros.workbench.views import NAMES, Views
+from gravity_comp_ros.workbench.views import Views
 
 if TYPE_CHECKING:
     from gravity_comp_ros.node.node_client import Following
@@ -51,7 +52,7 @@ class Page:
         self._seen, self._sweeps, self._focus = -1, 0, ''
         self._outdated = False
         self.live = LiveView(follower, self.style) if follower else None
-        self.names = [*((*NAMES, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
+        self.names = [*((*SECTIONS, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
         self.view = self.names[0]
         self._has_bags = has_bags
         self._build(nonce)

@@ -43,10 +43,6 @@ class Session(Work):
                  given: tuple[Given, ...] = (), topic: str | None = None,
                  urdf: Path | None = None) -> None:
         super().__init__(paths, choice, given, topic, urdf)
-        self._arm: tuple[tuple[object, ...], Arm | None] | None = None
-        self._contents: tuple[Key, Contents] | None = None
-        self._preview: tuple[Key, Contents] | None = None
-        self._few: tuple[Key, str] | None = None
         self._errors: list[tuple[Key, Comparison]] = []
 
     def compared(self, model: GravityModel) -> Comparison:
@@ -69,14 +65,11 @@ class Session(Work):
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
         key = Key(self.choice, stage.model, self.read)
-        if self._contents is None or self._contents[0] != key:
-            self._contents = (key, self._make(stage))
-        made = self._contents[1]
-        if made.diagnosis is not self.diagnosis:
-            # What was found changes no error.
-            made = replace(made, diagnosis=self.diagnosis, next_command=self._next_command())
-            self._contents = (key, made)
-        return made
+        made = self.kept('contents', key, lambda: self._make(stage))
+        # What was found changes no error.
+        return self.kept('diagnosed', Key(self.choice, made, self.diagnosis), lambda: made if
+                         made.diagnosis is self.diagnosis else replace(
+                             made, diagnosis=self.diagnosis, next_command=self._next_command()))
 
     def _make(self, stage: Stage) -> Contents:
         recording = self.recording.select_joints(stage.model.joints)
@@ -106,10 +99,8 @@ class Session(Work):
 
     def arm(self, joints: tuple[str, ...]) -> Arm | None:
         """Return the arm of these joints, if a description says what it looks like."""
-        key = (self.paths, joints)
-        if self._arm is None or self._arm[0] != key:
-            self._arm = (key, find_arm(self.paths, joints, self.urdf))
-        return self._arm[1]
+        return self.kept('arm', (self.paths, joints),
+                         lambda: find_arm(self.paths, joints, self.urdf))
 
     def preview(self) -> Contents:
         """
@@ -117,10 +108,7 @@ class Session(Work):
 
         :raises DataError: if nothing was read or chosen.
         """
-        key = Key(self.choice, self.read)
-        if self._preview is None or self._preview[0] != key:
-            self._preview = (key, self._constant())
-        return self._preview[1]
+        return self.kept('preview', Key(self.choice, self.read), self._constant)
 
     def _constant(self) -> Contents:
         recording = self.recording
@@ -139,10 +127,7 @@ class Session(Work):
 
     def few_slow(self) -> str:
         """Return what follows where nearly no sample is slow, nothing otherwise."""
-        key = Key(self.choice, self.read)
-        if self._few is None or self._few[0] != key:
-            self._few = (key, self._count_slow())
-        return self._few[1]
+        return self.kept('few', Key(self.choice, self.read), self._count_slow)
 
     def _count_slow(self) -> str:
         if self.read is None or not self.choice.runs:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from bokeh.layouts import column
 from bokeh.models import UIElement
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.contents import Contents
 from gravity_comp_ros.report.section import Section
+from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
-from gravity_comp_ros.report.views import (
-    answer, arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 from gravity_comp_ros.workbench import widgets
-
-NAMES = ('Answer', 'Errors', 'Over time', 'Arm', 'Residual', 'Pairs', 'Spectrum', 'Effects',
-         'Model', 'Data', 'Origin')
 
 _NO_ARM = Section('arm', 'The arm', markup.paragraph(
     'No recording here holds a /robot_description of these joints. Name a URDF with --urdf when '
@@ -44,24 +38,9 @@ class Views:
     def show(self, name: str) -> UIElement:
         """Return a view by its name."""
         if name not in self._made:
-            self._made[name] = element(self._section(name))
+            made = SECTIONS[name](self.contents, self.table, self.style)
+            self._made[name] = element(made or _NO_ARM)
         return self._made[name]
-
-    def _section(self, name: str) -> Section:
-        contents, table, style = self.contents, self.table, self.style
-        makers: dict[str, Callable[[], Section]] = {
-            'Answer': lambda: answer.section(contents, table, style),
-            'Errors': lambda: joints.section(contents),
-            'Over time': lambda: time.section(contents, table, style),
-            'Arm': lambda: arm.section(contents, table, style) or _NO_ARM,
-            'Residual': lambda: residuals.section(contents, table, style),
-            'Pairs': lambda: pairs.section(contents, table, style),
-            'Spectrum': lambda: spectrum.section(contents, style),
-            'Effects': lambda: effects.section(contents, table, style),
-            'Model': lambda: equations.section(contents, style),
-            'Data': lambda: quality.section(contents),
-            'Origin': lambda: provenance.section(contents)}
-        return makers[name]()
 
 
 def element(section: Section) -> UIElement:

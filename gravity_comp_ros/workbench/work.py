@@ -6,8 +6,10 @@ Free of Bokeh and of processes: a page asks it what to do next and tells it what
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.api.provenance import now
@@ -24,6 +26,7 @@ from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, PlanMotion, Read, WasRead
 from gravity_comp_ros.workbench.stages import Stage
 
+Made = TypeVar('Made')
 # Of more effects that were added at once the name of a stage has the first.
 _MOST_NAMED = 2
 
@@ -69,7 +72,7 @@ class Work:
         self.to_learn = not given
         self._ordered = bool(choice.joints)
         self.ungated = ''
-        self._recording: tuple[Key, Recording] | None = None
+        self._kept: dict[str, tuple[object, Any]] = {}
         self._plan: tuple[PlanMotion, Plan] | None = None
 
     @property
@@ -92,10 +95,17 @@ class Work:
         """
         if self.read is None:
             raise DataError('no recording has been read')
-        key = Key(self.choice, self.read)
-        if self._recording is None or self._recording[0] != key:
-            self._recording = (key, self.choice.recording(self.read.samples, self.read.reports))
-        return self._recording[1]
+        samples, reports = self.read.samples, self.read.reports
+        return self.kept('recording', Key(self.choice, self.read),
+                         lambda: self.choice.recording(samples, reports))
+
+    def kept(self, name: str, key: object, make: Callable[[], Made]) -> Made:
+        """Return what was made of the same key before; it is made where there is none."""
+        known = self._kept.get(name)
+        if known is None or known[0] != key:
+            known = self._kept[name] = (key, make())
+        made: Made = known[1]
+        return made
 
     # What is to be done.
 

@@ -8,7 +8,7 @@ from bokeh.plotting import figure
 from gravity_comp_ros.api import results
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
-from gravity_comp_ros.effects.motion import build_motion
+from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.printable import printable
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.added_variable import added_variable, AddedVariable
@@ -130,12 +130,8 @@ def _explained(is_drawn: bool) -> str:
 def _added(contents: Contents, table: Table, style: Style) -> UIElement | None:
     findings = contents.diagnosis.findings if contents.diagnosis else ()
     motion = build_motion(contents.samples, contents.model)
-    plots = []
-    for k, finding in enumerate(findings[:_MOST_PLOTS]):
-        others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
-        found = added_variable(motion, contents.model, finding, others, table.drawn)
-        if found is not None:
-            plots.append((k, found))
+    plots = [(k, found) for k, finding in enumerate(findings[:_MOST_PLOTS])
+             if (found := _variable(contents, table, motion, finding))]
     if not plots:
         return None
     table.add({f'ax{k}': table.spread(found.x) for k, found in plots}
@@ -147,14 +143,20 @@ def _added(contents: Contents, table: Table, style: Style) -> UIElement | None:
 
 def added(contents: Contents, table: Table, style: Style, finding: Finding) -> figure | None:
     """Return the added-variable plot of one finding, by itself."""
-    findings = contents.diagnosis.findings if contents.diagnosis else ()
     motion = build_motion(contents.samples, contents.model)
-    others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
-    found = added_variable(motion, contents.model, finding, others, table.drawn)
-    if found is None:
+    found = _variable(contents, table, motion, finding)
+    if found is None or contents.diagnosis is None:
         return None
     table.add({'ax_first': table.spread(found.x), 'ay_first': table.spread(found.y)})
-    return _plot(found, table, style, findings.index(finding), '_first')
+    return _plot(found, table, style, contents.diagnosis.findings.index(finding),
+                 '_first')
+
+
+def _variable(contents: Contents, table: Table, motion: Motion,
+              finding: Finding) -> AddedVariable | None:
+    findings = contents.diagnosis.findings if contents.diagnosis else ()
+    others = [f for f in findings if f is not finding and f.verdict in wording.FOUND]
+    return added_variable(motion, contents.model, finding, others, table.drawn)
 
 
 def _plot(found: AddedVariable, table: Table, style: Style, k: int,
