@@ -26,9 +26,9 @@ def _shown(character: str) -> str:
     return f'\\x{code:02x}' if code < 0x100 else f'\\u{code:04x}'
 
 
-def counted(number: int, thing: str, things: str = '') -> str:
+def counted(number: int, thing: str) -> str:
     """Return a number and what is counted, as in `1 sample` and `2 samples`."""
-    return f'{number} {thing if number == 1 else things or thing + "s"}'
+    return f'{number} {thing if number == 1 else thing + "s"}'
 
 
 def shown_names(names: Sequence[str], most: int = 12) -> str:

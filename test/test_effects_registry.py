@@ -7,8 +7,8 @@ import shutil
 import subprocess
 import sys
 
+from docs import make_effects
 from effect_motions import clean_motion
-from gravity_comp_ros.effects import document
 from gravity_comp_ros.effects.dynamics import Inertia
 from gravity_comp_ros.effects.effect import ATTRIBUTES
 from gravity_comp_ros.effects.entry_points import GuardedEffect
@@ -178,12 +178,12 @@ def test_the_caller_cannot_spoil_the_registry():
 
 def test_the_page_of_effects_is_that_of_the_library():
     page = (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8')
-    assert page == document.document(), (
-        'python3 -m gravity_comp_ros.effects.document > docs/effects.md')
+    assert page == make_effects.document(), (
+        'python3 docs/make_effects.py > docs/effects.md')
 
 
 def test_the_page_holds_every_effect_and_its_links_lead_somewhere():
-    page = document.document()
+    page = make_effects.document()
     headings = {line[3:] for line in page.splitlines() if line.startswith('## ')}
     assert headings == set(library_effects())
     links = {part.split(')')[0] for part in page.split('](#')[1:]}

@@ -138,7 +138,7 @@ def test_something_unexplained_is_shown_over_the_angle():
 def test_text_from_files_never_is_markup():
     bad = '<script>alert(1)</script>"&\x1b[31m\n'
     for html in (markup.text(bad), markup.paragraph(bad), markup.bullets([bad]),
-                 markup.table([bad, 'b'], [[bad, bad]], caption=bad), markup.folded(bad, ''),
+                 markup.table([bad, 'b'], [[bad, bad]]), markup.folded(bad, ''),
                  markup.key([('red"><b>', bad)])):
         assert '<script' not in html and '\x1b' not in html and '"&' not in html
         assert '&lt;script&gt;' in html

@@ -63,7 +63,6 @@ class ScreenTable:
     rows: Sequence[Sequence[Text]]
     left: Sequence[str] = ()
     folds: Sequence[str] = ()
-    caption: str | None = None
     keys: int = 1
 
     def natural_width(self) -> int:
@@ -74,27 +73,24 @@ class ScreenTable:
         columns, width = self._columns(), options.max_width
         for one_line, gap in ((True, _GAP), (False, _GAP), (False, _TIGHT_GAP)):
             if _needed(columns, one_line, gap) <= width:
-                yield self._made(columns, one_line, gap, self.title, self.caption)
+                yield self._made(columns, one_line, gap, self.title)
                 return
         parts = list(_parts(columns, self.keys, width))
         if len(parts) > _MOST_PARTS or any(_needed(p, False, _GAP) > width for p in parts):
             yield from self._lines(columns, width)
             return
         for number, part in enumerate(parts):
-            last = number == len(parts) - 1
-            title = self.title if number == 0 else ''
-            yield self._made(part, False, _GAP, title, self.caption if last else None)
+            yield self._made(part, False, _GAP, self.title if number == 0 else '')
 
     def _columns(self) -> list[_Column]:
         return [_Column(heading, tuple(row[k] for row in self.rows),
                         k == 0 or heading in self.left, heading in self.folds)
                 for k, heading in enumerate(self.headings)]
 
-    def _made(self, columns: Sequence[_Column], one_line: bool, gap: int, title: str,
-              caption: str | None) -> Table:
-        table = Table(title=Text(title), caption=caption, title_justify='left',
-                      caption_justify='left', box=box.SIMPLE_HEAD, title_style='bold',
-                      pad_edge=False, padding=(0, 1 if gap == _GAP else 0))
+    def _made(self, columns: Sequence[_Column], one_line: bool, gap: int, title: str
+              ) -> Table:
+        table = Table(title=Text(title), title_justify='left', box=box.SIMPLE_HEAD,
+                      title_style='bold', pad_edge=False, padding=(0, 1 if gap == _GAP else 0))
         if not title:
             table.title = None
         for column in columns:
@@ -120,8 +116,6 @@ class ScreenTable:
                 name = Text(f'  {column.heading}'.ljust(room))
                 short = room + cell_len(cell.plain) <= width
                 yield _folding(name + cell if short else Text(f'  {column.heading}  ') + cell)
-        if self.caption:
-            yield Text(self.caption)
 
 
 def _needed(columns: Sequence[_Column], one_line: bool, gap: int) -> int:

@@ -100,7 +100,7 @@ def warn(*lines: str) -> None:
 
 
 def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] = (),
-          left: Sequence[str] = (), caption: str | None = None, folds: Sequence[str] | None = None,
+          left: Sequence[str] = (), folds: Sequence[str] | None = None,
           keys: int = 1) -> ScreenTable:
     """
     Return a table that fits on any screen; see `ScreenTable`.
@@ -113,8 +113,7 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[object]] =
     """
     shown = [[cell if isinstance(cell, Text) else Text(printable(cell)) for cell in row]
              for row in rows]
-    return ScreenTable(title, columns, shown, left, left if folds is None else folds, caption,
-                       keys)
+    return ScreenTable(title, columns, shown, left, left if folds is None else folds, keys)
 
 
 @contextmanager

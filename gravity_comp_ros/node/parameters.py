@@ -2,7 +2,7 @@
 The one table of the node's parameters.
 
 It makes the types, the descriptors, the checks on set, and docs/parameters.md:
-`python3 -m gravity_comp_ros.node.parameters_page > docs/parameters.md`.
+`python3 docs/make_parameters.py > docs/parameters.md`.
 """
 
 from __future__ import annotations

@@ -32,7 +32,6 @@ h1, h2, h3, p, li, summary { overflow-wrap: anywhere }
 .quiet { color: var(--faint) }
 .wide { overflow-x: auto; margin: .6rem 0 }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums }
-caption { text-align: left; font-weight: 600; padding: .2rem 0 }
 th, td { padding: .22rem .7rem .22rem 0; text-align: left; vertical-align: top;
   border-bottom: 1px solid var(--line); overflow-wrap: break-word; min-width: 3.5em;
   max-width: 42em }

@@ -27,7 +27,7 @@ def paragraph(value: object, kind: str = '') -> str:
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequence[str] = (),
-          strong: int | None = None, caption: str = '') -> str:
+          strong: int | None = None) -> str:
     """
     Return a table of plain text; the first column and those in `left` are text, others numbers.
 
@@ -39,8 +39,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], left: Sequen
     for number, row in enumerate(rows):
         cells = ''.join(_cell(k, value, is_text[k]) for k, value in enumerate(row))
         body += f'<tr class="strong">{cells}</tr>' if number == strong else f'<tr>{cells}</tr>'
-    named = f'<caption>{text(caption)}</caption>' if caption else ''
-    return (f'<div class="wide"><table>{named}<thead><tr>{head}</tr></thead>'
+    return (f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
             f'<tbody>{body}</tbody></table></div>')
 
 

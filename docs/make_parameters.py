@@ -11,7 +11,7 @@ def markdown() -> str:
     lines = [
         '# Parameters of the node', '',
         'Made from the table in `gravity_comp_ros/node/parameters.py` by '
-        '`python3 -m gravity_comp_ros.node.parameters_page > docs/parameters.md`.', '',
+        '`python3 docs/make_parameters.py > docs/parameters.md`.', '',
         'A value that is out of range or of the wrong type is refused with the reason, at the '
         'start as well as by `ros2 param set`. Parameters marked *at start* cannot be changed '
         'while the node runs; all others take effect at once.', '',

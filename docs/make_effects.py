@@ -1,7 +1,7 @@
 """
 docs/effects.md, made from the library itself.
 
-`python3 -m gravity_comp_ros.effects.document > docs/effects.md`
+`python3 docs/make_effects.py > docs/effects.md`
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ _HEAD = """# Effects
 
 What a torque can hold besides gravity: the library that `gravity_comp diagnose` chooses from and
 `gravity_comp add` adds from. This page is made from the library by
-`python3 -m gravity_comp_ros.effects.document > docs/effects.md`.
+`python3 docs/make_effects.py > docs/effects.md`.
 
 Every effect is a torque that is linear in a few coefficients, with columns computed from the
 motion and from the predicted gravity torque g, never from the measured one. What an effect is
