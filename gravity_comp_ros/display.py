@@ -72,6 +72,11 @@ def percent(share: float | None) -> str:
     return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
 
 
+def change(before: float, after: float) -> str:
+    """Return by how much of itself an error has changed, a dash where there was none."""
+    return f'{100 * (after / before - 1):+.0f} %' if before > 0.0 else '–'
+
+
 def shortened(equation: str, terms: int) -> str:
     """Return the first `terms` terms of an equation, and how many follow."""
     parts = re.split(r'(?= [+-] )', equation)

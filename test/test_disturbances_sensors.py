@@ -1,5 +1,6 @@
 """Sensors, mounting and tools: zeros, gains, drift, delay, tilt, payload, tool force, pauses."""
 
+from bench.cases.grasp import Grasp
 from bench.cases.pauses import Pause, with_pauses
 from bench.cases.sensors import ornstein_uhlenbeck, SensorOptions, torque_noise
 from bench.cases.six_axis import six_axis
@@ -7,7 +8,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
     EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
-from gravity_comp_ros.simulation.disturbances.whole_arm import Grasp, TiltedBase, ToolJet
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions, random_poses
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import radians
 
 from bench.cases.cases import ARMS, Case, Pair, Truth
+from bench.cases.grasp import Grasp
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Payload
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
@@ -16,7 +17,7 @@ from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.disturbances.of_angle import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.whole_arm import Grasp, TiltedBase, ToolJet
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -113,9 +113,7 @@ class Model(Shown):
 
         :raises DataError: if q has another number of joints.
         """
-        poses = np.asarray(q, dtype=np.float64)
-        found = self.gravity.predict(poses)
-        return found[0] if poses.ndim == 1 else found
+        return _shaped(self.gravity.predict, q)
 
     def predict_std(self, q: ArrayLike) -> FloatArray:
         """
@@ -123,9 +121,7 @@ class Model(Shown):
 
         :raises DataError: if the formulation has no uncertainty.
         """
-        poses = np.asarray(q, dtype=np.float64)
-        found = self.gravity.predict_std(poses)
-        return found[0] if poses.ndim == 1 else found
+        return _shaped(self.gravity.predict_std, q)
 
     def torque(self, recording: Recording) -> FloatArray:
         """
@@ -169,6 +165,12 @@ class Model(Shown):
         yield 'torque in N·m (s2, c2: sine and cosine of the angle of the second joint)'
         for name, joint in self.report.joints.items():
             yield f'{name} = {joint.equation}'
+
+
+def _shaped(predict: Callable[[FloatArray], FloatArray], q: ArrayLike) -> FloatArray:
+    poses = np.asarray(q, dtype=np.float64)
+    found = predict(poses)
+    return found[0] if poses.ndim == 1 else found
 
 
 def load(path: str | Path) -> Model:

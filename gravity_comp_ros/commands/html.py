@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from datetime import datetime, UTC
 from typing import TYPE_CHECKING
 
+from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.findings import Diagnosis
@@ -49,7 +49,7 @@ def contents(args: argparse.Namespace, model: GravityModel, samples: JointSample
     from gravity_comp_ros.report.arm import find_arm
     from gravity_comp_ros.report.contents import Contents, Origin
     samples = samples.joints(model.joints)
-    origin = Origin(args.command, datetime.now(UTC).isoformat(timespec='seconds'),
+    origin = Origin(args.command, now(),
                     args.model.name if args.model else None, notes)
     return Contents(samples, predict_torque(model, samples), model, comparison, judged, reports,
                     origin, diagnosis, previous or {}, previous_name, shown, next_command,

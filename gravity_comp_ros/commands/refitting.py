@@ -10,6 +10,7 @@ from gravity_comp_ros.api.results import effect_numbers
 from gravity_comp_ros.commands import terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
 from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.display import change
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
@@ -55,14 +56,10 @@ def fitted_sentence(result: Refit) -> str:
 def error_table(result: Refit) -> ScreenTable:
     """Return the held-out errors by joint, before and after."""
     rows = [(name, f'{e.before:.4f}', f'{e.after:.4f}', percent(e.nrmse_before),
-             percent(e.nrmse_after), _change(e.before, e.after))
+             percent(e.nrmse_after), change(e.before, e.after))
             for name, e in result.errors.items()]
     return terminal.table('held-out error: N·m, and share of the torque range',
                           ['joint', 'before', 'after', 'before', 'after', 'change'], rows)
-
-
-def _change(before: float, after: float) -> str:
-    return f'{100 * (after / before - 1):+.0f} %' if before > 0.0 else '–'
 
 
 def effect_lines(result: Refit) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 import hashlib
 import json
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gravity_comp_ros.api.learn import LearnOptions
+from gravity_comp_ros.api.recording import Progress
 from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.errors import BagError, GravityCompError
@@ -25,7 +26,6 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
-Progress = Callable[[str, float], None]
 What = TypeVar('What')
 KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use
 

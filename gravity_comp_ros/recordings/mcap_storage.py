@@ -10,7 +10,7 @@ import zlib
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.mcap_chunks import ChunkError, topic_batches
 from gravity_comp_ros.recordings.message_batch import Batch, batched
-from gravity_comp_ros.recordings.storage_interface import StoredTopic, summed
+from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic, summed
 from mcap.reader import SeekingReader
 from mcap.records import Channel, Footer, Message, Schema
 from mcap.stream_reader import StreamReader
@@ -21,7 +21,7 @@ _FOOTER = 1 + 8 + 8 + 8 + 4  # opcode, length, summary start, summary offsets, c
 _MAX_RECORD = 1 << 30
 
 
-class McapStorage:
+class McapStorage(Storage):
     """
     An open MCAP file with a footer and a summary.
 

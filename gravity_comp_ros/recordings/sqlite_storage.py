@@ -8,11 +8,10 @@ import sqlite3
 from urllib.parse import quote
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.message_batch import Batch, batched
-from gravity_comp_ros.recordings.storage_interface import StoredTopic
+from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic
 
 
-class SqliteStorage:
+class SqliteStorage(Storage):
     """
     An open .db3 file; it is never written to.
 
@@ -52,10 +51,6 @@ class SqliteStorage:
                        data if isinstance(data, bytes) else b'')
         except sqlite3.Error as error:
             raise self._unreadable(error) from None
-
-    def batches(self, topic: str) -> Iterator[Batch]:
-        """Yield the same messages many at a time."""
-        return batched(self.messages(topic))
 
     def close(self) -> None:
         self._base.close()

@@ -13,9 +13,9 @@ from typing import Any
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.mcap_storage import McapStorage
-from gravity_comp_ros.recordings.message_batch import Batch, batched
+from gravity_comp_ros.recordings.message_batch import Batch
 from gravity_comp_ros.recordings.sqlite_storage import SqliteStorage
-from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic, summed
+from gravity_comp_ros.recordings.storage_interface import Storage, summed
 
 _MCAP_MAGIC = b'\x89MCAP0\r\n'
 _SQLITE_MAGIC = b'SQLite format 3\0'
@@ -25,16 +25,13 @@ _TABLES = ('.csv', '.txt', '.tsv', '.npz', '.npy')
 _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
-class _Joined:
+class _Joined(Storage):
     """Several files that one recording was split into, in order."""
 
     def __init__(self, parts: list[Storage]) -> None:
         self._parts = parts
-
-    @property
-    def topics(self) -> tuple[StoredTopic, ...]:
-        return summed(((topic.name, topic.type, topic.encoding), topic.count)
-                      for part in self._parts for topic in part.topics)
+        self.topics = summed(((topic.name, topic.type, topic.encoding), topic.count)
+                             for part in parts for topic in part.topics)
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         for part in self._parts:
@@ -49,7 +46,7 @@ class _Joined:
             part.close()
 
 
-class _Unpacking:
+class _Unpacking(Storage):
     """Messages that rosbag2 compressed one by one."""
 
     def __init__(self, inner: Storage, path: Path) -> None:
@@ -65,9 +62,6 @@ class _Unpacking:
             except zstandard.ZstdError as error:
                 raise BagError(f'{self._path}: a message on {topic} cannot be '
                                f'decompressed: {error}') from None
-
-    def batches(self, topic: str) -> Iterator[Batch]:
-        return batched(self.messages(topic))
 
     def close(self) -> None:
         self._inner.close()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
-from gravity_comp_ros.recordings.message_batch import Batch
+from gravity_comp_ros.recordings.message_batch import Batch, batched
 
 
 @dataclass(frozen=True)
@@ -19,13 +19,12 @@ class StoredTopic:
     count: int
 
 
-class Storage(Protocol):
-    """An open recording."""
+class Storage(ABC):
+    """An open recording; `topics` are all, those without messages included."""
 
-    @property
-    def topics(self) -> tuple[StoredTopic, ...]:
-        """All topics, those without messages included."""
+    topics: tuple[StoredTopic, ...]
 
+    @abstractmethod
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """
         Yield log time in ns and bytes of every message of a topic, in order of log time.
@@ -39,7 +38,9 @@ class Storage(Protocol):
 
         :raises BagError: if the file turns out to be damaged.
         """
+        return batched(self.messages(topic))
 
+    @abstractmethod
     def close(self) -> None:
         """Close the files."""
 

@@ -10,6 +10,7 @@ from bokeh.models import ColumnDataSource, HoverTool, Span, UIElement
 from bokeh.plotting import figure
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.wording import percent
+from gravity_comp_ros.display import change
 from gravity_comp_ros.evaluation.compare import Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import printable
@@ -76,9 +77,8 @@ def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
     rows = []
     for joint in joints:
         x, y = a.joints[joint], b.joints[joint]
-        change = f'{100.0 * (y.rmse / x.rmse - 1.0):+.0f} %' if x.rmse > 0.0 else '–'
-        rows.append([joint, f'{x.rmse:.4f}', f'{y.rmse:.4f}', change, percent(x.nrmse),
-                     percent(y.nrmse), f'{x.max_abs:.3f}', f'{y.max_abs:.3f}'])
+        rows.append([joint, f'{x.rmse:.4f}', f'{y.rmse:.4f}', change(x.rmse, y.rmse),
+                     percent(x.nrmse), percent(y.nrmse), f'{x.max_abs:.3f}', f'{y.max_abs:.3f}'])
     return markup.table(
         ['joint', 'RMSE N·m, A', 'RMSE N·m, B', 'change', 'nRMSE, A', 'nRMSE, B',
          'largest N·m, A', 'largest N·m, B'], rows)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from gravity_comp_ros.api.axes import AxesOptions
 from gravity_comp_ros.api.learn import ASKED, known_arm, learn, Learned, LearnOptions
 from gravity_comp_ros.api.read import read_each
-from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.diagnose import diagnose
@@ -24,8 +23,6 @@ from gravity_comp_ros.planning.questions import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 import numpy as np
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

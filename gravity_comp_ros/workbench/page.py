@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import logging
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,8 @@ from bokeh.document import Document
 from bokeh.events import DocumentReady
 from bokeh.layouts import column, row
 from bokeh.models import CustomJS, UIElement
-from gravity_comp_ros.errors import GravityCompError
+from gravity_comp_ros.errors import DataError, GravityCompError
+from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.headline import headline, largest
 from gravity_comp_ros.report.page import report_html
@@ -22,6 +24,7 @@ from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
+from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.side import Actions, Side
 from gravity_comp_ros.workbench.views import Views
@@ -240,8 +243,13 @@ class Page:
     def _fill_side(self, one: OpenSession) -> None:
         if one.session.read is None:
             return
-        actions = Actions(self._learn, self._judge, self._export_model, self._export_report,
-                          self._export_commands)
+        actions = Actions(
+            self._learn, self._judge,
+            lambda: self._export('arm.json', 'application/json',
+                                 lambda session, model: store.model_text(model)),
+            lambda: self._export('report.html', 'text/html', self._report),
+            lambda: self._export('workbench.sh', 'text/x-shellscript', lambda session, model:
+                                 '\n'.join(['#!/bin/sh', 'set -e', *session.commands(), ''])))
         if self._side is None or self._side.shows is not one.session.choice:
             self._side = Side(one.session, actions)
             self.side.children = [self.dark, self._side.element, self.earlier]
@@ -292,28 +300,20 @@ class Page:
 
     # What goes out.
 
-    def _export_model(self) -> None:
-        if self.one is None or self.one.session.stage is None:
+    def _export(self, name: str, kind: str, make: Callable[[Session, GravityModel], str]) -> None:
+        """Hand out a file of what there is of the present model."""
+        session = self.one.session if self.one else None
+        if session is None or session.stage is None:
             self._complain('there is no model yet')
             return
         try:
-            text = store.model_text(self.one.session.stage.model)
+            self.downloads.give(name, kind, make(session, session.stage.model))
         except GravityCompError as problem:
             self._complain(str(problem))
-            return
-        self.downloads.give('arm.json', 'application/json', text)
 
-    def _export_report(self) -> None:
-        if self.one is None or self.views is None or self.one.session.stage is None:
-            self._complain('there is no model yet')
-            return
-        if self._outdated:
+    def _report(self, session: Session, model: GravityModel) -> str:
+        if self._outdated and self.one is not None:
             self._show(self.one)
-        self.downloads.give('report.html', 'text/html', report_html(self.views.contents))
-
-    def _export_commands(self) -> None:
-        if self.one is None or self.one.session.stage is None:
-            self._complain('there is no model yet')
-            return
-        self.downloads.give('workbench.sh', 'text/x-shellscript', '\n'.join(
-            ['#!/bin/sh', 'set -e', *self.one.session.commands(), '']))
+        if self.views is None:
+            raise DataError('there is no model yet')
+        return report_html(self.views.contents)

@@ -1,4 +1,4 @@
-"""What acts on the arm as a whole: something picked up, a base not level, a force of the tool."""
+"""What acts on the arm as a whole: a base that is not level, a force of the tool."""
 
 from __future__ import annotations
 
@@ -6,30 +6,11 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import (
-    Arm, gravity_torque, inverse_dynamics, Payload, with_base_tilt, with_payload)
+from gravity_comp_ros.simulation.arms import Arm, gravity_torque, with_base_tilt
 from gravity_comp_ros.simulation.motions import Motion
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 import pinocchio as pin
-
-
-@dataclass(frozen=True)
-class Grasp:
-    """A payload that the arm holds from `after` s into the motion, 0 being its beginning."""
-
-    payload: Payload
-    after: float = 0.0
-
-    def apply(self, signals: Signals, motion: Motion, arm: Arm,
-              rng: np.random.Generator) -> Signals:
-        held = motion.t - motion.t[0] >= self.after
-        q, qd, qdd = motion.q[held], motion.qd[held], motion.qdd[held]
-        tau = signals.tau.copy()
-        if held.any():
-            tau[held] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
-                          - inverse_dynamics(arm, q, qd, qdd))
-        return replace(signals, tau=tau)
 
 
 @dataclass(frozen=True)

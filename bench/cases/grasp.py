@@ -1,0 +1,28 @@
+"""Something is picked up on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from gravity_comp_ros.simulation.arms import Arm, inverse_dynamics, Payload, with_payload
+from gravity_comp_ros.simulation.motions import Motion
+from gravity_comp_ros.simulation.synthesise import Signals
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A payload that the arm holds from `after` s into the motion, 0 being its beginning."""
+
+    payload: Payload
+    after: float = 0.0
+
+    def apply(self, signals: Signals, motion: Motion, arm: Arm,
+              rng: np.random.Generator) -> Signals:
+        held = motion.t - motion.t[0] >= self.after
+        q, qd, qdd = motion.q[held], motion.qd[held], motion.qdd[held]
+        tau = signals.tau.copy()
+        if held.any():
+            tau[held] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
+                          - inverse_dynamics(arm, q, qd, qdd))
+        return replace(signals, tau=tau)
