@@ -15,7 +15,6 @@ from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import find_robots, Robot
 from gravity_comp_ros.fleet.run import FleetRun, KEPT
-from gravity_comp_ros.fleet.tasks import FitTask
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -121,7 +120,7 @@ def test_a_task_that_kills_every_worker_is_given_up():
 def test_an_error_in_a_task_ends_no_other():
     found = dict(Engine().run(int, ['1', 'x', '3']))
     assert (found[0], found[2]) == (1, 3) and 'ValueError' in found[1].reason
-    (failure,) = dict(Engine().run(FitTask, [None])).values()
+    (failure,) = dict(Engine().run(Robot, [None])).values()
     assert isinstance(failure, Failure)
 
 

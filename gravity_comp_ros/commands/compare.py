@@ -28,13 +28,9 @@ _FEW = 50
 _FAIR = (0.85, 0.99)
 
 
+@html.told
 def run(args: argparse.Namespace) -> int:
     """Read, predict, compare and show."""
-    with html.told(args):
-        return _run(args)
-
-
-def _run(args: argparse.Namespace) -> int:
     if args.previous is not None and args.html is None:
         args.parser.error('--previous is for the report: give --html as well')
     model = load_model(args.model)

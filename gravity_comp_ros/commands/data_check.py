@@ -33,11 +33,6 @@ class DataCheck:
     reports: Mapping[str, JointReport]
     arm_untestable: Mapping[str, str]
 
-    @property
-    def remarks(self) -> tuple[str, ...]:
-        """Return remarks in words."""
-        return self.facts.remarks
-
     def table(self) -> ScreenTable:
         """Return the facts as a table."""
         rows = []

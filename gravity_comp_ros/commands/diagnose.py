@@ -35,13 +35,9 @@ _PLANNED = ('to settle', 'stated chance', 'verdict now', 'as expected', 'expecte
 _FINDINGS = ('joint', 'effect', 'verdict', 'coefficient, 95 %', 'held-out error')
 
 
+@html.told
 def run(args: argparse.Namespace) -> int:
     """Read, diagnose and show."""
-    with html.told(args):
-        return _run(args)
-
-
-def _run(args: argparse.Namespace) -> int:
     for name in args.effects or ():
         known_effect(name)
     expected = None if args.plan is None else read_expected(args.plan)
@@ -148,7 +144,7 @@ def _show(args: argparse.Namespace, diagnosis: Diagnosis, check: data_check.Data
         terminal.show(*(f'  {terminal.safe(line)}' for line in
                         results.structure_lines(diagnosis)), '')
     follow_up.show(args, diagnosis)
-    for line in check.remarks:
+    for line in check.facts.remarks:
         terminal.show(f'  [yellow]•[/yellow] {terminal.safe(line)}')
     unseen = check.unseen()
     if unseen:

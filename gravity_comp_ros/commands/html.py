@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
+from functools import wraps
 from typing import TYPE_CHECKING
 
 from gravity_comp_ros.api.provenance import now
@@ -21,23 +21,24 @@ if TYPE_CHECKING:
     from gravity_comp_ros.report.contents import Contents
 
 
-@contextmanager
-def told(args: argparse.Namespace) -> Iterator[None]:
+def told(verb: Callable[[argparse.Namespace], int]) -> Callable[[argparse.Namespace], int]:
     """
-    Check first that a page can be made; if the verb fails, let the page say why as well.
+    Return a verb that checks first that a page can be made; if it fails, the page says why too.
 
-    :raises ImportError: if Bokeh is not installed.
+    It raises ImportError if Bokeh is not installed.
     """
-    if args.html is None:
-        yield
-        return
-    from gravity_comp_ros.report.page import message_html
-    try:
-        yield
-    except GravityCompError as problem:
-        page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
-        write_atomically(args.html, page.encode(), error=GravityCompError)
-        raise
+    @wraps(verb)
+    def run(args: argparse.Namespace) -> int:
+        if args.html is None:
+            return verb(args)
+        from gravity_comp_ros.report.page import message_html
+        try:
+            return verb(args)
+        except GravityCompError as problem:
+            page = message_html(f'gravity_comp: {args.html.stem}', str(problem))
+            write_atomically(args.html, page.encode(), error=GravityCompError)
+            raise
+    return run
 
 
 def contents(args: argparse.Namespace, model: GravityModel, samples: JointSamples,

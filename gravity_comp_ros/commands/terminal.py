@@ -56,11 +56,6 @@ def _has_width(out: Console) -> bool:
     return out.is_terminal or 'COLUMNS' in os.environ
 
 
-def _width_in_a_pipe(thing: Any) -> int:
-    # A program that reads a table wants one row on one line.
-    return thing.natural_width() if isinstance(thing, ScreenTable) else 0
-
-
 def show(*things: Any) -> None:
     """
     Print tables or lines of markup on standard output; escape file text with `safe`.
@@ -70,7 +65,9 @@ def show(*things: Any) -> None:
     out = console()
     for thing in things:
         if not isinstance(thing, str):
-            out.width = max(out.width, _width_in_a_pipe(thing) if not _has_width(out) else 0)
+            if isinstance(thing, ScreenTable) and not _has_width(out):
+                # A program that reads a table wants one row on one line.
+                out.width = max(out.width, thing.natural_width())
             out.print(thing)
             continue
         line = Text.from_markup(thing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
+from functools import partial
 import hashlib
 import json
 from pathlib import Path
@@ -19,8 +20,7 @@ from gravity_comp_ros.fleet.engine import Engine, Failure, Item, Result, Task
 from gravity_comp_ros.fleet.folder import fingerprint_of, Robot
 from gravity_comp_ros.fleet.outcome import DiagnosedRobot, FittedRobot, Outcome
 from gravity_comp_ros.fleet.store import Store
-from gravity_comp_ros.fleet.tasks import (
-    diagnose_robot, DiagnoseTask, fit_robot, FitTask, read, ReadTask)
+from gravity_comp_ros.fleet.tasks import diagnose_robot, fit_robot, read
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions
@@ -59,9 +59,9 @@ class FleetRun:
                 outcome.robots[robot.name] = FittedRobot.from_json(done)
                 outcome.resumed += 1
             else:
-                waiting.append(((robot, key, found),
-                                FitTask(tuple(found), self.gate, options)))
-        for (robot, key, found), result in self._work('fit', fit_robot, waiting):
+                waiting.append(((robot, key, found), found))
+        task = partial(fit_robot, gate=self.gate, options=options)
+        for (robot, key, found), result in self._work('fit', task, waiting):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
@@ -89,12 +89,12 @@ class FleetRun:
                        self.reading, effects, _told(model))
             done = store.note(key)
             if done is None:
-                waiting.append(((robot, key), DiagnoseTask(robot.bags, self.reading, model,
-                                                           effects)))
+                waiting.append(((robot, key), (robot.bags, model)))
                 continue
             outcome.resumed += 1
             self._tell(outcome, robot, done)
-        for (robot, key), result in self._work('diagnose', diagnose_robot, waiting):
+        task = partial(diagnose_robot, options=self.reading, effects=effects)
+        for (robot, key), result in self._work('diagnose', task, waiting):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
@@ -111,11 +111,12 @@ class FleetRun:
             key = fingerprint_of(bag, self.reading, self.gate)
             before = store.recording(key)
             if before is None:
-                waiting.append(((bag, key), ReadTask(bag, self.reading, self.gate)))
+                waiting.append(((bag, key), bag))
             else:
                 found[bag] = before
                 outcome.resumed += 1
-        for (bag, key), result in self._work('read', read, waiting):
+        task = partial(read, options=self.reading, gate=self.gate)
+        for (bag, key), result in self._work('read', task, waiting):
             if isinstance(result, Failure):
                 outcome.failed_bags[str(bag)] = result.reason
             else:

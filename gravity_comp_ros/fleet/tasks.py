@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.learn import learn, LearnOptions, model_of
@@ -19,70 +20,44 @@ from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording, read_gated
 
 
-@dataclass(frozen=True)
-class ReadTask:
-    """A bag to be read and gated."""
-
-    bag: Path
-    options: ReadOptions
-    gate: GateOptions
-
-
-@dataclass(frozen=True)
-class FitTask:
-    """What was read of one robot's bags with a gate, to be fitted."""
-
-    found: tuple[GatedRecording, ...]
-    gate: GateOptions
-    options: LearnOptions
-
-
-@dataclass(frozen=True)
-class DiagnoseTask:
-    """The bags of one robot, to be diagnosed beside a model, or beside one fitted on the spot."""
-
-    bags: tuple[Path, ...]
-    options: ReadOptions
-    model: GravityModel | None
-    effects: tuple[str, ...] | None
-
-
-def read(task: ReadTask) -> GatedRecording:
+def read(bag: Path, options: ReadOptions, gate: GateOptions) -> GatedRecording:
     """
     Return the slow samples of a bag.
 
     :raises BagError: if it cannot be read or nothing in it is slow.
     """
-    found = read_gated(task.bag, task.options, task.gate)
+    found = read_gated(bag, options, gate)
     if not found.samples.n_samples:
-        raise BagError(f'{task.bag}: none of {found.report.n_samples} samples is slow')
+        raise BagError(f'{bag}: none of {found.report.n_samples} samples is slow')
     return found
 
 
-def fit_robot(task: FitTask) -> FitResult:
+def fit_robot(found: Sequence[GatedRecording], gate: GateOptions,
+              options: LearnOptions) -> FitResult:
     """
-    Return the fit of one robot.
+    Return the fit of one robot to what was read of its bags with a gate.
 
     :raises FitError: if its samples do not do.
     """
-    if not task.found:
+    if not found:
         raise FitError('none of its bags could be read')
-    recording = gated_recording(task.found, task.gate)
-    learned = learn(recording, task.options)
+    learned = learn(gated_recording(found, gate), options)
     problem = learned.arm.axes.problem
     return learned.result.warned(problem) if problem else learned.result
 
 
-def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
+def diagnose_robot(robot: tuple[Sequence[Path], GravityModel | None], options: ReadOptions,
+                   effects: tuple[str, ...] | None) -> tuple[Diagnosis, dict[str, str]]:
     """
     Return the diagnosis of one robot, and why bags were left out.
 
+    :param robot: its bags, and the model to judge beside; None for one fitted on the spot.
     :raises FitError: if none of its bags can be read.
     """
-    options, parts, failed = task.options, [], {}
-    if task.model is not None and options.joints is None:
-        options = replace(options, joints=task.model.joints)
-    for bag in task.bags:
+    (bags, model), parts, failed = robot, [], {}
+    if model is not None and options.joints is None:
+        options = replace(options, joints=model.joints)
+    for bag in bags:
         try:
             parts.append(read_bag(bag, options))
         except GravityCompError as error:
@@ -92,5 +67,5 @@ def diagnose_robot(task: DiagnoseTask) -> tuple[Diagnosis, dict[str, str]]:
     recording = Recording(concatenate(part.samples for part in parts), None,
                           tuple(part.report for part in parts))
     how = LearnOptions(ordered=options.joints is not None)
-    model = task.model or model_of(recording, how)
-    return diagnose(recording.samples, model, DiagnosisOptions(effects=task.effects)), failed
+    model = model or model_of(recording, how)
+    return diagnose(recording.samples, model, DiagnosisOptions(effects=effects)), failed

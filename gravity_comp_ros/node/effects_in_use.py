@@ -6,9 +6,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node.messages import Reading
-from gravity_comp_ros.node.options import compensate_options
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.realtime_effects import compensable, InstantEffects
+from gravity_comp_ros.node.realtime_effects import compensable, CompensateOptions, InstantEffects
 
 
 class EffectsInUse:
@@ -31,7 +30,8 @@ class EffectsInUse:
         try:
             wanted = compensable(settings.compensate, model.joints)
             every = InstantEffects(model)
-            sent = InstantEffects(model, wanted, compensate_options(settings))
+            sent = InstantEffects(model, wanted, CompensateOptions(
+                settings.compensate_fraction, settings.compensate_speed, settings.max_speed))
         except GravityCompError as problem:
             self.problem = str(problem)
             return

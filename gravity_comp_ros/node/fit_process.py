@@ -48,7 +48,8 @@ class FitProcess:
         self.last_failure = ''
         self.state = DOWN
         self._worker = WorkerProcess(command)
-        self._job: AnyJob | None = None
+        # What is being done, if anything.
+        self.job: AnyJob | None = None
         self._since = 0.0
         self._delay = FIRST_DELAY
         self._start_at = 0.0
@@ -57,11 +58,6 @@ class FitProcess:
     def pid(self) -> int | None:
         """The process id, None while there is no process."""
         return self._worker.pid
-
-    @property
-    def job(self) -> AnyJob | None:
-        """The job that runs, if any."""
-        return self._job
 
     def seconds(self, now: float) -> float:
         """Return for how long the present state has lasted."""
@@ -80,7 +76,7 @@ class FitProcess:
         """Give the process a job; False if it is not ready for one."""
         if self.state != READY:
             return False
-        self._job, self.state, self._since = job, BUSY, now
+        self.job, self.state, self._since = job, BUSY, now
         self._worker.send(job)
         return True
 
@@ -107,11 +103,11 @@ class FitProcess:
     def stop(self) -> None:
         """End the process."""
         self._worker.end()
-        self.state, self._job = DOWN, None
+        self.state, self.job = DOWN, None
         self._start_at = float('inf')
 
     def _take(self, message: Message, now: float) -> list[Event]:
-        number, events = self._job.number if self._job else None, list[Event]()
+        number, events = self.job.number if self.job else None, list[Event]()
         if isinstance(message, Ready):
             self._delay = FIRST_DELAY
         elif isinstance(message, Done):
@@ -121,11 +117,11 @@ class FitProcess:
             events.append(Failure(message.reason, number, lost=False))
         else:
             return events
-        self._job, self.state, self._since = None, READY, now
+        self.job, self.state, self._since = None, READY, now
         return events
 
     def _lose(self, reason: str, now: float) -> Failure:
-        number = self._job.number if self._job else None
+        number = self.job.number if self.job else None
         self._worker.end()
         self._fail(reason, now)
         return Failure(reason, number, lost=True)
@@ -133,7 +129,7 @@ class FitProcess:
     def _fail(self, reason: str, now: float) -> None:
         self.restarts += 1
         self.last_failure = reason
-        self._job, self.state, self._since = None, DOWN, now
+        self.job, self.state, self._since = None, DOWN, now
         # One that dies as it starts is not to be started a hundred times a second.
         self._start_at = now + self._delay
         self._delay = min(2 * self._delay, LONGEST_DELAY)

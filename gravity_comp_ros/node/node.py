@@ -230,7 +230,8 @@ class GravityCompNode(LifecycleNode):
             text = (f'{twins} nodes are named {self.get_fully_qualified_name()}: both publish '
                     'torque and answer services; end one, or give it a namespace')
             return [*found, Status('graph', ERROR, text, values)]
-        if sources > 1 and self._core is not None and self._core.is_interleaved():
+        arm = None if self._core is None else self._core.arm
+        if sources > 1 and arm is not None and arm.is_interleaved:
             text = (f'{sources} publishers on {topic}, and messages about our joints come out of '
                     'order: are two drivers running?')
             return [*found, Status('graph', WARN, text, values)]

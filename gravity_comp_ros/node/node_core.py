@@ -250,10 +250,6 @@ class NodeCore:
             self.models.problem = text
         self.news.append((not success, text))
 
-    def is_interleaved(self) -> bool:
-        """Return whether the last report counted messages out of order."""
-        return self.arm is not None and self.arm.is_interleaved
-
     def close(self) -> None:
         """End the fit process, and answer whoever waits."""
         self.learner.close()

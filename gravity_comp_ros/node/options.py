@@ -9,7 +9,6 @@ from gravity_comp_ros.node.epoch import EpochOptions
 from gravity_comp_ros.node.feedforward_options import FeedForwardOptions
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload import PayloadLimits
-from gravity_comp_ros.node.realtime_effects import CompensateOptions
 
 
 def gate_options(given: Parameters) -> GateOptions:
@@ -28,11 +27,6 @@ def feedforward_options(given: Parameters) -> FeedForwardOptions:
     """Return the limits and times of the feed-forward, whose names are those of parameters."""
     return FeedForwardOptions(**{each.name: getattr(given, each.name)
                                  for each in fields(FeedForwardOptions)})
-
-
-def compensate_options(given: Parameters) -> CompensateOptions:
-    """Return how effects are compensated."""
-    return CompensateOptions(given.compensate_fraction, given.compensate_speed, given.max_speed)
 
 
 def payload_limits(given: Parameters) -> PayloadLimits:

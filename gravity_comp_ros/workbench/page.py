@@ -134,7 +134,7 @@ class Page:
             else:
                 self._say(one)
             if self.views is not None:
-                self.views.follow_window()
+                self.views.table.follow_window()
         if self.live is not None:
             self.live.update(self.view == LIVE)
 
@@ -224,7 +224,7 @@ class Page:
 
     def _make_views(self, one: OpenSession) -> None:
         session = one.session
-        selected = self.views.selected if self.views else []
+        selected = self.views.table.selected if self.views else []
         if session.read is None:
             self.views = None
             return

@@ -26,15 +26,6 @@ class Views:
         self.table.select(selected)
         self._made: dict[str, UIElement] = {}
 
-    @property
-    def selected(self) -> list[int]:
-        """Return which samples are selected, by number."""
-        return self.table.selected
-
-    def follow_window(self) -> None:
-        """Draw what is zoomed in on from all samples."""
-        self.table.follow_window()
-
     def show(self, name: str) -> UIElement:
         """Return a view by its name."""
         if name not in self._made:
