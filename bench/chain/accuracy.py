@@ -1,7 +1,7 @@
 """
 Measure the chain: on the motion, over the whole joint range, after a tool change, on other arms.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/chain/accuracy.py iiwa arms rough tool short [--seeds 10]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.chain.accuracy iiwa arms rough tool short [--seeds 10]
 
 Errors are RMSE of the worst joint in N·m against noise-free gravity. `motion` is 100 s of the
 training motion's continuation, `range` 1000 poses over all joint limits. `in` and `out` are the

@@ -1,7 +1,7 @@
 """
 Processor time and memory of each step of the loop, on recordings of several sizes.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/scale/budgets.py [--folder DIR] [CASE ...]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.scale.budgets [--folder DIR] [CASE ...]
 
 Recordings are simulated and written first, into a temporary folder or the one given, where they
 stay. Each case then runs a command of the package in a process of its own. Printed are processor
@@ -50,7 +50,7 @@ def _friction(seconds: float, rate: float, number: int, most: float) -> Callable
 
 def _kilohertz(path: Path) -> None:
     """Record an hour of seven joints at 1 kHz."""
-    from bags import record
+    from bench.scale.bags import record
     record(path, 60.0)
 
 

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import time
 import warnings
 
+from bench.solver.problems import Problem
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_problem import follow_path
 import numpy as np
-from problems import Problem
 from scipy import linalg
 
 TIME_LIMIT = 50.0   # s, for the solvers that take one

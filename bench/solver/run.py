@@ -1,7 +1,7 @@
 """
 Measure the solver against every other L1 solver that a user could pick, in one run.
 
-    OPENBLAS_NUM_THREADS=1 python3 bench/solver/run.py [--quick] [-o bench/solver/results.json]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.solver.run [--quick] [-o bench/solver/results.json]
 
 Needs requirements/bench.txt. Every solver is brought to a relative duality gap of 1e-6, which is
 computed here from its answer. Repetitions are interleaved, so that whatever else the machine does
@@ -19,6 +19,9 @@ import platform
 import sys
 import time
 
+from bench.solver.memory import peak_megabytes
+from bench.solver.problems import eq17, long_arm, Problem, random_poses, relative_gap
+from bench.solver.rivals import dense_admm, halves, OURS, RIVALS, Solver
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
@@ -26,10 +29,7 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions, SparseP
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
-from memory import peak_megabytes
 import numpy as np
-from problems import eq17, long_arm, Problem, random_poses, relative_gap
-from rivals import dense_admm, halves, OURS, RIVALS, Solver
 
 GAP = 1e-6
 PATIENCE = 15.0  # s for one run of one joint
