@@ -410,7 +410,7 @@ def test_diagnose_names_what_the_model_lacks(iiwa_model_file, bags):
     with running({**PATIENT, 'model_file': iiwa_model_file, 'auto_fit': False}) as (_, probe):
         answer = probe.call('diagnose')
         assert not answer.success and answer.message
-        # Dry friction of 2 N·m on the fourth joint, which nobody has told the node.
+        # Dry friction of 2 N·m on the fourth joint, which the node does not have.
         tau = later.tau + 2.0 * np.sign(later.qd) * (np.arange(7) == 3)
         for k in range(300):
             probe.send(later.names, later.t[k], later.q[k], later.qd[k], tau[k])

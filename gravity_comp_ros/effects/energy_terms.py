@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
+from gravity_comp_ros.models.least_squares import svd
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
-from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 _CHUNK = 4096

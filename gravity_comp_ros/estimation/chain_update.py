@@ -3,7 +3,7 @@ A chain after a tool change: the axes stay, a few moments jump.
 
 A payload of mass m adds m times the distance to the next joint to the moment of every link, and
 its own first moment to that of the last. Which of a link's two moments that meets follows from
-the kinematics, which nobody has told; on an arm with right angles it is one of the two or none,
+the kinematics, which are unknown; on an arm with right angles it is one of the two or none,
 so that the change is sparse. The axes move within their uncertainty alone.
 
 An axis that nothing showed before (a last link without a moment of its own) shows once a tool

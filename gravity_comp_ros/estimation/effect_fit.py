@@ -26,9 +26,9 @@ from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression, is_fast
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
-from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
 # Lengths and axes of an arm without a description move each other for some rounds.

@@ -19,10 +19,10 @@ from gravity_comp_ros.effects.effect import Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.least_squares import svd
 from gravity_comp_ros.models.noise import correlation_time
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.planning.segments import sampled, Segment
-from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
 # Columns of a joint's own nuisance terms, by the effect that each of them is.
@@ -72,7 +72,6 @@ class Question:
         names = {name.partition(':')[0] for name in named}
         return {k for k, other in enumerate(self.alternatives) if other.effect.name not in names
                 and other.effect.untestable(both, other.joint or 0) is not None}
-
 
     def tie_stays(self, both: Motion, named: Sequence[str]) -> str:
         """

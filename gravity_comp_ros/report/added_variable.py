@@ -17,8 +17,8 @@ from gravity_comp_ros.effects.effect import Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.least_squares import lstsq, svd
+from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
 # Gravity with more terms than this is not fitted again; its residual is taken as it is.

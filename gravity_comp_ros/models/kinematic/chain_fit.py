@@ -1,5 +1,5 @@
 """
-The chain formulation: gravity of a serial arm whose kinematics nobody has told.
+The chain formulation: gravity of a serial arm with unknown kinematics.
 
 Search, noise, right angles, covariance. The search runs with equal weights; then each joint's
 noise is learned from its residual and the solution refined under it, until neither changes.

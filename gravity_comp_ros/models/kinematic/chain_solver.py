@@ -16,8 +16,8 @@ from functools import cached_property
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
-from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 from scipy.linalg import lapack
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.models.sparse.regressor import Design
 from gravity_comp_ros.models.least_squares import lstsq, svd
+from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
 # Directions of the nuisance columns shorter than this share of the longest are rounding.

@@ -3,7 +3,7 @@ Which of many numbers changed, and to what: a sparse change under a Gaussian pri
 
 What was known of P numbers is a mean (the last model) with covariance C. New data, R rows in
 units of their noise, see them through a matrix J: r = J.T p + noise, where p is the distance from
-the mean. Some of the numbers have jumped, by about a size s that nobody has told:
+the mean. Some of the numbers have jumped, by about an unknown size s:
 
     p = u + s d,    u ~ N(0, C),    d_k ~ N(0, 1) for k in the support S, else 0.
 

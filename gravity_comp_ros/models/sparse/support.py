@@ -19,10 +19,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
+from gravity_comp_ros.models.least_squares import svd
 from gravity_comp_ros.models.sparse.gram import Gram
 from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
 from gravity_comp_ros.models.sparse.regressor import Design
-from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 from scipy import linalg
 
