@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
-from scipy import linalg
 
 
 def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArray:
@@ -27,6 +26,8 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
     try:
         return np.asarray(np.linalg.lstsq(x, y, rcond=rcond)[0])
     except np.linalg.LinAlgError:
+        # The process of the node loads no SciPy unless it must.
+        from scipy import linalg
         share = np.finfo(float).eps * max(x.shape) if rcond is None else rcond
         return np.asarray(linalg.lstsq(x, y, cond=share, lapack_driver='gelss')[0])
 
@@ -41,6 +42,7 @@ def svd(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     try:
         u, size, v = np.linalg.svd(x, full_matrices=False)
     except np.linalg.LinAlgError:
+        from scipy import linalg
         u, size, v = linalg.svd(x, full_matrices=False, lapack_driver='gesvd')
     return np.asarray(u), np.asarray(size), np.asarray(v)
 
