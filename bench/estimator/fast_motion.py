@@ -4,10 +4,10 @@ Gravity of fast motion over the whole joint range, beside rows of inertia and be
     python -m bench.estimator.fast_motion --seeds 21,22
 
 Each arm is recorded three times: 60 s at up to 1 rad/s without friction, 60 s at up to 1 rad/s
-with quicker turns and friction, and 30 s at up to 0.6 rad/s with friction. A line has the RMS error
-of the worst joint in N·m: of `fit`, which has a row of inertia for each joint beside gravity, and of
-`fit_gravity`, which has rigid-body dynamics, with the axes known and without. Seeds 0 to 7 and 20
-were looked at while the fit was made.
+with quicker turns and friction, and 30 s at up to 0.6 rad/s with friction. A line has the RMS
+error of the worst joint in N·m: of `fit`, which has a row of inertia for each joint beside
+gravity, and of `fit_gravity`, which has rigid-body dynamics, with the axes known and without.
+Seeds 0 to 7 and 20 were looked at while the fit was made.
 """
 
 from __future__ import annotations

@@ -123,7 +123,8 @@ class Case:
         for expected in said.get('expected', ()):
             target = Target(expected['effect'], expected['joint'])
             expected['outcome'] = outcome(target, diagnosis)
-            if target.effect == self.scene.effect:
+            truth = self.scene.truth
+            if (target.effect, target.joint) == (truth.effect, truth.joint):
                 assumed = next(iter(expected['assumed'].values()))
                 expected['share'] = abs(self.scene.size / assumed)
         return {'verdict': judged(diagnosis, self.scene), 'duration': motion.t[-1], **said,

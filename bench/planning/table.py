@@ -63,7 +63,8 @@ def advised(result: dict[str, Any]) -> str:
     not plan for it, that is the plan with wider limits.
     """
     expected = result['ways'].get('planned', {}).get('expected', ())
-    likely = any(e['effect'] == result['effect'] and e['chance'] >= 0.5 for e in expected)
+    # Of the targets the hidden effect alone has a share of the size that was assumed.
+    likely = any('share' in e and e['chance'] >= 0.5 for e in expected)
     return 'planned' if likely else 'planned_wide'
 
 
