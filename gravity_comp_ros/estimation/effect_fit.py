@@ -80,7 +80,7 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
                                            *map(installed, kept))):
         motion, rows = motion.at(rows), np.arange(len(rows))
     best: EffectFit | None = None
-    hidden = dynamics_beside(motion.at(rows), (*terms, *kept))
+    hidden = _dynamics_beside(motion.at(rows), (*terms, *kept))
     if hidden:
         # It is made of axes and moments, which a chain alone has.
         options = FitOptions('chain', options.sparse)
@@ -98,7 +98,7 @@ def fit_with_terms(motion: Motion, rows: IntArray, model: GravityModel, terms: S
     return best
 
 
-def dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> tuple[Term, ...]:
+def _dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> tuple[Term, ...]:
     """
     Return rigid-body dynamics where it has to be a nuisance term of a motion, () elsewhere.
 

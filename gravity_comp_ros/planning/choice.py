@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
@@ -101,12 +102,16 @@ class Chooser:
                  for inquiry, a, b in zip(self._inquiries[:self._n_targets], self._old, new)]
         return [k for k, gain in enumerate(gains) if gain > max(_HELPS, 0.3 * max(gains))]
 
+    @cached_property
+    def _alone(self) -> list[float]:
+        """Return what each part by itself adds to the value of the recordings."""
+        values = self._values(self._old)
+        return [self._gain(self._old, values, k) for k in range(len(self._parts))]
+
     def _best_alone(self) -> list[list[int]]:
         """Return the parts that tell most, each by itself: a long one never comes by its rate."""
-        values = self._values(self._old)
-        gains = [self._gain(self._old, values, k) for k in range(len(self._parts))]
-        return [[int(k)] for k in np.argsort(gains)[::-1][:_SEEDS]
-                if gains[k] > _HELPS and self._is_clear(int(k))]
+        return [[k] for k in np.argsort(self._alone)[::-1][:_SEEDS].tolist()
+                if self._alone[k] > _HELPS and self._is_clear(k)]
 
     def _grown(self, chosen: list[int], most_hidden: int | None = None) -> list[int]:
         """Return parts with others added as long as one helps and none hides a target."""
@@ -122,9 +127,7 @@ class Chooser:
         Parts at one posture can hide what others show: the ends of a joint's travel are then seen
         in that posture alone.
         """
-        values = self._values(self._old)
-        order = sorted(range(len(self._parts)),
-                       key=lambda k: -self._gain(self._old, values, k))
+        order = sorted(range(len(self._parts)), key=lambda k: -self._alone[k])
         showing = [k for k in order if self._hidden([k]) < hidden and self._is_clear(k)]
         trials = [self._grown([k], self._hidden([k])) for k in showing[:_SEEDS]]
         return max(trials, key=self._value, default=chosen)
@@ -175,9 +178,7 @@ class Chooser:
         hidden = self._hidden(chosen)
         if not chosen or not hidden:
             return
-        values = self._values(self._old)
-        gains = [self._gain(self._old, values, k) for k in range(len(self._parts))]
-        for k in np.argsort(gains)[::-1].tolist():
+        for k in np.argsort(self._alone)[::-1].tolist():
             if not hidden:
                 return
             if k in chosen or self._hidden([*chosen, k]) >= hidden or not self._is_clear(k):

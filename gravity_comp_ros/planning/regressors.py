@@ -21,6 +21,7 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.least_squares import svd
 from gravity_comp_ros.models.noise import correlation_time
+from gravity_comp_ros.models.sparse.projected import orthonormal_basis
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.planning.segments import sampled, Segment
 import numpy as np
@@ -31,8 +32,6 @@ _OWN = ('coulomb_friction', 'viscous_friction', 'torque_offset')
 _AXIS_SPREAD = 0.3
 # A new recording is taken to begin so long after the last one, s.
 _PAUSE = 60.0
-# Directions of nuisance columns smaller than this share of the largest are none.
-_DEPENDENT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -233,8 +232,7 @@ class Situation:
         key = f'shared by {joint}'
         if key not in motion.memo:
             rows, own = self._gravity(motion)[skip:, joint], _own('', motion, joint)[skip:]
-            basis, size, _ = svd(own)
-            basis = basis[:, size > _DEPENDENT * max(size.max(initial=0.0), 1e-300)]
+            basis = orthonormal_basis(own)
             rest = rows - basis @ (basis.T @ rows)
             motion.memo[key] = rest.T @ rest
         return motion.memo[key]
