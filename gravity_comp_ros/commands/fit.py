@@ -141,7 +141,8 @@ def _solver_sentence(result: FitResult) -> str:
         left = f'the residual is {"" if chain.clean else "not "}white'
         if result.report.known_axes:
             return f'chain: axes as in the URDF; {left}'
-        return f'chain: {chain.starts} starts, {sum(chain.square)} right angles; {left}'
+        return (f'chain: {counted(chain.starts, "start")}, '
+                f'{counted(sum(chain.square), "right angle")}; {left}')
     problems = [found.lasso for found in result.report.solver]
     ends = [problem.certificate for problem in problems]
     iterations = sum(problem.iterations for problem in problems)

@@ -15,6 +15,7 @@ from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np
 
@@ -85,7 +86,7 @@ def _described(args: argparse.Namespace, model: GravityModel) -> tuple[FloatArra
 
 def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
     length = f'{found.trajectory.duration:.1f} s'
-    terminal.show(f'[bold]{len(found.parts)} parts, {length}[/bold]')
+    terminal.show(f'[bold]{counted(len(found.parts), "part")}, {length}[/bold]')
     for part in found.parts:
         terminal.show(f'  {terminal.safe(part.sentence)}')
     rows = [list(results.expected_row(each)) for each in found.expectations]
