@@ -11,6 +11,9 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
+# A slope below this share of the largest is rounding.
+_ROUNDING = 1e-12
+
 
 def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArray:
     """
@@ -30,6 +33,35 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
         from scipy import linalg
         share = np.finfo(float).eps * max(x.shape) if rcond is None else rcond
         return np.asarray(linalg.lstsq(x, y, cond=share, lapack_driver='gelss')[0])
+
+
+def non_negative(x: FloatArray, y: FloatArray) -> FloatArray:
+    """
+    Return the least-squares solution b (K,) of x b = y of which no number is negative.
+
+    It is the active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems
+    (1974), chapter 23, on the normal equations: the columns of x (M, K) must be independent.
+    """
+    gram, right, b = x.T @ x, x.T @ y, np.zeros(x.shape[1])
+    least = _ROUNDING * float(np.abs(right).max(initial=0.0))
+    positive = np.zeros(len(b), dtype=bool)
+    for _ in range(3 * len(b)):
+        slope = np.where(positive, -np.inf, right - gram @ b)
+        if not slope.size or slope.max() <= least:
+            break
+        positive[slope.argmax()] = True
+        while positive.any():
+            aim = np.zeros(len(b))
+            aim[positive] = np.linalg.solve(gram[np.ix_(positive, positive)], right[positive])
+            held = np.flatnonzero(positive & (aim <= 0.0))
+            if not held.size:
+                b = aim
+                break
+            shares = b[held] / np.maximum(b[held] - aim[held], 1e-300)
+            b = b + shares.min() * (aim - b)
+            positive[held[shares.argmin()]] = False
+            b[~positive] = 0.0
+    return b
 
 
 def svd(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.rigid_body import PARAMETERS, regressor
-from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.models.least_squares import lstsq, non_negative
 import numpy as np
 
 # Masses lie about the middle line of a link, at this share of the mean length of it and of the one
@@ -44,9 +44,7 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     size = max(float(np.abs(moments).max()), 1e-9)
     a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
     b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
-    # Programs that only load effects start without this half of SciPy.
-    from scipy.optimize import nnls
-    masses = nnls(a, b)[0]
+    masses = non_negative(a, b)
     found = np.asarray(masses @ parameters)
     # Masses that are not negative need not reach every moment: the rest is put where it is, with
     # the inertia that keeps kinetic energy positive, h^2 / m.
