@@ -23,7 +23,7 @@ import numpy as np
 
 _ROBUST_ROUNDS = 3
 _ROUGH = SearchOptions(starts=24, rivals=0)
-_FINAL = SearchOptions()
+_FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
 # A residual that is not white may hold terms that a wrong minimum had hidden: they are tested
 # again so many times.
 _REPEATS = 3
@@ -71,8 +71,7 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
 
     :param known: axes (N, 3, 3) that need no search.
     :param start: a chain to begin with.
-    :param warm: whether no other starts than that are tried, and neither right angles nor
-        alternatives sought.
+    :param warm: whether no other starts than that are tried, and no alternatives sought.
     :raises FitError: if there are no samples.
     """
     chain, starts = start, 1
@@ -87,7 +86,7 @@ def estimate_chain(regression: Regression, known: FloatArray | None = None,
         if told == kept:
             break
         kept, regression = told, every.with_terms(told)
-        found = _settled(regression, rough.chain, known, None if warm else _FINAL)
+        found = _settled(regression, rough.chain, known, _WARM if warm else _FINAL)
         chain = found.chain
         if (found.inflation == 1.0).all():
             break

@@ -96,7 +96,7 @@ def fit_chain(samples: JointSamples, options: SearchOptions = SearchOptions(),
     :raises FitError: if there are no samples.
     """
     problem = _problem(samples, beside)
-    found = (_search(problem, samples, options if search_anew else None, start, beside.trust)
+    found = (_search(problem, samples, options, start, beside.trust, search_anew)
              if known is None
              else _fit_known(problem, samples, known, beside.trust))
     return _with_nuisance(found, problem, beside.trust)
@@ -163,11 +163,10 @@ def _started(problem: ChainProblem, options: SearchOptions | None, start: Chain 
     return search(problem, options or SearchOptions(), None if start is None else start.axes)
 
 
-def _search(problem: ChainProblem, samples: JointSamples, options: SearchOptions | None,
-            start: Chain | None, trust: FloatArray | None) -> ChainFit:
+def _search(problem: ChainProblem, samples: JointSamples, options: SearchOptions,
+            start: Chain | None, trust: FloatArray | None, search_anew: bool) -> ChainFit:
     q = samples.q
-    found = _started(problem, options, start)
-    options = options or SearchOptions()
+    found = _started(problem, options if search_anew else None, start)
     problem, solution, model, inflation = _settle_noise(problem, found.solution, samples, trust)
     tidied = tidy(problem, solution)
     covariance, rivals = tidied.covariance(), 0
