@@ -26,6 +26,7 @@ from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.regression import recorded_accelerations
 from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
@@ -63,8 +64,10 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     if effects:
         result, joint = _with_effects(recording, options, effects, speeds, progress)
     else:
-        result, joint = fit_gravity(recording.slow, options, progress), None
-        changing = _still_changes(recording.slow, result, options)
+        slow = recording.slow
+        qdd = recorded_accelerations(recording.samples, slow)
+        result, joint = fit_gravity(slow, options, progress, qdd), None
+        changing = _still_changes(slow, result, options, qdd)
         result = result.warned(changing) if changing else result
     if recording.ungated:
         result = result.warned(recording.ungated)
@@ -74,13 +77,19 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
     return replace(result, model=replace(result.model, provenance=provenance)), joint
 
 
-def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions) -> str:
+def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions,
+                   qdd: FloatArray | None) -> str:
     """Return what a short recording has not settled, in words."""
     if recorded_time(samples) > SETTLES:
         return ''
     how = replace(options, formulation=result.model.formulation)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
-    found = unsettled(result.model, samples, noise, lambda early: fit_gravity(early, how).model)
+
+    def fit_again(early: JointSamples) -> GravityModel:
+        known = None if qdd is None else qdd[rows_of(samples, early)]
+        return fit_gravity(early, how, qdd=known).model
+
+    found = unsettled(result.model, samples, noise, fit_again)
     return '' if found is None else f'{found}. Record more motion'
 
 

@@ -12,6 +12,7 @@ from gravity_comp_ros.api.steps import FEW_SLOW, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.estimation.regression import uneven
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -41,7 +42,8 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback,
     if only_slow:
         with suppress(DataError):
             slow = read_slow(args.bags, read_options(args), gate(args), report)
-            if slow.samples.n_samples >= FEW_SLOW:
+            # Slow samples that start and stop quickly need what lies between them.
+            if slow.samples.n_samples >= FEW_SLOW and not uneven(slow.samples):
                 return slow
     return with_enough_motion(load(args, report))
 

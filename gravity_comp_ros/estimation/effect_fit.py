@@ -26,6 +26,7 @@ from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression, is_fast
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
 from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.models.nuisance import COULOMB, INERTIA, OFFSET, VISCOUS
 from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
@@ -104,12 +105,23 @@ def _dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> t
 
     :param there: the effects of the model.
     """
-    named = {each.effect.name if isinstance(each, Term) else each.name for each in there}
     effect = known_effect('rigid_body_dynamics')
-    if (named & set(_MOTION) or not is_fast(motion.samples) or motion.serial_arm is None
+    if (_names(there) & set(_MOTION) or not is_fast(motion.samples) or motion.serial_arm is None
             or effect.untestable(motion, 0) is not None):
         return ()
     return (Term(effect, None, effect.settings(motion, 0)[0]),)
+
+
+def _axes_of_motion(model: GravityModel, there: Sequence[Term | AppliedEffect],
+                    known: FloatArray | None) -> Geometry | None:
+    """Return the axes (N, 3, 3) as they are known, if no effect describes the torque of motion."""
+    if known is None or model.geometry is None or _names(there) & set(_MOTION):
+        return None
+    return replace(model.geometry, rotations=known)
+
+
+def _names(there: Sequence[Term | AppliedEffect]) -> set[str]:
+    return {each.effect.name if isinstance(each, Term) else each.name for each in there}
 
 
 def _once(motion: Motion, rows: IntArray, model: GravityModel,
@@ -133,7 +145,8 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel,
     few, dense = means.samples(cleaned), _condensed(means, columns)
     regression = build_regression(cleaned, qdd=motion.qdd[rows], effects=dense,
                                   means=means, excluded=spared | replaced_terms(motion, terms),
-                                  usual=_usual(motion, terms, few, dense))
+                                  usual=_usual(motion, terms, few, dense),
+                                  geometry=_axes_of_motion(model, (*terms, *kept), known))
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)

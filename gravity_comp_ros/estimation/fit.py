@@ -121,13 +121,15 @@ class Estimate:
 
 
 def fit(samples: JointSamples, options: FitOptions = FitOptions(),
-        progress: Progress | None = None, old: GravityModel | None = None) -> FitResult:
+        progress: Progress | None = None, old: GravityModel | None = None,
+        qdd: FloatArray | None = None) -> FitResult:
     """
     Learn the gravity torque from samples.
 
     :param samples: slow motion, or motion of any speed: inertia is then fitted beside gravity.
     :param progress: called with a word and a share from 0 to 1.
     :param old: a model of the same joints to start from. It saves a search and binds nothing.
+    :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
@@ -135,8 +137,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     if progress:
         progress('fit', 0.0)
     samples, warning = checked_velocity(samples)
-    regression = build_regression(samples)
-    estimate = estimate_gravity(regression, options, old)
+    estimate = _estimate(samples, options, old, qdd)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning)
     model = replace(model, geometry=_geometry(options, estimate),
@@ -146,6 +147,17 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     found = estimate.choice.estimate
     converged = isinstance(found, ChainEstimate) or all(f.lasso.converged for f in found.fits)
     return FitResult(model, report, converged)
+
+
+def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,
+              qdd: FloatArray | None) -> Estimate:
+    """Return gravity beside the torque of motion that an arm with the known axes would have."""
+    geometry = None if options.known(samples) is None else options.geometry
+    found = estimate_gravity(build_regression(samples, qdd=qdd, geometry=geometry), options, old)
+    if not found.choice.warning:
+        return found
+    # The axes are of another arm, and so was the torque of motion that was taken off.
+    return estimate_gravity(build_regression(samples, qdd=qdd), options, old)
 
 
 def estimate_gravity(regression: Regression, options: FitOptions,

@@ -11,6 +11,7 @@ from gravity_comp_ros.estimation.fast_motion import fit_gravity
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
 from gravity_comp_ros.estimation.refit import Progress, refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
+from gravity_comp_ros.estimation.regression import recorded_accelerations
 from gravity_comp_ros.models.gravity_model import GravityModel
 
 
@@ -45,5 +46,5 @@ def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence
     :raises FitError: if there are too few slow samples.
     :raises DataError: if an effect cannot be seen in the recording.
     """
-    first = fit_gravity(slow, options, progress)
+    first = fit_gravity(slow, options, progress, recorded_accelerations(samples, slow))
     return FitWithEffects(first, refit(samples, first.model, wanted, speeds, use, progress))

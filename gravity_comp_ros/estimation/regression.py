@@ -6,12 +6,16 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.condense import Condensation, condense, CondenseOptions
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.effects.motion_direction import Shape
+from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.estimation import robust
+from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.nuisance_columns import (
     build_columns, NuisanceColumns, plain_shapes)
 from gravity_comp_ros.models.kinematic.chain_fit import Beside
+from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
 import numpy as np
 
@@ -109,7 +113,8 @@ def build_regression(samples: JointSamples, options: CondenseOptions = CondenseO
                      qdd: FloatArray | None = None, effects: FloatArray | None = None,
                      means: Condensation | None = None,
                      excluded: frozenset[tuple[str, int]] = frozenset(),
-                     usual: FloatArray | None = None) -> Regression:
+                     usual: FloatArray | None = None,
+                     geometry: Geometry | None = None) -> Regression:
     """
     Return the regression of samples with all nuisance columns that the motion can identify.
 
@@ -119,15 +124,32 @@ def build_regression(samples: JointSamples, options: CondenseOptions = CondenseO
     :param means: how the samples are condensed, if that is decided already.
     :param excluded: kinds and joint numbers of nuisance terms that effects take the place of.
     :param usual: (K,) as in `Regression`; None if all are free.
+    :param geometry: the axes, if they are known: the torque of motion of a nominal arm is then
+        taken off.
     """
     means = means or condense(samples, options)
     qdd = accelerations(samples) if qdd is None else qdd
     accelerated = _shows_inertia(samples, qdd)
+    if geometry is not None:
+        samples = without_motion(samples, geometry, qdd)
     columns = build_columns(samples, plain_shapes(samples), means, qdd if accelerated else None,
                             effects, excluded)
     condensed = means.samples(samples)
     return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
                       accelerated, effects, excluded, usual)
+
+
+def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
+    """
+    Return accelerations (M, N) in rad/s^2 of `part`, from all samples; None where its own serve.
+
+    Samples that passed the gate are far apart, which smooths what starts and stops quickly.
+
+    :param part: a selection of the samples.
+    """
+    if len(part) == len(samples) or not uneven(part):
+        return None
+    return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
 
 
 def _shows_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
@@ -139,6 +161,11 @@ def _shows_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
     """
     uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
     return is_fast(samples) or bool(uneven.mean() > _UNEVEN_SHARE)
+
+
+def uneven(samples: JointSamples) -> bool:
+    """Return whether samples are of fast motion, or of slow motion that changes quickly."""
+    return _shows_inertia(samples, accelerations(samples))
 
 
 def is_fast(samples: JointSamples) -> bool:
