@@ -20,8 +20,9 @@ def test_gravity_does_not_bend_towards_the_torque_of_motion(known, seed, most):
     samples = recorded(ARM, seed, 1.0, 0.3, 0.0, 60.0)
     found = fit_gravity(samples, options)
     assert worst(ARM, found.model) < most
-    # Rows of inertia, one for each joint, are not enough.
-    assert worst(ARM, fit(samples, options).model) > 3.0 * worst(ARM, found.model)
+    # Rows of inertia, one for each joint, are not enough; a nominal arm on known axes nearly is.
+    alone = worst(ARM, fit(samples, options).model)
+    assert alone < 2.0 * most if known else alone > 3.0 * worst(ARM, found.model)
     # The torque of motion is a nuisance term: nothing of it is predicted.
     assert not found.model.applied.effects and found.report.known_axes == known
     assert found.report.choice.why.endswith('rigid-body dynamics was fitted beside it')

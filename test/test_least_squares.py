@@ -1,8 +1,9 @@
 """Least squares of a matrix that divide and conquer gives up on."""
 
-from gravity_comp_ros.models.least_squares import lstsq, svd
+from gravity_comp_ros.models.least_squares import lstsq, non_negative, svd
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 
 def gives_up(*_, **__):
@@ -31,3 +32,13 @@ def test_what_is_not_finite_is_an_error():
         svd(x)
     with pytest.raises(np.linalg.LinAlgError):
         lstsq(x, np.ones(3))
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_the_best_numbers_that_are_not_negative(seed):
+    rng = np.random.default_rng(seed)
+    # As for the masses of a nominal arm: few moments, and all masses alike where these leave them.
+    x = np.concatenate([rng.normal(size=(14, 100)), 0.03 * np.eye(100)])
+    y = np.concatenate([rng.normal(size=14), np.zeros(100)])
+    np.testing.assert_allclose(non_negative(x, y), nnls(x, y)[0], atol=1e-9)
+    np.testing.assert_array_equal(non_negative(x[:, :0], y), np.zeros(0))

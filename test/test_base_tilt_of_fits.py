@@ -1,0 +1,83 @@
+"""Known axes: inertia is not taken for a tilt of the base, and a tilt that is there is found."""
+
+from bench.planning.scenes import known_axes
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import fit_model
+from gravity_comp_ros.effects.motion import accelerations
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.estimation.nominal_motion import without_motion
+from gravity_comp_ros.estimation.regression import recorded_accelerations
+from gravity_comp_ros.simulation import motions
+from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, inverse_dynamics, with_base_tilt
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+import pytest
+
+ARM = iiwa7()
+AXES = known_axes(ARM)
+
+
+def moved(seed, speed, band, arm=ARM, rate=50.0, noise=0.1):
+    """Return a minute of a multisine, up to `speed` rad/s and `band` Hz."""
+    motion = motions.multisine(0.6 * ARM.lower, 0.6 * ARM.upper, np.full(7, speed), seed,
+                               motions.MultisineOptions(speed, 60.0, band), 60.0, rate)
+    return motion, synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, noise), seed))
+
+
+def fitted(samples):
+    """Return the result as the command has it: of the samples that pass the gate."""
+    return fit_model(Recording(samples), FitOptions('chain', geometry=AXES))[0]
+
+
+def error(model, arm):
+    """Return the RMS error of gravity over the joint range, of the worst joint, N·m."""
+    q = np.random.default_rng(0).uniform(ARM.lower, ARM.upper, (500, 7))
+    return np.sqrt(((model.predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max()
+
+
+@pytest.mark.parametrize('seed', [0, 2, 3])
+def test_inertia_is_not_taken_for_a_tilt(seed):
+    found = fitted(moved(seed, 0.15, 0.3)[1])
+    assert found.report.chain.tilt == 0.0
+    assert error(found.model, ARM) < 0.3
+
+
+@pytest.mark.parametrize('tilt', [1.0, 3.0, 5.0])
+def test_a_tilt_is_found_as_large_as_it_is(tilt):
+    arm = with_base_tilt(ARM, 0.8 * np.radians(tilt), 0.6 * np.radians(tilt))
+    found = fitted(moved(3, 0.15, 0.3, arm)[1])
+    assert np.degrees(found.report.chain.tilt) == pytest.approx(tilt, abs=0.15)
+    assert error(found.model, arm) < 0.3
+
+
+def test_slow_motion_gains_as_well():
+    assert error(fitted(moved(1, 0.12, 0.1)[1]).model, ARM) < 0.1
+
+
+def test_what_starts_and_stops_quickly_has_the_accelerations_of_the_whole_recording():
+    motion, samples = moved(0, 0.15, 0.6)
+    slow = Recording(samples).slow
+    rows = np.searchsorted(samples.t, slow.t)
+    whole, own = recorded_accelerations(samples, slow), accelerations(slow)
+    off, own_off = (np.abs(qdd - motion.qdd[rows]).max() for qdd in (whole, own))
+    assert off < 0.005 and own_off > 0.02
+    # Of motion that changes slowly those of the slow samples serve.
+    samples = moved(0, 0.1, 0.05)[1]
+    assert recorded_accelerations(samples, Recording(samples).slow) is None
+
+
+def test_the_nominal_arm_has_most_of_the_torque_of_motion():
+    motion, samples = moved(4, 0.15, 0.3, noise=0.0)
+    left = without_motion(samples, AXES, motion.qdd).tau - gravity_torque(ARM, motion.q)
+    there = (inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
+             - gravity_torque(ARM, motion.q))
+    assert np.sqrt((left ** 2).mean()) < 0.1 * np.sqrt((there ** 2).mean())
+
+
+def test_samples_at_rest_have_no_torque_of_motion():
+    samples = moved(0, 0.15, 0.3)[1]
+    still = samples.select(np.arange(5))
+    still = type(still)(still.names, still.t, still.q, 0.0 * still.qd, still.tau, still.runs,
+                        still.run_labels, still.starts)
+    assert without_motion(still, AXES, np.zeros(still.q.shape)) is still
