@@ -8,7 +8,8 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.regression import recorded_accelerations
 from gravity_comp_ros.simulation import motions
-from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, inverse_dynamics, with_base_tilt
+from gravity_comp_ros.simulation.arms import (
+    gravity_torque, iiwa7, inverse_dynamics, with_base_tilt)
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
