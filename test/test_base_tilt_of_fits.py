@@ -40,7 +40,7 @@ def error(model, arm):
 @pytest.mark.parametrize('seed', [0, 2, 3])
 def test_inertia_is_not_taken_for_a_tilt(seed):
     found = fitted(moved(seed, 0.15, 0.3)[1])
-    assert found.report.chain.tilt == 0.0
+    assert found.report.base_tilt == 0.0
     assert error(found.model, ARM) < 0.3
 
 
@@ -48,7 +48,7 @@ def test_inertia_is_not_taken_for_a_tilt(seed):
 def test_a_tilt_is_found_as_large_as_it_is(tilt):
     arm = with_base_tilt(ARM, 0.8 * np.radians(tilt), 0.6 * np.radians(tilt))
     found = fitted(moved(3, 0.15, 0.3, arm)[1])
-    assert np.degrees(found.report.chain.tilt) == pytest.approx(tilt, abs=0.15)
+    assert np.degrees(found.report.base_tilt) == pytest.approx(tilt, abs=0.15)
     assert error(found.model, arm) < 0.3
 
 

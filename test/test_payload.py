@@ -106,7 +106,7 @@ def test_tilted_arms_of_any_angles(seed):
     assert worst(result.model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.06
     # Nobody told the tilt; it is found, to a few mrad.
     up = -arm.model.gravity.linear / np.linalg.norm(arm.model.gravity.linear)
-    assert result.report.chain.tilt == pytest.approx(np.arccos(up[2]), abs=0.01)
+    assert result.report.base_tilt == pytest.approx(np.arccos(up[2]), abs=0.01)
     loaded = arms.with_payload(arm, arms.Payload(1.0, COM))
     new = generated.small_motion(arm, seed, start=100.0).q[:50]
     found = update(result.model, recorded(loaded, new, seed + 1), geometry=geometry)
@@ -118,7 +118,7 @@ def test_known_axes_leave_the_moments_alone():
     arm = arms.iiwa7()
     result = fit(recorded(arm, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
     np.testing.assert_allclose(result.model.chain.axes, IIWA.rotations, atol=1e-12)
-    assert result.report.known_axes and result.report.chain.tilt == 0.0
+    assert result.report.known_axes and result.report.base_tilt == 0.0
     assert worst(result.model, arm, LATER) <= 0.02
     assert fit(recorded(arm, motions.eq17().q, 0),
                FitOptions('auto', geometry=IIWA)).model.formulation == 'chain'

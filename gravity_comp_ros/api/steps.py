@@ -82,7 +82,8 @@ def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions
     """Return what a short recording has not settled, in words."""
     if recorded_time(samples) > SETTLES:
         return ''
-    how = replace(options, formulation=result.model.formulation)
+    axes = None if result.model.geometry is None else options.geometry
+    how = replace(options, formulation=result.model.formulation, geometry=axes)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
 
     def fit_again(early: JointSamples) -> GravityModel:

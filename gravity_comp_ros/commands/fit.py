@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
+from math import degrees
 import time
 
 from gravity_comp_ros.api.learn import known_arm, KnownArm, learn, LearnOptions
@@ -140,7 +141,9 @@ def _solver_sentence(result: FitResult) -> str:
     if chain is not None:
         left = f'the residual is {"" if chain.clean else "not "}white'
         if result.report.known_axes:
-            return f'chain: axes as in the URDF; {left}'
+            tilt = degrees(result.report.base_tilt)
+            stands = f', base tilted by {tilt:.2g} degrees' if tilt else ''
+            return f'chain: axes as in the URDF{stands}; {left}'
         return (f'chain: {counted(chain.starts, "start")}, '
                 f'{counted(sum(chain.square), "right angle")}; {left}')
     problems = [found.lasso for found in result.report.solver]

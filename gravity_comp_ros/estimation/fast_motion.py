@@ -69,7 +69,8 @@ def fit_gravity(samples: JointSamples, options: FitOptions = FitOptions(),
         return first
     choice = replace(found.estimate.choice, why=f'{why}; {_WHY}', warning=problem,
                      held_out=first.report.choice.held_out)
-    report = build_report(found.model, samples, choice, choice.estimate.regression, warning)
+    report = build_report(found.model, samples, choice, choice.estimate.regression, warning,
+                          options.geometry)
     return FitResult(replace(found.model, provenance={
         'options': options.to_json(), 'report': report.to_json()}), report, True)
 

@@ -24,6 +24,7 @@ from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseE
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.vertical import on_vertical
 from gravity_comp_ros.models.nuisance import NuisanceTerms, OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
@@ -137,10 +138,14 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     if progress:
         progress('fit', 0.0)
     samples, warning = checked_velocity(samples)
-    estimate = _estimate(samples, options, old, qdd)
+    stands = options
+    if options.known(samples) is not None and options.geometry is not None:
+        stands = replace(options, geometry=on_vertical(options.geometry, samples))
+    estimate = _estimate(samples, stands, old, qdd)
     model = gravity_model(estimate, samples)
-    report = build_report(model, samples, estimate.choice, estimate.regression, warning)
-    model = replace(model, geometry=_geometry(options, estimate),
+    report = build_report(model, samples, estimate.choice, estimate.regression, warning,
+                          options.geometry)
+    model = replace(model, geometry=_geometry(stands, estimate),
                     provenance={'options': options.to_json(), 'report': report.to_json()})
     if progress:
         progress('fit', 1.0)

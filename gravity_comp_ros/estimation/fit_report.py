@@ -14,6 +14,8 @@ from gravity_comp_ros.estimation.robust import set_aside, SetAside
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit
+from gravity_comp_ros.models.kinematic.geometry import Geometry
+from gravity_comp_ros.models.kinematic.vertical import angle_between, NEAR
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -21,6 +23,9 @@ from gravity_comp_ros.models.sparse.sparse_problem import SparseFit
 from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
+
+# rad: beyond this an arm hangs.
+_UPSIDE_DOWN = np.radians(135.0)
 
 
 @dataclass(frozen=True)
@@ -49,7 +54,8 @@ class FitDetails:
     By joint: the number of `features`; `rmse` in N·m of the model as it predicts; the remaining
     error, `noise` in N·m and `relative_noise` as a share of the torque; the samples that were
     `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
-    `known_axes` or was searched for. `std_anywhere` in N·m is what the chain is unsure of.
+    `known_axes` or was searched for. `base_tilt` in rad is the angle between the vertical and that
+    of known axes. `std_anywhere` in N·m is what the chain is unsure of.
     """
 
     formulation: str
@@ -68,6 +74,7 @@ class FitDetails:
     warnings: tuple[str, ...]
     chain: ChainFit | None
     known_axes: bool
+    base_tilt: float
     std_anywhere: Mapping[str, float]
 
     def to_json(self) -> dict[str, Any]:
@@ -82,15 +89,18 @@ class FitDetails:
             'solver': [_solver_json(each) for each in self.solver],
             'dropped_joints': list(self.dropped_joints), 'warnings': list(self.warnings),
             **({} if self.chain is None else {'chain': {
-                'known_axes': self.known_axes, **_chain_json(self.chain),
+                'known_axes': self.known_axes, 'base_tilt': self.base_tilt,
+                **_chain_json(self.chain),
                 'std_anywhere': dict(self.std_anywhere)}})}
 
 
 def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
-                 regression: Regression, warning: str = '') -> FitDetails:
+                 regression: Regression, warning: str = '',
+                 described: Geometry | None = None) -> FitDetails:
     """
     Return the report of a fit; errors are those of the model as it is.
 
+    :param described: the axes as a description has them, on its own vertical.
     :param warning: to be told before all others.
     """
     found = choice.estimate
@@ -99,7 +109,11 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
     noises = [chain.noise] if chain else [each.noise for each in fits]
     dropped = tuple(name for name, still in zip(samples.names, at_rest(samples.q)) if still)
     gone = set_aside(regression.samples, regression.trust)
-    lines = [warning, choice.warning, *_warnings(samples, model, chain, fits, dropped, gone)]
+    tilt = 0.0
+    if chain and choice.known_axes and described is not None:
+        tilt = angle_between(described.rotations, chain.chain.axes)
+    lines = [warning, choice.warning, *_turned(tilt),
+             *_warnings(samples, model, chain, fits, dropped, gone)]
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(model.joints, values.tolist()))
@@ -112,8 +126,19 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
         by_joint(np.concatenate([each.absolute for each in noises])),
         by_joint(np.concatenate([each.relative for each in noises])),
         model.nuisance.terms, gone, tuple(fits), dropped, tuple(line for line in lines if line),
-        chain, choice.known_axes,
+        chain, choice.known_axes, tilt,
         by_joint(std_anywhere(chain.chain, chain.covariance)) if chain else {})
+
+
+def _turned(tilt: float) -> list[str]:
+    """Return a warning if the arm stands otherwise than its description, on a wall perhaps."""
+    if tilt < NEAR:
+        return []
+    line = (f'the base is turned by {np.degrees(tilt):.1f} degrees against the description: '
+            f'gravity is fitted along the vertical that the torque shows')
+    if tilt > _UPSIDE_DOWN:
+        line += '. Does the arm hang from a ceiling, or has its effort the opposite sign?'
+    return [line]
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
@@ -149,7 +174,7 @@ def _solver_json(found: SparseFit) -> dict[str, Any]:
 
 def _chain_json(chain: ChainFit) -> dict[str, Any]:
     return {'starts': chain.starts, 'steps': chain.steps, 'structure': chain.structure,
-            'clean': chain.clean, 'right_angles': list(chain.square), 'base_tilt': chain.tilt,
+            'clean': chain.clean, 'right_angles': list(chain.square),
             'rivals': chain.rivals, 'inflation': chain.inflation.tolist()}
 
 

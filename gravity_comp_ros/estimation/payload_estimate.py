@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import ModelMismatchError
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.models.applied_effects import Quantity
@@ -24,6 +24,7 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
+from gravity_comp_ros.models.kinematic.vertical import on_vertical
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept
 import numpy as np
 
@@ -102,10 +103,12 @@ def _weighed(found: FloatArray, spread: FloatArray, link: str) -> PayloadEstimat
         for k, axis in enumerate('xyz', start=1)})
 
 
-def on_known_axes(model: GravityModel, geometry: Geometry) -> tuple[Chain, FloatArray]:
+def on_known_axes(model: GravityModel, geometry: Geometry
+                  ) -> tuple[Chain, FloatArray, Geometry]:
     """
     Return a model's gravity as a chain on known axes, and the covariance of a step from it.
 
+    Third come the axes, on the vertical that the model shows.
     A model that was fitted on these axes is that already. Of any other, poses within its trained
     range stand for its training, with its torque and its noise.
 
@@ -119,7 +122,8 @@ def on_known_axes(model: GravityModel, geometry: Geometry) -> tuple[Chain, Float
     if (model.chain is not None and model.uncertainty is not None
             and model.joints == geometry.joints
             and np.abs(model.chain.axes[1:] - geometry.rotations[1:]).max(initial=0.0) < 1e-9):
-        return model.chain, model.uncertainty.covariance
+        return model.chain, model.uncertainty.covariance, (
+            geometry if model.geometry is None else model.geometry)
     order = [model.joints.index(name) for name in geometry.joints]
     count = int(np.clip(model.coverage.n_samples, _FEWEST_POSES, _MOST_POSES))
     rng = np.random.default_rng(0)
@@ -129,9 +133,11 @@ def on_known_axes(model: GravityModel, geometry: Geometry) -> tuple[Chain, Float
         std = model.predict_std(q)
     worth = np.sqrt(max(model.coverage.n_samples, 1) / count)
     sigma = np.hypot(np.maximum(model.noise, 1e-3 * np.abs(tau).max() + 1e-9), 3.0 * std)
+    geometry = on_vertical(geometry, JointSamples.single_run(
+        geometry.joints, np.arange(count), q[:, order], np.zeros_like(q), tau[:, order]))
     problem = ChainProblem(q[:, order], tau[:, order], (worth / sigma)[:, order])
     found = solve_known(problem, geometry.rotations)
-    chain = found.tidied.solution.chain
+    chain = found.solution.chain
     left = (problem.tau - chain.torque(problem.q)) / sigma[:, order]
     missed = np.sqrt((left ** 2).mean(axis=0))
     worst = int(np.argmax(missed))
@@ -141,4 +147,4 @@ def on_known_axes(model: GravityModel, geometry: Geometry) -> tuple[Chain, Float
             f'the known axes do not repeat the model: joint {geometry.joints[worst]} is off by '
             f'{wrong:.2g} N·m where the model was trained. Is the URDF of this arm, with the same '
             f'zero angles?')
-    return chain, found.tidied.covariance()
+    return chain, found.covariance(), geometry

@@ -178,7 +178,7 @@ def change_trust(model: GravityModel, samples: JointSamples) -> FloatArray:
 
 def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
     """Return the same gravity as a chain on known axes."""
-    chain, covariance = on_known_axes(model, geometry)
+    chain, covariance, geometry = on_known_axes(model, geometry)
     order = [model.joints.index(name) for name in geometry.joints]
     coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
                        q_max=model.coverage.q_max[order])

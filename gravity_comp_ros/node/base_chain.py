@@ -50,7 +50,7 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
     """
     if geometry is not None and geometry.joints == model.joints:
         with suppress(ModelMismatchError, np.linalg.LinAlgError):
-            return _made(model, *on_known_axes(model, geometry))
+            return _made(model, *on_known_axes(model, geometry)[:2])
     if model.chain is not None and model.uncertainty is not None:
         return model
     return _fitted(model)

@@ -48,9 +48,8 @@ class ChainFit:
     theirs, gravity fitted beside. `inflation` (N,) says how many samples of each joint count as
     one. `structure` is what features
     explain of the residual beyond what they do of noise, in standard deviations; `clean` says
-    that it is nothing. `square` (N,) counts the angles taken as right, or as known; `tilt` in rad
-    is how far the base stands from where known axes put it. `rivals` counts other chains that
-    explain the samples as well, or nearly.
+    that it is nothing. `square` (N,) counts the angles taken as right, or as known. `rivals`
+    counts other chains that explain the samples as well, or nearly.
     """
 
     chain: Chain
@@ -62,7 +61,6 @@ class ChainFit:
     structure: float
     clean: bool
     square: tuple[int, ...]
-    tilt: float = 0.0
     rivals: int = 0
     nuisance: FloatArray = field(default_factory=lambda: np.zeros(0))
     nuisance_covariance: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
@@ -195,13 +193,13 @@ def _typical(model: noise.NoiseModel, predicted: FloatArray) -> FloatArray:
 
 def _fit_known(problem: ChainProblem, samples: JointSamples, known: FloatArray,
                trust: FloatArray | None) -> ChainFit:
-    first = solve_known(problem, known).tidied.solution
+    first = solve_known(problem, known).solution
     problem, solution, model, inflation = _settle_noise(problem, first, samples, trust)
     found = solve_known(problem, known)
-    solution = found.tidied.solution
+    solution = found.solution
     left = structure(problem, solution)
-    return ChainFit(solution.chain, found.tidied.covariance(), model, inflation, 0,
-                    solution.steps, left, left <= LIMIT, found.tidied.square, found.tilt)
+    return ChainFit(solution.chain, found.covariance(), model, inflation, 0,
+                    solution.steps, left, left <= LIMIT, found.square)
 
 
 def _settle_noise(problem: ChainProblem, solution: Solution, samples: JointSamples,

@@ -7,8 +7,6 @@ make that likelier than none (as for right angles, `chain_angles`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
 from gravity_comp_ros.models.kinematic.right_angles import drop_moments, Tidy, TOLERANCE
@@ -18,21 +16,9 @@ import numpy as np
 _LIKELIER = 3.0
 
 
-@dataclass(frozen=True)
-class KnownAxes:
+def solve_known(problem: ChainProblem, rotations: FloatArray) -> Tidy:
     """
-    A solution with known axes, and whether its base had to be tilted.
-
-    `tilt` in rad is the angle by which the vertical differs from the description's.
-    """
-
-    tidied: Tidy
-    tilt: float
-
-
-def solve_known(problem: ChainProblem, rotations: FloatArray) -> KnownAxes:
-    """
-    Return the best moments for axes (N, 3, 3), and the base's tilt if there is one.
+    Return the best moments for axes (N, 3, 3), the first of them turned if the base is tilted.
 
     A turn of the base about the vertical is without effect, so that a tilt has two angles.
     """
@@ -42,12 +28,9 @@ def solve_known(problem: ChainProblem, rotations: FloatArray) -> KnownAxes:
     price = np.log(1.0 / np.minimum(np.hypot(spread, TOLERANCE), 1.0)).sum()
     gained = 0.5 * (level.cost - tilted.cost)
     best = tilted if gained - price > _LIKELIER else level
-    before, after = rotations[0].T[:, 2], best.chain.axes[0].T[:, 2]
-    tilt = float(np.arccos(np.clip(before @ after, -1.0, 1.0)))
     tidied = drop_moments(problem, best)
     n = problem.n_joints
-    return KnownAxes(Tidy(tidied, n * (2,), np.full(2 * n, TOLERANCE)),
-                     tilt if best is tilted else 0.0)
+    return Tidy(tidied, n * (2,), np.full(2 * n, TOLERANCE))
 
 
 def _free(problem: ChainProblem, base: bool) -> BoolArray:

@@ -37,25 +37,41 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
 
     :param moments: (N, 2) in kg·m about the axes, what lies beyond a link counted as in `Chain`.
     """
-    points = _points(geometry)
-    parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
-                                 for link, places in enumerate(points)])
-    weighed = _moments_of(geometry, parameters)
-    size = max(float(np.abs(moments).max()), 1e-9)
-    a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
-    b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
-    masses = non_negative(a, b)
+    parameters, masses, missing = _nearest(geometry, moments)
     found = np.asarray(masses @ parameters)
     # Masses that are not negative need not reach every moment: the rest is put where it is, with
     # the inertia that keeps kinetic energy positive, h^2 / m.
-    missing = moments - (weighed @ masses).reshape(-1, 2)
-    # A vertical axis leaves the first moment of its link without gravity, and without a say here.
-    missing[np.abs(weighed).max(axis=1).reshape(-1, 2) < _UNSEEN] = 0.0
     each = found.reshape(-1, len(PARAMETERS))
     mass = np.maximum(each[:, 0], _LEAST_MASS * max(float(each[:, 0].sum()), 1e-9))
     each[:, 1:3] += missing
     each[:, _DIAGONAL] += ((missing ** 2).sum(axis=1) / mass)[:, None]
     return found
+
+
+def out_of_reach(geometry: Geometry, moments: FloatArray) -> float:
+    """
+    Return the share of the moments (N, 2) that masses which are not negative cannot make.
+
+    It is large where the arm hangs upside down.
+    """
+    missing = _nearest(geometry, moments)[2]
+    return float(np.linalg.norm(missing) / max(float(np.linalg.norm(moments)), 1e-12))
+
+
+def _nearest(geometry: Geometry, moments: FloatArray
+             ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return parameters (P, 10 N) of 1 kg each, masses (P,), and the moments (N, 2) they miss."""
+    parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
+                                 for link, places in enumerate(_points(geometry))])
+    weighed = _moments_of(geometry, parameters)
+    size = max(float(np.abs(moments).max()), 1e-9)
+    a = np.concatenate([weighed / size, _EVEN * np.eye(len(parameters))], axis=0)
+    b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
+    masses = non_negative(a, b)
+    missing = moments - (weighed @ masses).reshape(-1, 2)
+    # A vertical axis leaves the first moment of its link without gravity, and without a say here.
+    missing[np.abs(weighed).max(axis=1).reshape(-1, 2) < _UNSEEN] = 0.0
+    return parameters, masses, missing
 
 
 def mean_inertia(geometry: Geometry, parameters: FloatArray) -> FloatArray:

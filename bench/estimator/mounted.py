@@ -1,0 +1,117 @@
+"""
+Gravity of arms on walls and ceilings whose description stands upright.
+
+    python -m bench.estimator.mounted --seeds 11,12
+
+Each arm is recorded for 60 s of slow motion, with and without friction, its base turned by each
+angle of `TURNS` about a horizontal line drawn at random. A line has the RMS error of the worst
+joint in N·m over the whole joint range, the angle that `fit` reports and whether it kept the
+description, and the mean error in percent of the torque of a motion of 1 rad/s^2 from rest by
+the nominal arm with these moments (`--motion`: of the first joint that it turns). Seeds 1 and 2
+were looked at while the search for the vertical was made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from bench.estimator.fast_motion import JUDGED, worst
+from bench.planning.scenes import ARMS, known_axes
+from gravity_comp_ros.api.recording import Recording
+from gravity_comp_ros.api.steps import fit_model
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.effects.arm_dynamics import first_moments
+from gravity_comp_ros.estimation.fit import FitOptions
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.nominal_arm import nominal_parameters
+from gravity_comp_ros.models.kinematic.rigid_body import regressor
+from gravity_comp_ros.simulation import motions
+from gravity_comp_ros.simulation.arms import (
+    Arm, gravity_torque, inverse_dynamics, with_base_tilt)
+from gravity_comp_ros.simulation.disturbances.friction import Friction
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.noise import NoiseOptions
+from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
+import numpy as np
+
+TURNS = (0, 3, 20, 45, 90, 135, 180)
+_SECONDS, _RATE, _NOISE = 60.0, 50.0, 0.1
+_SPEED, _BAND = 0.12, 0.1
+_POSES = 200
+
+
+def main() -> int:
+    """Print a line for each recording."""
+    parser = argparse.ArgumentParser(description='Arms on walls and ceilings.')
+    parser.add_argument('--arms', default=JUDGED)
+    parser.add_argument('--seeds', default='11,12')
+    args = parser.parse_args()
+    for name in args.arms.split(','):
+        upright = ARMS[name]()
+        for seed in map(int, args.seeds.split(',')):
+            for turn in TURNS:
+                about = np.random.default_rng([seed, turn]).uniform(0.0, 2.0 * np.pi)
+                arm = turned(upright, np.radians(turn), about)
+                for friction in (0.0, 0.01):
+                    print(name, seed, turn, friction,
+                          measured(arm, upright, recorded(arm, seed, friction)), flush=True)
+    return 0
+
+
+def turned(arm: Arm, angle: float, about: float) -> Arm:
+    """Return the arm with its base turned by an angle about a horizontal line, both in rad."""
+    axis = np.array([np.cos(about), np.sin(about), 0.0])
+    cross = np.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]],
+                      [-axis[1], axis[0], 0.0]])
+    rotation = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    # R = Ry(pitch) Rx(roll) leaves the vertical where any turn about it would.
+    up = rotation[2]
+    roll = float(np.arctan2(up[1], up[2]))
+    pitch = float(np.arctan2(-up[0], np.hypot(up[1], up[2])))
+    return with_base_tilt(arm, roll, pitch)
+
+
+def recorded(arm: Arm, seed: int, friction: float) -> JointSamples:
+    """Return slow motion of all joints in 0.6 of their range."""
+    motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, np.full(arm.n_joints, _SPEED),
+                               seed, motions.MultisineOptions(_BAND, _SECONDS), _SECONDS, _RATE)
+    levels = friction * np.ptp(gravity_torque(arm, drawn(arm)), axis=0)
+    rubs = tuple(Friction(n, LuGre(float(level), float(level))) for n, level in enumerate(levels)
+                 if friction)
+    return synthesise(arm, motion,
+                      SynthesisOptions(NoiseOptions(0.0, _NOISE), seed, disturbances=rubs))
+
+
+def measured(arm: Arm, upright: Arm, samples: JointSamples) -> str:
+    """Return errors in words: with the description, and without any."""
+    axes = known_axes(upright)
+    result = fit_model(Recording(samples), FitOptions(geometry=axes))[0]
+    angle = np.degrees(result.report.base_tilt)
+    doubt = max(result.report.std_anywhere.values(), default=0.0)
+    return (f'{worst(arm, result.model):.3f} turned {angle:.1f} '
+            f'{"kept" if result.model.geometry is not None else "dropped"} '
+            f'doubt {doubt:.2f} motion {motion_error(arm, result.model):.2f}')
+
+
+def motion_error(arm: Arm, model: GravityModel) -> float:
+    """Return what the nominal arm lacks of the torque of motion, as a share of it, RMS."""
+    if model.geometry is None:
+        return float('nan')
+    q = drawn(arm)[:_POSES]
+    qdd = np.random.default_rng(1).uniform(-1.0, 1.0, q.shape)
+    still = np.zeros_like(q)
+    true = inverse_dynamics(arm, q, still, qdd) - gravity_torque(arm, q)
+    found = regressor(model.geometry, q, still, qdd) @ nominal_parameters(
+        model.geometry, first_moments(model, model.geometry))
+    scale = np.maximum((true ** 2).mean(axis=0), 1e-12)
+    return float(np.sqrt((((found - true) ** 2).mean(axis=0) / scale).mean()))
+
+
+def drawn(arm: Arm) -> FloatArray:
+    """Return poses (M, N) of the whole joint range."""
+    return np.random.default_rng(0).uniform(arm.lower, arm.upper, (1000, arm.n_joints))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
