@@ -70,6 +70,7 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument('--ways', default=','.join(WAYS))
     out.add_argument('--poor', default=None, help='only these kinds of poor recordings')
     out.add_argument('--small', action='store_true', help='small effects, asked for by name')
+    out.add_argument('--described', action='store_true', help='with a robot description')
     out.add_argument('--minutes', type=float, default=1e9, help='begin no case after this time')
     return out
 
@@ -78,7 +79,7 @@ def scenes(args: argparse.Namespace) -> list[Scene]:
     """Return all cases, seed by seed."""
     wanted = args.poor.split(',') if args.poor else None
     return [Scene(arm, effect, 0 if KINDS[effect].whole_arm else 1 + 2 * (seed % 2), poor, seed,
-                  args.small)
+                  args.small, args.described)
             for seed in map(int, args.seeds.split(',')) for effect in args.effects.split(',')
             for poor in KINDS[effect].poor if wanted is None or poor in wanted
             for arm in args.arms.split(',')]
@@ -109,7 +110,7 @@ class Case:
 
     def __init__(self, scene: Scene) -> None:
         self.scene, self.old = scene, scene.recorded()
-        axes = known_axes(scene.made) if scene.kind.known_axes else None
+        axes = known_axes(scene.made) if scene.kind.known_axes or scene.described else None
         slow = slow_samples(self.old).samples
         self.model: GravityModel = fit(slow, FitOptions('chain', geometry=axes)).model
         self.first = diagnose(self.old, self.model)

@@ -73,7 +73,7 @@ class Scene:
     An arm, what is hidden on joint number `joint` (from 0), and what its recording lacks.
 
     A `small` effect has a share of its usual size, drawn from 1 to 50 %: about half of them are
-    found by a motion of some seconds.
+    found by a motion of some seconds. Of a `described` arm the axes are known.
     """
 
     arm: str
@@ -82,11 +82,12 @@ class Scene:
     poor: str
     seed: int
     small: bool = False
+    described: bool = False
 
     @property
     def name(self) -> str:
-        size = '-small' if self.small else ''
-        return f'{self.arm}-{self.effect}-{self.joint + 1}-{self.poor}-{self.seed}{size}'
+        kind = ('-small' if self.small else '') + ('-described' if self.described else '')
+        return f'{self.arm}-{self.effect}-{self.joint + 1}-{self.poor}-{self.seed}{kind}'
 
     @property
     def size(self) -> float:
