@@ -334,6 +334,8 @@ def test_a_process_that_dies_is_replaced(paths):
     try:
         worker.ask(Read(paths, ReadOptions()))
         until(worker, Finished)
+        # Stopped before it is asked: on a busy machine it might have finished before it died.
+        os.kill(worker.pid, signal.SIGSTOP)
         worker.ask(Learn(Choice((0, 1), JOINTS)))
         os.kill(worker.pid, signal.SIGKILL)
         assert 'ended' in until(worker, Failed).reason

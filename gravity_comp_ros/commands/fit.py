@@ -142,7 +142,7 @@ def _solver_sentence(result: FitResult) -> str:
         left = f'the residual is {"" if chain.clean else "not "}white'
         if result.report.known_axes:
             tilt = degrees(result.report.base_tilt)
-            stands = f', base tilted by {tilt:.2g} degrees' if tilt else ''
+            stands = f', base tilted by {tilt:.1f} degrees' if tilt else ''
             return f'chain: axes as in the URDF{stands}; {left}'
         return (f'chain: {counted(chain.starts, "start")}, '
                 f'{counted(sum(chain.square), "right angle")}; {left}')
