@@ -117,7 +117,7 @@ class Probe(Node):
         self.doubts: list[JointState] = []
         self.status = _Told()
         self._heard: list = []
-        self.reports = 0
+        self.reports, self.node_time = 0, 0.0
         for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
                                   (Float64MultiArray, 'commands', self.commands),
                                   (JointState, 'prediction', self.predictions),
@@ -157,6 +157,8 @@ class Probe(Node):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         self.reports += 1
+        stamp = message.header.stamp
+        self.node_time = stamp.sec + 1e-9 * stamp.nanosec
         for status in message.status:
             self.status[status.name.removeprefix('gravity_comp: ')] = status
 

@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 
-from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
+from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, JointReport
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
 from gravity_comp_ros.planning.criterion import answer, chance
-from gravity_comp_ros.planning.questions import observed_separation, open_targets
+from gravity_comp_ros.planning.questions import observed_separation, open_targets, question
 from gravity_comp_ros.planning.regressors import Alternative, NoiseRate, Question, Situation
 from hypothesis import given, settings, strategies
 import numpy as np
@@ -146,6 +146,18 @@ def test_what_a_diagnosis_leaves_open():
     nothing = Diagnosis((), dict.fromkeys(NAMES, quiet))
     with pytest.raises(OptionError, match='nothing is left open'):
         plan(one_way(0), model(), None, PlanOptions(), nothing)
+
+
+@pytest.mark.parametrize('first, is_known', [(0, True), (1, False), (4, False)])
+def test_the_size_of_a_payload_is_known_if_the_diagnosis_has_the_same_parts(first, is_known):
+    # The gravity of a diagnosis may have features of more or fewer joints than that of the plan.
+    motion, probe = (build_motion(one_way(seed), model()) for seed in (0, 1))
+    setting = {'run': 0.0, 'time': 30.0, 'clock': 0.0}
+    parts = all_effects()['payload_change'].coefficients_of(motion, 0, setting)
+    values = {part.symbol: Estimate(0.1, '1', (0.0, 0.2)) for part in parts[first:]}
+    found = replace(finding('payload_change', None, 'weak'), setting=setting, coefficients=values)
+    asked = question(Target('payload_change', None), motion, probe, NOISE, Diagnosis((found,), {}))
+    assert asked.known_size == is_known and len(asked.size) == len(parts) == 4
 
 
 @pytest.mark.parametrize('target, words', [

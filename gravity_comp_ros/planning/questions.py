@@ -155,7 +155,7 @@ def question(target: Target, motion: Motion, probe: Motion, noise: FloatArray,
     others = _alternatives(target, effect, joint, motion, probe)
     arm = effect.scope == 'arm' or any(other.effect.scope == 'arm' for other in others)
     joints = tuple(range(motion.samples.n_joints)) if arm else (joint or 0,)
-    size = _known_size(finding)
+    size = _known_size(finding, mine, motion)
     known = size is not None
     if size is None:
         size = _typical_size(mine, motion, probe, noise)
@@ -209,8 +209,15 @@ def _settings(effect: Effect, motion: Motion, probe: Motion,
     return []
 
 
-def _known_size(finding: Finding | None) -> FloatArray | None:
-    if finding is None or not finding.coefficients:
+def _known_size(finding: Finding | None, one: Alternative, motion: Motion) -> FloatArray | None:
+    """
+    Return the coefficients that a diagnosis found, None if it found none.
+
+    Those of a payload follow the gravity model, and a diagnosis may have another than the plan.
+    """
+    symbols = tuple(each.symbol for each in one.effect.coefficients_of(
+        motion, one.joint or 0, one.setting))
+    if finding is None or tuple(finding.coefficients) != symbols:
         return None
     values = np.array([estimate.value for estimate in finding.coefficients.values()])
     return values if np.isfinite(values).all() and values.any() else None
