@@ -27,9 +27,6 @@ from scipy.linalg import cho_factor, cho_solve
 _HALF, _WIDTH = 7.69, 0.59
 # Information is worth its logarithm from about this separation on.
 _SCALE = 4.0
-# The share of a torque that gravity must leave in a plan: a diagnosis asks for `LEAST_LEFT`, and
-# its gravity has more terms, so that it leaves about half as much.
-ENOUGH_LEFT = 2.0 * LEAST_LEFT
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ class Answer:
 
     `separations` are the square roots of lambda beside nuisance terms alone, then beside each
     alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
-    terms. `left` is the share of the target's torque that gravity cannot imitate: where it is
-    small, a diagnosis calls the size uncertain whatever the noise.
+    terms. `left` is the share of the target's torque that the gravity of a diagnosis cannot
+    imitate: below `LEAST_LEFT` it calls the size uncertain whatever the noise.
     """
 
     separations: tuple[float, ...]
@@ -71,7 +68,7 @@ class Answer:
         It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
         one target is not worth all the time.
         """
-        shown = min(1.0, self.left / ENOUGH_LEFT) * self.separation
+        shown = min(1.0, self.left / LEAST_LEFT) * self.separation
         return float(np.log1p((shown / _SCALE) ** 2))
 
 
@@ -81,7 +78,7 @@ def chance(separation: float) -> float:
 
 
 def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
-           size: FloatArray, n_gravity: int = 0) -> Answer:
+           size: FloatArray, n_gravity: int = 0, imitation: float = 1.0) -> Answer:
     """
     Return what an information matrix (P, P) says of a question.
 
@@ -89,6 +86,7 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
     :param widths: how many columns the target has, then each alternative.
     :param size: coefficients (K,) of the target.
     :param n_gravity: of the nuisance terms so many, the first ones, are gravity's.
+    :param imitation: the share that the gravity of a diagnosis leaves of what these leave.
     """
     z, k = len(prior), widths[0]
     left = _beside(information, prior, slice(z, None))
@@ -104,7 +102,7 @@ def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
     spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
                       np.sqrt(np.maximum(variance, 0.0)), np.inf)
     return Answer(tuple(separations), spread,
-                  _left(information, prior[:n_gravity], slice(z, z + k), size))
+                  imitation * _left(information, prior[:n_gravity], slice(z, z + k), size))
 
 
 def _beside(information: FloatArray, prior: FloatArray, columns: slice) -> FloatArray:

@@ -89,7 +89,8 @@ class EffectInquiry:
     def answer(self, information: FloatArray) -> Answer:
         # What gravity imitates of an effect of the arm is not asked.
         n_gravity = self.situation.n_gravity if len(self.question.joints) == 1 else 0
-        return answer(information, self._prior, self._widths, self.question.size, n_gravity)
+        return answer(information, self._prior, self._widths, self.question.size, n_gravity,
+                      self.situation.imitation)
 
     def untestable(self, both: Motion) -> str | None:
         target = self.question.target

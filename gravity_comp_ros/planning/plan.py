@@ -17,7 +17,7 @@ from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, of_all_joints, Part
 from gravity_comp_ros.planning.choice import Chooser
-from gravity_comp_ros.planning.criterion import Answer, chance, ENOUGH_LEFT
+from gravity_comp_ros.planning.criterion import Answer, chance
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, Plan, PlannedPart)
 from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
@@ -243,10 +243,9 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
 
 def _imitated(after: Answer) -> str:
     """Return why a diagnosis will call a size uncertain, '' if it will not."""
-    if after.left >= ENOUGH_LEFT:
+    if after.left >= LEAST_LEFT:
         return ''
-    share = after.left * LEAST_LEFT / ENOUGH_LEFT
-    return f'gravity may imitate all but {share:.1%} of its torque'
+    return f'gravity may imitate all but {after.left:.1%} of its torque'
 
 
 def _unlikely(expected: Expectation) -> str:

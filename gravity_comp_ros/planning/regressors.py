@@ -28,6 +28,8 @@ import numpy as np
 
 # Columns of a joint's own nuisance terms, by the effect that each of them is.
 _OWN = ('coulomb_friction', 'viscous_friction', 'torque_offset')
+# Of a torque that the model's gravity cannot imitate, that of a diagnosis leaves about this share.
+_IMITATION = 0.5
 # What is known of gravity before any data: axes to 0.3 rad, moments to their own size.
 _AXIS_SPREAD = 0.3
 # A new recording is taken to begin so long after the last one, s.
@@ -166,6 +168,15 @@ class Situation:
         """Return the time of the last sample on the clock, s."""
         samples = self.recorded.samples
         return float((np.array(samples.starts)[samples.runs] + samples.t).max())
+
+    @property
+    def imitation(self) -> float:
+        """
+        Return the share that the gravity of a diagnosis leaves of what the model's leaves.
+
+        On known axes both have the same terms, elsewhere that of a diagnosis has more.
+        """
+        return 1.0 if self.model.geometry is not None else _IMITATION
 
     @property
     def n_gravity(self) -> int:
