@@ -80,6 +80,7 @@ def test_more_room_is_advised_where_it_is_needed(folder, tmp_path, capsys):
     told = ' '.join(capsys.readouterr().err.split())
     assert 'gravity may imitate all but' in told
     assert 'may settle torque_offset:elbow: --widen 0.7' in told
+    assert 'gravity on known axes imitates less' in told
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
 

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     write_trajectory(args.output, trajectory, comments, args.goal)
     if args.json != '-':
         _show(args, found, links)
-    terminal.warn(*found.notes, *_wider(found, options))
+    terminal.warn(*found.notes, *_advice(found, options, model))
     if args.json:
         terminal.emit_json({**found.to_json(), 'output': str(args.output), 'links': links,
                             'links_checked': check is not None,
@@ -108,15 +108,18 @@ def _show(args: argparse.Namespace, found: Plan, links: str) -> None:
                                      model=args.model))
 
 
-def _wider(found: Plan, options: PlanOptions) -> list[str]:
-    """Return how to settle what poses near the recorded ones do not settle."""
-    open_still = [each.target.name for each in found.expectations if not each.is_likely]
-    if options.goes_beyond or not open_still:
-        return []
-    names = ', '.join(open_still)
-    return [f'poses farther from the recorded ones may settle {names}: --widen 0.7 lets every '
-            f'joint leave its recorded range by 0.7 rad, --within limits --urdf FILE takes the '
-            f'limits of a description']
+def _advice(found: Plan, options: PlanOptions, model: GravityModel) -> list[str]:
+    """Return how to settle what the motion does not settle."""
+    names = ', '.join(each.target.name for each in found.expectations if not each.is_likely)
+    lines = []
+    if names and not options.goes_beyond:
+        lines.append(f'poses farther from the recorded ones may settle {names}: --widen 0.7 lets '
+                     f'every joint leave its recorded range by 0.7 rad, --within limits --urdf '
+                     f'FILE takes the limits of a description')
+    if names and model.geometry is None:
+        lines.append(f'gravity on known axes imitates less, which may settle {names} as well: '
+                     f'`gravity_comp fit --urdf FILE`, then plan with that model')
+    return lines
 
 
 def _expected(args: argparse.Namespace) -> list[str]:
