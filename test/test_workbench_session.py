@@ -1,8 +1,10 @@
 """What is on the bench, and the process that does the long work, without a browser."""
 
+import asyncio
 import contextlib
 from dataclasses import replace
 import json
+import logging
 import os
 from pathlib import Path
 import shlex
@@ -11,6 +13,14 @@ import subprocess
 import sys
 import time
 
+from bokeh.core.types import ID
+from bokeh.document import Document
+from bokeh.document.events import ModelChangedEvent
+from bokeh.models import Range1d
+from bokeh.protocol import Protocol
+from bokeh.server.connection import ServerConnection
+from bokeh.server.protocol_handler import ProtocolHandler
+from bokeh.server.session import ServerSession
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import (
     DataError, FitError, GravityCompError, ModelMismatchError)
@@ -24,6 +34,7 @@ from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
+from gravity_comp_ros.workbench.serve import is_of_an_open_page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
@@ -34,6 +45,7 @@ from living import lives
 import numpy as np
 import pytest
 from rough_links import COULOMB, JOINTS, two_links
+from tornado.ioloop import IOLoop
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 120.0
@@ -369,3 +381,21 @@ def test_seven_joints_have_seven_colours_and_markers():
     lines = [(line.glyph.line_color, dot.glyph.marker) for line, dot in (
         item.renderers for item in chart([stage, stage], LIGHT).legend[0].items)]
     assert len({c for c, _ in lines}) == len({m for _, m in lines}) == len(lines) == 7
+
+
+@pytest.mark.parametrize('is_open', [True, False])
+def test_what_a_closed_page_had_sent_is_no_error(is_open, caplog):
+    # Bokeh logs a traceback for it; other faults of a message are still logged.
+    session = ServerSession(ID('page'), Document(), IOLoop(make_current=False))
+    connection = ServerConnection(Protocol(), None, None, session)
+    other, ends = Document(), Range1d()
+    other.add_root(ends)
+    # An open page that has no such model.
+    message = Protocol().create('PATCH-DOC', [ModelChangedEvent(other, ends, 'end', 1.0)])
+    if not is_open:
+        connection.detach_session()
+    asyncio.run(ProtocolHandler().handle(message, connection))
+    (record,) = caplog.records
+    assert record.name == 'bokeh.server.protocol_handler' and record.exc_info
+    assert is_of_an_open_page(record) == is_open
+    assert is_of_an_open_page(logging.makeLogRecord({'msg': 'anything else'}))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 STEP = 0.001
+GRAVITY = 9.81
 # What sensors add: N·m, rad/s.
 EFFORT_NOISE, SPEED_NOISE = 0.1, 0.001
 
@@ -89,13 +90,22 @@ def _text(values: tuple[float, ...]) -> str:
 
 
 class MujocoArm:
-    """An arm that is moved by torque; `seed` is that of its sensors' noise."""
+    """
+    An arm that is moved by torque; `seed` is that of its sensors' noise.
 
-    def __init__(self, build: str, load: Load | None = None, seed: int = 0) -> None:
+    Its base is turned by `mount` degrees, 90 for a wall and 180 for a ceiling, about a line
+    between x and y; its description is not.
+    """
+
+    def __init__(self, build: str, load: Load | None = None, seed: int = 0,
+                 mount: float = 0.0) -> None:
         self.links = BUILDS[build]
         self.joints = tuple(f'joint_{k + 1}' for k in range(len(self.links)))
         self.model = mujoco.MjModel.from_xml_string(urdf(self.links, load))
         self.model.opt.timestep = STEP
+        turn = np.radians(mount)
+        self.model.opt.gravity[:] = GRAVITY * np.array(
+            [-0.8 * np.sin(turn), 0.6 * np.sin(turn), -np.cos(turn)])
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.model.dof_armature[:] = 0.1

@@ -7,6 +7,7 @@ A controller moves the arm slowly for 75 s, without a load, while the node learn
 hang on the flange: `~/payload_changed`, and slow motion for 15 s, and on to 75 s. At each of these
 stages the arm is put at rest at poses drawn from the box that the motion spanned, and
 `~/gravity_torques` alone supports it for 5 s. Drift is the largest turn of any joint, in degrees.
+With `--mount` the arm is on a wall (90 degrees) or a ceiling (180), its description is upright.
 The node runs with its default parameters but for `unlimited_torque`. Its torque is an arm's only
 support, so friction of 1 N·m a joint helps, and a wrong torque above that moves the arm.
 """
@@ -31,10 +32,10 @@ LOAD = Load(2.0)
 class Rig:
     """An arm, its sensors on `joint_states`, and whoever moves it: a controller or the node."""
 
-    def __init__(self, probe, build: str, seed: int) -> None:
-        self.probe, self.build, self.seed = probe, build, seed
+    def __init__(self, probe, build: str, seed: int, mount: float = 0.0) -> None:
+        self.probe, self.build, self.seed, self.mount = probe, build, seed, mount
         self.path = SlowPath.drawn(len(BUILDS[build]), seed)
-        self.arm = MujocoArm(build, None, seed)
+        self.arm = MujocoArm(build, None, seed, mount)
         self.control = Controller(len(self.arm.joints))
         self.stamp, self.begun = 0.0, time.monotonic()
         self.low = np.full(len(self.arm.joints), np.inf)
@@ -44,7 +45,7 @@ class Rig:
     def hang(self, load: Load) -> None:
         """Put a load on the flange, the arm held by its controller."""
         q = self.arm.q
-        self.arm = MujocoArm(self.build, load, self.seed + 100)
+        self.arm = MujocoArm(self.build, load, self.seed + 100, self.mount)
         self.arm.place(q)
 
     def move(self, start: float, duration: float) -> None:
@@ -102,7 +103,8 @@ class Rig:
         self.probe.spin(max(left, 1e-3))
 
 
-def measure(build: str, seed: int, described: bool, poses: int) -> dict[str, list[float]]:
+def measure(build: str, seed: int, described: bool, poses: int,
+            mount: float) -> dict[str, list[float]]:
     """Return the drifts of one arm at each stage."""
     from ros_harness import running
     parameters: dict[str, object] = {'unlimited_torque': True}
@@ -110,7 +112,7 @@ def measure(build: str, seed: int, described: bool, poses: int) -> dict[str, lis
         parameters['robot_description'] = "'" + urdf(BUILDS[build]).replace('\n', '') + "'"
     found: dict[str, list[float]] = {}
     with running(parameters) as (_, probe):
-        rig = Rig(probe, build, seed)
+        rig = Rig(probe, build, seed, mount)
         rng = np.random.default_rng([seed, 9])
 
         def stage(name: str) -> None:
@@ -141,9 +143,12 @@ def main() -> None:
     parser.add_argument('--poses', type=int, default=5)
     parser.add_argument('--build', nargs='+', default=list(BUILDS))
     parser.add_argument('--described', action='store_true')
+    parser.add_argument('--mount', type=float, default=0.0, help='degrees')
+    parser.add_argument('--first', type=int, default=0, help='first seed')
     args = parser.parse_args()
     for build in args.build:
-        rows = [measure(build, seed, args.described, args.poses) for seed in range(args.seeds)]
+        rows = [measure(build, seed, args.described, args.poses, args.mount)
+                for seed in range(args.first, args.seeds)]
         for stage in rows[0]:
             drifts = np.concatenate([row[stage] for row in rows])
             print(f'{build} {"with" if args.described else "without"} description, {stage}: '

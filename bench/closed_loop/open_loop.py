@@ -5,7 +5,8 @@ Measure what `fit` and `update` make of an arm in MuJoCo that a controller moves
 
 75 s without a load, then a load of 2 kg and 15 s or 75 s, each at 100 Hz, through the gate as
 `fit` and `update` apply it. Friction is damping and 1 N·m of dry friction on every joint. Errors
-are the worst joint's RMS of gravity over 1000 poses of the box that the motion spanned.
+are the worst joint's RMS of gravity over 1000 poses of the box that the motion spanned. With
+`--mount` the arm is on a wall (90 degrees) or a ceiling (180), its description stands upright.
 """
 
 from __future__ import annotations
@@ -54,9 +55,10 @@ def error(model, arm: MujocoArm, q: np.ndarray) -> float:
     return float(np.sqrt(((model.predict(q) - arm.gravity(q)) ** 2).mean(axis=0)).max())
 
 
-def measure(build: str, seed: int, description: Path | None) -> dict[str, float]:
+def measure(build: str, seed: int, description: Path | None, mount: float) -> dict[str, float]:
     """Return the errors of one arm and one path."""
-    bare, loaded = MujocoArm(build, None, seed), MujocoArm(build, LOAD, seed + 100)
+    bare = MujocoArm(build, None, seed, mount)
+    loaded = MujocoArm(build, LOAD, seed + 100, mount)
     path = SlowPath.drawn(len(bare.joints), seed)
     first = gc.Recording(record(bare, path, 0.0, 75.0))
     begun = time.process_time()
@@ -79,12 +81,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=10)
     parser.add_argument('--build', nargs='+', default=list(BUILDS))
+    parser.add_argument('--mount', type=float, default=0.0, help='degrees')
     args = parser.parse_args()
     for described, build in itertools.product((False, True), args.build):
         with tempfile.NamedTemporaryFile('w', suffix='.urdf') as file:
             file.write(urdf(BUILDS[build]))
             file.flush()
-            rows = [measure(build, seed, Path(file.name) if described else None)
+            rows = [measure(build, seed, Path(file.name) if described else None, args.mount)
                     for seed in range(args.seeds)]
             print(f'{build:6s} {"with" if described else "without"} description: ' + ', '.join(
                 f'{key} worst {max(row[key] for row in rows):.3f} median '

@@ -10,6 +10,7 @@ import secrets
 import signal
 import socket
 import sys
+import traceback
 from typing import TYPE_CHECKING
 import warnings
 
@@ -62,6 +63,20 @@ class ServeOptions:
     urdf: Path | None = None
 
 
+def is_of_an_open_page(record: logging.LogRecord) -> bool:
+    """
+    Return whether what Bokeh logs is worth showing.
+
+    What a page sent before it was closed may be handled after that. Bokeh then misses the page's
+    session, and logs a traceback.
+    """
+    error = record.exc_info[1] if record.exc_info else None
+    if not isinstance(error, AssertionError):
+        return True
+    frames = traceback.extract_tb(error.__traceback__)
+    return not (frames and frames[-1].name == 'session')
+
+
 def serve(options: ServeOptions) -> None:
     """
     Serve until interrupted.
@@ -73,6 +88,7 @@ def serve(options: ServeOptions) -> None:
     warnings.filterwarnings('ignore', 'reference already known', BokehUserWarning)
     # A page may be closed while something is on its way to it.
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
+    logging.getLogger('bokeh.server.protocol_handler').addFilter(is_of_an_open_page)
     given = tuple(Given(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
     sessions = Sessions(lambda: _session(options, given), options.place,
