@@ -76,11 +76,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def scenes(args: argparse.Namespace) -> list[Scene]:
-    """Return all cases, seed by seed."""
+    """Return all cases, seed by seed; on known axes gravity has the tilt of the base itself."""
     wanted = args.poor.split(',') if args.poor else None
     return [Scene(arm, effect, 0 if KINDS[effect].whole_arm else 1 + 2 * (seed % 2), poor, seed,
                   args.small, args.described)
             for seed in map(int, args.seeds.split(',')) for effect in args.effects.split(',')
+            if not (args.described and KINDS[effect].whole_arm)
             for poor in KINDS[effect].poor if wanted is None or poor in wanted
             for arm in args.arms.split(',')]
 
