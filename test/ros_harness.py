@@ -31,13 +31,15 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 
 ROOT = Path(__file__).resolve().parents[1]
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
             'save_model': Trigger, 'diagnose': Trigger, 'enable': SetBool,
             'set_parameters': SetParameters, 'change_state': ChangeState, 'get_state': GetState}
 # Tests kill nodes on purpose. What a killed process leaves behind in shared memory is opened by
-# whoever has its name next, so tests talk over sockets. The demo, a test as well, does not.
-os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+# whoever has its name next, and `destroy_node` crashed there, so tests talk over sockets. A range
+# of LOCALHOST would bring shared memory back, whatever transports are asked for. The demo, a test
+# as well, does not kill and has it.
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'udp_localhost.xml')
 # Many tests wait for the next report: at the usual rate for up to a second each time.
 QUICK = {'diagnostics_rate': 20.0}
 PR_SET_PDEATHSIG = 1
