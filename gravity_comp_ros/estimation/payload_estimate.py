@@ -24,8 +24,8 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
-from gravity_comp_ros.models.kinematic.vertical import on_vertical
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept
+from gravity_comp_ros.models.kinematic.vertical import on_vertical
 import numpy as np
 
 # What a tool may weigh before any data, kg, and how far its centre may be, m.
