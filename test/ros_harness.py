@@ -196,9 +196,13 @@ class Probe(Node):
         self.until(lambda: self.answered('get_state', 2.0), 60.0, 'an answer of the node')
 
     def report(self, name: str, seconds: float = 60.0):
-        """Return the status of this name from the next report."""
+        """
+        Return the status of this name from the next report but one.
+
+        The next may have been on its way when what it is to say happened.
+        """
         seen = self.reports
-        self.until(lambda: self.reports > seen, seconds, 'a report')
+        self.until(lambda: self.reports > seen + 1, seconds, 'two reports')
         return self.status[name]
 
     def values(self, name: str) -> dict[str, str]:
