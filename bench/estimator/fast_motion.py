@@ -17,7 +17,7 @@ import sys
 import time
 
 from bench.planning.scenes import ARMS, known_axes
-from gravity_comp_ros.data.samples import JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.fast_motion import fit_gravity
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -67,7 +67,7 @@ def recorded(arm: Arm, seed: int, speed: float, band: float, friction: float,
     fast = np.full(arm.n_joints, speed)
     motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, fast, seed,
                                motions.MultisineOptions(band, seconds), seconds, _RATE)
-    levels = np.maximum(friction * np.ptp(gravity_torque(arm, _poses(arm)), axis=0),
+    levels = np.maximum(friction * np.ptp(gravity_torque(arm, poses(arm)), axis=0),
                         _LEAST_FRICTION)
     rubs = tuple(Friction(n, LuGre(float(level), float(level))) for n, level in enumerate(levels)
                  if friction)
@@ -77,12 +77,13 @@ def recorded(arm: Arm, seed: int, speed: float, band: float, friction: float,
 
 def worst(arm: Arm, model: GravityModel) -> float:
     """Return the RMS error of gravity over the joint range, of the worst joint, N·m."""
-    q = _poses(arm)
+    q = poses(arm)
     error = model.predict(q) - gravity_torque(arm, q)
     return float(np.sqrt((error ** 2).mean(axis=0)).max())
 
 
-def _poses(arm: Arm) -> np.ndarray:
+def poses(arm: Arm) -> FloatArray:
+    """Return poses (M, N) of the whole joint range."""
     return np.random.default_rng(0).uniform(arm.lower, arm.upper, (1000, arm.n_joints))
 
 

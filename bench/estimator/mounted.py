@@ -16,11 +16,11 @@ from __future__ import annotations
 import argparse
 import sys
 
-from bench.estimator.fast_motion import JUDGED, worst
+from bench.estimator.fast_motion import JUDGED, poses, worst
 from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.arm_dynamics import first_moments
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -78,7 +78,7 @@ def recorded(arm: Arm, seed: int, friction: float, speed: float = 0.12,
     """Return motion of all joints in 0.6 of their range, up to `speed` rad/s and `band` Hz."""
     motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, np.full(arm.n_joints, speed),
                                seed, motions.MultisineOptions(band, _SECONDS), _SECONDS, _RATE)
-    levels = friction * np.ptp(gravity_torque(arm, drawn(arm)), axis=0)
+    levels = friction * np.ptp(gravity_torque(arm, poses(arm)), axis=0)
     rubs = tuple(Friction(n, LuGre(float(level), float(level))) for n, level in enumerate(levels)
                  if friction)
     return synthesise(arm, motion,
@@ -100,7 +100,7 @@ def motion_error(arm: Arm, model: GravityModel) -> float:
     """Return what the nominal arm lacks of the torque of motion, as a share of it, RMS."""
     if model.geometry is None:
         return float('nan')
-    q = drawn(arm)[:_POSES]
+    q = poses(arm)[:_POSES]
     qdd = np.random.default_rng(1).uniform(-1.0, 1.0, q.shape)
     still = np.zeros_like(q)
     true = inverse_dynamics(arm, q, still, qdd) - gravity_torque(arm, q)
@@ -108,11 +108,6 @@ def motion_error(arm: Arm, model: GravityModel) -> float:
         model.geometry, first_moments(model, model.geometry))
     scale = np.maximum((true ** 2).mean(axis=0), 1e-12)
     return float(np.sqrt((((found - true) ** 2).mean(axis=0) / scale).mean()))
-
-
-def drawn(arm: Arm) -> FloatArray:
-    """Return poses (M, N) of the whole joint range."""
-    return np.random.default_rng(0).uniform(arm.lower, arm.upper, (1000, arm.n_joints))
 
 
 if __name__ == '__main__':

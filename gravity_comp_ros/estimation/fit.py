@@ -157,8 +157,8 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
 def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,
               qdd: FloatArray | None) -> Estimate:
     """Return gravity beside the torque of motion that an arm with the known axes would have."""
-    geometry = None if options.known(samples) is None else options.geometry
-    found = estimate_gravity(build_regression(samples, qdd=qdd, geometry=geometry), options, old)
+    found = estimate_gravity(
+        build_regression(samples, qdd=qdd, geometry=options.geometry), options, old)
     if not found.choice.warning:
         return found
     # The axes are of another arm, and so was the torque of motion that was taken off.

@@ -130,13 +130,13 @@ class _Torques:
         return np.asarray(1.0 / np.maximum(left, 1e-9 * self.squares.max() + 1e-12))
 
     def _refined(self, start: FloatArray, weights: FloatArray,
-                 reach: float = np.inf) -> FloatArray:
+                 reach: float = np.pi) -> FloatArray:
         """Return the best vertical (3,) that steps downhill lead to, within reach of the start."""
         found, step = start, _FIRST_STEP
         least = float((self._left(found[None], weights) * weights).sum())
         while step > _LAST_STEP:
             around = _around(found, step)
-            around = around[around @ start > np.cos(min(reach, np.pi)) + 1e-9]
+            around = around[around @ start > np.cos(reach) + 1e-9]
             cost = (self._left(around, weights) * weights).sum(axis=1)
             if cost.size and cost.min() < least:
                 found, least = around[cost.argmin()], float(cost.min())
