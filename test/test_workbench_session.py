@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 from dataclasses import replace
+import html
 import json
 import logging
 import os
@@ -34,6 +35,7 @@ from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished
 from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
+from gravity_comp_ros.workbench.page_parts import status_html
 from gravity_comp_ros.workbench.serve import is_of_an_open_page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
@@ -248,6 +250,32 @@ def test_a_session_is_found_again_as_it_was(learned, tmp_path):
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
     other = dict.fromkeys(hashes, 'f' * 64)
     assert store.changed_recordings(found, other) == ['run1.mcap', 'run2.mcap']
+
+
+def test_what_is_doubtful_of_a_model_stays_in_sight(paths, tmp_path):
+    # One run of a minute leaves the arm unsure away from its poses.
+    place = tmp_path / 'state'
+    sessions = Sessions(lambda: Session(paths[:1]), place)
+    try:
+        one = sessions.attach('', object())
+        polled(sessions, lambda: one.session.diagnosis is not None)
+        doubt, = (text for text in one.session.stage.warnings if 'another chain' in text)
+        assert doubt in html.unescape(status_html(one))
+        one.add(('torque_drift:elbow',))
+        polled(sessions, lambda: one.trouble or (
+            len(one.session.stages) == 2 and not one.worker.busy))
+        assert not one.trouble
+        useless, = one.session.stage.warnings
+        assert useless in html.unescape(status_html(one))
+        assert 'does not fall by more than chance' in useless
+        one.undo()
+        shown = html.unescape(status_html(one))
+        assert doubt in shown and useless not in shown
+    finally:
+        sessions.close()
+    found, _ = store.load(place, one.id)
+    assert [stage.warnings for stage in found.stages] == [
+        stage.warnings for stage in one.session.stages]
 
 
 _DAMAGES = (

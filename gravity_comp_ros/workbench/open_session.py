@@ -28,6 +28,8 @@ class OpenSession:
     A session at work. `version` rises whenever there is something new to show.
 
     `trouble` says why the work stopped; it goes on when the user says so (`try_again`).
+    `warning` is about what was read or asked for, `unsaved` why the session cannot be kept on
+    disk; what is doubtful of a model stands with its stage.
     """
 
     def __init__(self, identity: str, session: Session, place: Path | None,
@@ -35,7 +37,7 @@ class OpenSession:
         self.id, self.session, self.place = identity, session, place
         self.worker = worker or Worker()
         self.trouble, self.done, self.warning = '', '', ''
-        self._refused = ''
+        self._refused = self.unsaved = ''
         self.progress: Progress | None = None
         self.version = 0
         self.page: object | None = None
@@ -183,7 +185,9 @@ class OpenSession:
 
     def _finished(self, event: Finished) -> None:
         job, answer, session = event.job, event.answer, self.session
-        self.trouble = self.warning = ''
+        self.trouble = ''
+        if isinstance(job, (Read, Learn)):
+            self.warning = ''
         try:
             if isinstance(job, Read) and isinstance(answer, WasRead):
                 session.take(answer, job.options)
@@ -195,7 +199,6 @@ class OpenSession:
                                     f'its models were learned from what was there before')
             elif isinstance(job, Learn) and isinstance(answer, Learned):
                 session.learned(answer, job.choice)
-                self.warning = ' '.join(_warnings(answer))
             elif isinstance(job, Add) and isinstance(answer, Refit):
                 session.added(answer, job)
             elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
@@ -213,18 +216,9 @@ class OpenSession:
             return
         try:
             store.save(self.place, self.id, self.session)
+            self.unsaved = ''
         except GravityCompError as problem:
-            self.warning = str(problem)
+            self.unsaved = str(problem)
 
     def _news(self) -> None:
         self.version += 1
-
-
-def _warnings(answer: Learned) -> list[str]:
-    axes = answer.arm.axes
-    found = [*answer.result.report.warnings]
-    if axes.problem:
-        found.append(f'{axes.problem}.')
-    if axes.left_out:
-        found.append(f'Left out, because it is no part of the arm: {", ".join(axes.left_out)}.')
-    return found

@@ -75,7 +75,10 @@ def client_link(heard: Callable[[str], None]) -> Div:
 def status_html(one: OpenSession) -> str:
     """Return what is being done, what went wrong, or that all is done."""
     job, event = one.worker.running, one.progress
-    warnings = [text for text in (one.warning, one.session.few_slow()) if text]
+    shown = one.session.stage
+    # A fit of all samples warns of them as the choice does: once is enough.
+    warnings = dict.fromkeys(filter(None, (one.unsaved, one.warning, one.session.few_slow(),
+                                           *(shown.warnings if shown else ()))))
     below = ''.join(f'<p class="warning">{markup.text(text)}</p>' for text in warnings)
     if job is not None:
         stage = f': {event.stage}' if event else ''

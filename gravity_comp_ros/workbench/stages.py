@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.diagnosis.findings import Diagnosis
+from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.workbench.choice import Choice, line
 
@@ -20,7 +22,8 @@ class Stage:
 
     It was fitted, or read from the file `given`, or made from the stage number `parent` by adding
     `effects`, or by taking its last addition back (no effects). `choice` is what that was done
-    with. `name` and `note` are the user's; `diagnosis` belongs to `judged_with`.
+    with. `warnings` are about the model. `name` and `note` are the user's; `diagnosis` belongs to
+    `judged_with`.
     """
 
     name: str
@@ -33,6 +36,7 @@ class Stage:
     diagnosis: Diagnosis | None = None
     judged_with: Choice | None = None
     note: str = ''
+    warnings: tuple[str, ...] = ()
 
 
 def path_to(stages: list[Stage], number: int) -> list[int]:
@@ -92,3 +96,23 @@ def _command(stage: Stage, bags: tuple[Path, ...], topic: str | None) -> str:
 def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
     # The command lines are run from any folder.
     return [str(bags[run].resolve()) for run in choice.runs]
+
+
+def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
+    """Return what is doubtful of a fitted model."""
+    axes = answer.arm.axes
+    found = [*answer.result.report.warnings]
+    if axes.problem:
+        found.append(f'{axes.problem}.')
+    if axes.left_out:
+        found.append(f'Left out, because it is no part of the arm: {", ".join(axes.left_out)}.')
+    return tuple(found)
+
+
+def warnings_of_addition(answer: Refit) -> tuple[str, ...]:
+    """Return what is doubtful of effects that were added."""
+    found = [f'{name} is not physical: {why}.' for name, why in answer.implausible.items()]
+    if not answer.helps:
+        found.append('The held-out error does not fall by more than chance: these recordings do '
+                     'not need what was added, or gravity imitated it already.')
+    return tuple(found)

@@ -171,6 +171,7 @@ def _stage(stage: Stage) -> dict[str, Any]:
     return {'name': stage.name, 'note': stage.note, 'parent': stage.parent,
             'effects': list(stage.effects), 'given': str(stage.given) if stage.given else None,
             'choice': asdict(stage.choice), 'held_out': dict(stage.held_out),
+            'warnings': list(stage.warnings),
             'model': model_text(stage.model)}
 
 
@@ -183,7 +184,8 @@ def _unstage(entry: dict[str, Any]) -> Stage:
     return Stage(str(entry['name']), model, _choice(entry['choice']), entry['parent'],
                  tuple(str(effect) for effect in entry['effects']),
                  Path(entry['given']) if entry['given'] else None, held_out,
-                 note=str(entry['note']))
+                 note=str(entry['note']),
+                 warnings=tuple(str(line) for line in entry.get('warnings', ())))
 
 
 def _choice(entry: dict[str, Any]) -> Choice:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from gravity_comp_ros.api.learn import Learned
+from gravity_comp_ros.api.model import report_of
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import with_enough_motion
@@ -24,7 +25,7 @@ from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, PlanMotion, Read, WasRead
-from gravity_comp_ros.workbench.stages import Stage
+from gravity_comp_ros.workbench.stages import Stage, warnings_of_addition, warnings_of_fit
 
 Made = TypeVar('Made')
 # Of more effects that were added at once the name of a stage has the first.
@@ -210,7 +211,8 @@ class Work:
             self._use_fast_samples_where_few_are_slow()
         if self.given and first:
             self._go_on(Stage(self.given[0].name, self.given[0].model, self.choice,
-                              given=self.given[0].path))
+                              given=self.given[0].path,
+                              warnings=report_of(self.given[0].model).warnings))
 
     def _use_fast_samples_where_few_are_slow(self) -> None:
         """Judge a model on the samples that `fit` takes of a fast recording: all."""
@@ -225,7 +227,7 @@ class Work:
             choice = replace(choice, joints=joints)
             self.joints = (*joints, *(name for name in self.joints if name not in joints))
         self.choice, self.to_learn = choice, False
-        self._go_on(Stage('gravity', answer.model, choice))
+        self._go_on(Stage('gravity', answer.model, choice, warnings=warnings_of_fit(answer)))
 
     def diagnosed(self, answer: Diagnosis, job: Ask) -> None:
         """Keep what was found beside the model that it is about."""
@@ -244,7 +246,7 @@ class Work:
             # Of the same samples as the error after it.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
         self._go_on(Stage(_added_name(answer.added), answer.model, job.choice, parent,
-                          answer.added, held_out=after))
+                          answer.added, held_out=after, warnings=warnings_of_addition(answer)))
 
     def planned(self, answer: Plan, job: PlanMotion) -> None:
         """Keep a planned motion as long as it belongs to what is shown."""
