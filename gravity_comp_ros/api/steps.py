@@ -169,7 +169,9 @@ def update_model(model: GravityModel, recording: Recording,
     :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
     """
     recording = recording.select_joints(model.joints)
-    result = update(model, _gravity_alone(model, recording), geometry=geometry)
+    gravity = _gravity_alone(model, recording)
+    qdd = None if geometry is None else recorded_accelerations(recording.samples, gravity)
+    result = update(model, gravity, geometry=geometry, qdd=qdd)
     *before, last = result.model.provenance['updates']
     bags = [report.to_json() for report in recording.reports]
     provenance: dict[str, Any] = {

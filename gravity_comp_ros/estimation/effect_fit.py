@@ -22,6 +22,7 @@ from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.estimation.clustered import clustered_std
 from gravity_comp_ros.estimation.fit import (
     Estimate, estimate_gravity, FitOptions, gravity_model)
+from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS
 from gravity_comp_ros.estimation.refit_terms import Term
 from gravity_comp_ros.estimation.regression import build_regression, is_fast
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
@@ -40,8 +41,6 @@ _REPLACED = {'coulomb_friction': COULOMB, 'asymmetric_friction': COULOMB,
              'rigid_body_dynamics': INERTIA}
 # Columns that change by less than this share are the same; a round must lower the RMSE by this.
 _SAME, _FALLS = 0.01, 1e-3
-# Effects that describe the torque of motion, beside which none is a nuisance term.
-_MOTION = ('rigid_body_dynamics', 'inertia', 'coriolis')
 # Rows that show what gravity and effects leave at best.
 _ROWS = 1500
 
@@ -106,8 +105,8 @@ def _dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> t
     :param there: the effects of the model.
     """
     effect = known_effect('rigid_body_dynamics')
-    if (_names(there) & set(_MOTION) or not is_fast(motion.samples) or motion.serial_arm is None
-            or effect.untestable(motion, 0) is not None):
+    if (_names(there) & set(MOTION_EFFECTS) or not is_fast(motion.samples)
+            or motion.serial_arm is None or effect.untestable(motion, 0) is not None):
         return ()
     return (Term(effect, None, effect.settings(motion, 0)[0]),)
 
@@ -115,7 +114,7 @@ def _dynamics_beside(motion: Motion, there: Sequence[Term | AppliedEffect]) -> t
 def _axes_of_motion(model: GravityModel, there: Sequence[Term | AppliedEffect],
                     known: FloatArray | None) -> Geometry | None:
     """Return the axes (N, 3, 3) as they are known, if no effect describes the torque of motion."""
-    if known is None or model.geometry is None or _names(there) & set(_MOTION):
+    if known is None or model.geometry is None or _names(there) & set(MOTION_EFFECTS):
         return None
     return replace(model.geometry, rotations=known)
 

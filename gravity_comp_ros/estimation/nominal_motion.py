@@ -20,6 +20,8 @@ from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
+# Effects that describe the torque of motion, beside which it is not taken off.
+MOTION_EFFECTS = ('rigid_body_dynamics', 'inertia', 'coriolis')
 # Samples that the first moments are read from, and those whose regressor is built at once.
 _POSES, _AT_ONCE = 300, 4096
 # Directions that the motion excites less, next to the most excited, are left out.
@@ -35,11 +37,24 @@ def without_motion(samples: JointSamples, geometry: Geometry, qdd: FloatArray) -
     """
     if not (samples.qd.any() or qdd.any()):
         return samples
-    parameters = nominal_parameters(geometry, _first_moments(samples, geometry))
+    torque = motion_torque(samples, geometry, _first_moments(samples, geometry), qdd)
+    return replace(samples, tau=samples.tau - torque)
+
+
+def motion_torque(samples: JointSamples, geometry: Geometry, moments: FloatArray,
+                  qdd: FloatArray) -> FloatArray:
+    """
+    Return the torque of motion (M, N) in N·m of the nominal arm with given first moments.
+
+    :param geometry: the axes of the samples' joints, in their order.
+    :param moments: (N, 2) in kg·m, as `nominal_parameters` takes them.
+    :param qdd: accelerations (M, N), rad/s^2.
+    """
+    parameters = nominal_parameters(geometry, moments)
     torque = [regressor(geometry, samples.q[rows], samples.qd[rows], qdd[rows]) @ parameters
               for start in range(0, len(samples), _AT_ONCE)
               for rows in [slice(start, start + _AT_ONCE)]]
-    return replace(samples, tau=samples.tau - np.concatenate(torque))
+    return np.concatenate(torque)
 
 
 def _first_moments(samples: JointSamples, geometry: Geometry) -> FloatArray:

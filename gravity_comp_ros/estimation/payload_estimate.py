@@ -59,7 +59,6 @@ class Tool:
     chain: Chain
     covariance: FloatArray
     weighed: PayloadEstimate
-    chi2: float
 
 
 def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geometry) -> Tool:
@@ -86,9 +85,7 @@ def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geome
     onto_step = np.hstack([tool.T, np.eye(4 * n)])
     after = onto_step @ spread @ onto_step.T
     loaded = chain.moved(right_angles_kept(onto_step @ found, after, covariance))
-    left = new.residual(loaded)
-    return Tool(loaded, after,
-                _weighed(found[:4], spread[:4, :4], geometry.link), float(left @ left))
+    return Tool(loaded, after, _weighed(found[:4], spread[:4, :4], geometry.link))
 
 
 def _weighed(found: FloatArray, spread: FloatArray, link: str) -> PayloadEstimate:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, FitError, ModelMismatchError
 from gravity_comp_ros.estimation.payload_estimate import on_known_axes
+from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
@@ -50,7 +51,7 @@ def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityMo
     """
     if geometry is not None and geometry.joints == model.joints:
         with suppress(ModelMismatchError, np.linalg.LinAlgError):
-            return _made(model, *on_known_axes(model, geometry)[:2])
+            return _made(model, *on_known_axes(model, geometry))
     if model.chain is not None and model.uncertainty is not None:
         return model
     return _fitted(model)
@@ -79,12 +80,25 @@ def _fitted(model: GravityModel) -> GravityModel | None:
     return _made(model, found.chain, found.covariance)
 
 
-def _made(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
+def _made(model: GravityModel, chain: Chain, covariance: FloatArray,
+          geometry: Geometry | None = None) -> GravityModel:
     made = GravityModel.from_energy(
         model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
     return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance,
-                   payload_path=model.payload_path)
+                   payload_path=model.payload_path, geometry=geometry)
+
+
+def changed_by_payload(chain: GravityModel, gravity: JointSamples) -> GravityModel:
+    """
+    Return a chain with what a payload changed of it, on known axes if it lies on such.
+
+    :param gravity: of the arm with the payload, in the joints' order of the chain.
+    :raises FitError: if there are too few samples.
+    """
+    geometry = chain.geometry
+    known = geometry is not None and geometry.joints == chain.joints
+    return update(chain, gravity, geometry=geometry if known else None).model
 
 
 def without_friction(chain: GravityModel) -> GravityModel:

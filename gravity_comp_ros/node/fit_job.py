@@ -15,12 +15,12 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.settled import unsettled
-from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     dead_joint, first_model_objection, loose_objection, lost_gravity, reference_noise)
-from gravity_comp_ros.node.base_chain import BaseChains, without_friction
+from gravity_comp_ros.node.base_chain import (
+    BaseChains, changed_by_payload, without_friction)
 from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, moving_rms, residual_noise, rms, usual_residual)
@@ -219,8 +219,8 @@ def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
     if chain is None or chain.joints != job.train.names:
         return loose_objection(job.train, residual, noise,
                                rms(here.train - predict_torque(base, job.train)))
-    evidence = PayloadEvidence(chain, change or update(without_friction(chain), train).model,
-                               train, held, noise)
+    loaded = change or changed_by_payload(without_friction(chain), train)
+    evidence = PayloadEvidence(chain, loaded, train, held, noise)
     return next(objections(evidence, job.payload, job.geometry), None)
 
 
@@ -242,7 +242,7 @@ def _beside_friction(model: GravityModel, job: Job) -> tuple[JointSamples, Joint
 
 def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
     """Return the base with what changed of its gravity; its effects stay as they are."""
-    return update(base, _gravity(base, samples)).model
+    return changed_by_payload(base, _gravity(base, samples))
 
 
 def whole(job: Job, options: FitOptions) -> GravityModel:

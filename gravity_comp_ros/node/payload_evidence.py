@@ -26,13 +26,12 @@ from dataclasses import replace
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
-from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import COULOMB, VISCOUS
 from gravity_comp_ros.node.absolute_tests import reference_noise
-from gravity_comp_ros.node.base_chain import without_friction
+from gravity_comp_ros.node.base_chain import changed_by_payload, without_friction
 from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
 from gravity_comp_ros.node.payload import PARTS, PayloadFinding, PayloadLimits
 from gravity_comp_ros.node.payload_test import lies_on, objections, PayloadEvidence
@@ -117,7 +116,7 @@ def _objection(gravity: JointSamples, model: GravityModel, chain: GravityModel,
     """Return why a model of these samples would be refused, None if it would not be."""
     bare = without_friction(chain)
     noise = reference_noise(usual_residual(model), gravity, model.predict(gravity.q))
-    found = PayloadEvidence(bare, update(bare, gravity).model, gravity, gravity, noise)
+    found = PayloadEvidence(bare, changed_by_payload(bare, gravity), gravity, gravity, noise)
     return next(objections(found, limits, geometry), None)
 
 

@@ -1,0 +1,92 @@
+"""What an update reports: errors before and after, the tool, and what is unsure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
+from gravity_comp_ros.estimation.update_step import Step
+from gravity_comp_ros.models.gravity_model import GravityModel
+from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
+from gravity_comp_ros.models.sparse.admm import AdmmResult
+import numpy as np
+
+# With fewer samples than this the interval of an update is that of a guess of the noise.
+_FEW = 30
+# What is reported of ADMM's run.
+_SOLVER = ('iterations', 'primal_residual', 'dual_residual', 'converged')
+
+
+@dataclass(frozen=True)
+class UpdateDetails:
+    """
+    What an update reports.
+
+    By joint, in N·m: `rmse_before` and `rmse` of the models before and after, `noise`, the
+    prediction's largest standard deviation `std`, and mean and largest torque of the payload.
+    `changed` are coefficients of the model; `payload` is None without known axes.
+    """
+
+    formulation: str
+    n_samples: int
+    rmse_before: Mapping[str, float]
+    rmse: Mapping[str, float]
+    noise: Mapping[str, float]
+    std: Mapping[str, float]
+    effect_mean: Mapping[str, float]
+    effect_max: Mapping[str, float]
+    changed: Mapping[str, float]
+    payload: PayloadEstimate | None
+    log_evidence: float
+    solver: AdmmResult = field(compare=False)
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as a model's provenance and `update --json` hold it."""
+        solver = {name: getattr(self.solver, name) for name in _SOLVER}
+        return {**vars(self), 'payload': None if self.payload is None else asdict(self.payload),
+                'solver': solver, 'warnings': list(self.warnings)}
+
+
+def details(old: GravityModel, found: Step, samples: JointSamples, rmse: FloatArray,
+            sigma: FloatArray) -> UpdateDetails:
+    """
+    Return what is reported of a step.
+
+    :param samples: as measured, in the joints' order of the model.
+    :param rmse: of the new model on them (N,), N·m. :param sigma: noise (N,), N·m.
+    """
+    before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
+    difference = found.model.predict(samples.q) - old.predict(samples.q)
+    spread = found.model.predict_std(samples.q).max(axis=0)
+    warnings = _unsure(found.model, sigma)
+    if len(samples) < _FEW:
+        warnings.insert(0, f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at 5 Hz, '
+                        f'an update is as sure as it says')
+    if found.tool is not None and not found.is_tool:
+        warnings.append('a rigid body on the last link does not explain what changed; the mass '
+                        'and centre told here are only the nearest to it')
+
+    def by_joint(values: FloatArray) -> dict[str, float]:
+        return dict(zip(old.joints, values.tolist()))
+
+    return UpdateDetails(
+        found.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
+        by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
+        by_joint(np.abs(difference).max(axis=0)), found.changed, found.tool,
+        found.change.log_evidence, found.change.lasso, tuple(warnings))
+
+
+def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
+    """Say how far a chain may be off away from the samples, if that is much."""
+    if model.chain is None or model.uncertainty is None:
+        return []
+    joint = unsure_joint(model.chain, model.uncertainty.covariance, sigma)
+    if joint is None:
+        return []
+    std = std_anywhere(model.chain, model.uncertainty.covariance)[joint]
+    return [f'away from these poses the torque of {model.joints[joint]} may be off by '
+            f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']
