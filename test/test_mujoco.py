@@ -3,6 +3,7 @@
 from bench.closed_loop.arm import MujocoArm, SlowPath, urdf
 from bench.closed_loop.open_loop import box_poses, error, LOAD, record
 import gravity_comp_ros as gc
+from gravity_comp_ros.estimation.update import update
 import numpy as np
 import pytest
 
@@ -33,6 +34,20 @@ def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, de
     assert gc.compare(model, gc.Recording(bare)).joints['joint_1'].rmse > 0.8
     updated = gc.update(model, gc.Recording(loaded), urdf=description)
     assert error(updated, MujocoArm(BUILD, LOAD), poses) < (0.15 if described else 0.4)
+
+
+def test_the_torque_of_motion_is_no_part_of_a_tool(tmp_path):
+    description = tmp_path / 'arm.urdf'
+    description.write_text(urdf(MujocoArm(BUILD).links))
+    path = SlowPath.drawn(7, 5)
+    bare = record(MujocoArm(BUILD, None, 5), path, 0.0, 75.0)
+    loaded = gc.Recording(record(MujocoArm(BUILD, LOAD, 105), path, 75.0, 15.0))
+    model, arm, poses = gc.fit(gc.Recording(bare), urdf=description), MujocoArm(BUILD, LOAD), \
+        box_poses(bare)
+    assert error(gc.update(model, loaded), arm, poses) < 0.05
+    gravity, slow = model.gravity, loaded.slow
+    held = update(gravity, slow, geometry=gravity.geometry, qdd=np.zeros_like(slow.q))
+    assert error(held.model, arm, poses) > 0.08
 
 
 def test_a_short_motion_puts_no_gravity_into_friction_and_offset(recordings):

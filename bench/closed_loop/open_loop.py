@@ -1,7 +1,7 @@
 """
 Measure what `fit` and `update` make of an arm in MuJoCo that a controller moves slowly.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.open_loop [--seeds 10] [--build six seven]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.open_loop [--first 0] [--seeds 10] [--build six seven]
 
 75 s without a load, then a load of 2 kg and 15 s or 75 s, each at 100 Hz, through the gate as
 `fit` and `update` apply it. Friction is damping and 1 N·m of dry friction on every joint. Errors
@@ -79,7 +79,8 @@ def measure(build: str, seed: int, description: Path | None, mount: float) -> di
 def main() -> None:
     """Measure and print a line a case."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--seeds', type=int, default=10)
+    parser.add_argument('--first', type=int, default=0)
+    parser.add_argument('--seeds', type=int, default=10, help='up to this one, not included')
     parser.add_argument('--build', nargs='+', default=list(BUILDS))
     parser.add_argument('--mount', type=float, default=0.0, help='degrees')
     args = parser.parse_args()
@@ -88,7 +89,7 @@ def main() -> None:
             file.write(urdf(BUILDS[build]))
             file.flush()
             rows = [measure(build, seed, Path(file.name) if described else None, args.mount)
-                    for seed in range(args.seeds)]
+                    for seed in range(args.first, args.seeds)]
             print(f'{build:6s} {"with" if described else "without"} description: ' + ', '.join(
                 f'{key} worst {max(row[key] for row in rows):.3f} median '
                 f'{np.median([row[key] for row in rows]):.3f}' for key in rows[0]), flush=True)
