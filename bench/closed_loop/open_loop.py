@@ -1,7 +1,7 @@
 """
 Measure what `fit` and `update` make of an arm in MuJoCo that a controller moves slowly.
 
-    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.open_loop [--first 0] [--seeds 10] [--build six seven]
+    OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.open_loop [--seeds 10] [--build six seven]
 
 75 s without a load, then a load of 2 kg and 15 s or 75 s, each at 100 Hz, through the gate as
 `fit` and `update` apply it. Friction is damping and 1 N·m of dry friction on every joint. Errors

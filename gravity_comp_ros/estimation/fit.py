@@ -15,16 +15,19 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
+from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_chain
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.estimation.formulation_choice import Choice, choose
+from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.regression import build_regression, Regression
 from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseEstimate
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.vertical import on_vertical
+from gravity_comp_ros.models.kinematic.zero_angles import with_zero_angles
 from gravity_comp_ros.models.nuisance import NuisanceTerms, OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
@@ -140,7 +143,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     samples, warning = checked_velocity(samples)
     stands = options
     if options.known(samples) is not None and options.geometry is not None:
-        stands = replace(options, geometry=on_vertical(options.geometry, samples))
+        stands = replace(options, geometry=_as_it_stands(options.geometry, samples, qdd))
     estimate = _estimate(samples, stands, old, qdd)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning,
@@ -152,6 +155,13 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     found = estimate.choice.estimate
     converged = isinstance(found, ChainEstimate) or all(f.lasso.converged for f in found.fits)
     return FitResult(model, report, converged)
+
+
+def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray | None) -> Geometry:
+    """Return the geometry with the vertical and the zero angles that the torque shows."""
+    geometry = on_vertical(geometry, samples)
+    still = without_motion(samples, geometry, accelerations(samples) if qdd is None else qdd)
+    return with_zero_angles(geometry, still)
 
 
 def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,

@@ -16,6 +16,7 @@ from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, u
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.vertical import angle_between, NEAR
+from gravity_comp_ros.models.kinematic.zero_angles import angles_between
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -24,6 +25,8 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
 
+# rad: smaller differences of a zero angle are not reported.
+_COUNTS = np.radians(0.1)
 # rad: beyond this an arm hangs.
 _UPSIDE_DOWN = np.radians(135.0)
 
@@ -55,7 +58,8 @@ class FitDetails:
     error, `noise` in N·m and `relative_noise` as a share of the torque; the samples that were
     `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
     `known_axes` or was searched for. `base_tilt` in rad is the angle between the vertical and that
-    of known axes. `std_anywhere` in N·m is what the chain is unsure of.
+    of known axes, `zero_angles` in rad by joint how far its zero is from theirs. `std_anywhere` in
+    N·m is what the chain is unsure of.
     """
 
     formulation: str
@@ -75,6 +79,7 @@ class FitDetails:
     chain: ChainFit | None
     known_axes: bool
     base_tilt: float
+    zero_angles: Mapping[str, float]
     std_anywhere: Mapping[str, float]
 
     def to_json(self) -> dict[str, Any]:
@@ -90,6 +95,7 @@ class FitDetails:
             'dropped_joints': list(self.dropped_joints), 'warnings': list(self.warnings),
             **({} if self.chain is None else {'chain': {
                 'known_axes': self.known_axes, 'base_tilt': self.base_tilt,
+                'zero_angles': dict(self.zero_angles),
                 **_chain_json(self.chain),
                 'std_anywhere': dict(self.std_anywhere)}})}
 
@@ -109,10 +115,13 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
     noises = [chain.noise] if chain else [each.noise for each in fits]
     dropped = tuple(name for name, still in zip(samples.names, at_rest(samples.q)) if still)
     gone = set_aside(regression.samples, regression.trust)
-    tilt = 0.0
+    tilt, zeros = 0.0, {}
     if chain and choice.known_axes and described is not None:
         tilt = angle_between(described.rotations, chain.chain.axes)
-    lines = [warning, choice.warning, *_turned(tilt),
+        zeros = dict(zip(samples.names[1:], angles_between(
+            described.rotations, chain.chain.axes)[1:].tolist()))
+        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _COUNTS}
+    lines = [warning, choice.warning, *_turned(tilt), *_zeros_elsewhere(zeros),
              *_warnings(samples, model, chain, fits, dropped, gone)]
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
@@ -126,7 +135,7 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
         by_joint(np.concatenate([each.absolute for each in noises])),
         by_joint(np.concatenate([each.relative for each in noises])),
         model.nuisance.terms, gone, tuple(fits), dropped, tuple(line for line in lines if line),
-        chain, choice.known_axes, tilt,
+        chain, choice.known_axes, tilt, zeros,
         by_joint(std_anywhere(chain.chain, chain.covariance)) if chain else {})
 
 
@@ -139,6 +148,16 @@ def _turned(tilt: float) -> list[str]:
     if tilt > _UPSIDE_DOWN:
         line += '. Does the arm hang from a ceiling, or has its effort the opposite sign?'
     return [line]
+
+
+def _zeros_elsewhere(angles: Mapping[str, float]) -> list[str]:
+    """Return a warning if joints count their angles from elsewhere than the description."""
+    if not angles:
+        return []
+    named = ', '.join(f'{name} by {np.degrees(angle):.1f}' for name, angle in angles.items())
+    return [f'the zero angles differ from those of the description (in degrees: {named}): gravity '
+            f'is fitted with zero angles as the torque shows them. Calibrate the encoders, or '
+            f'correct the description']
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:

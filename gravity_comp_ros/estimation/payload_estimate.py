@@ -26,6 +26,7 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept
 from gravity_comp_ros.models.kinematic.vertical import on_vertical
+from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 import numpy as np
 
 # What a tool may weigh before any data, kg, and how far its centre may be, m.
@@ -105,7 +106,7 @@ def on_known_axes(model: GravityModel, geometry: Geometry
     """
     Return a model's gravity as a chain on known axes, and the covariance of a step from it.
 
-    Third come the axes, on the vertical that the model shows.
+    Third come the axes, on the vertical and with the zero angles that the model has.
     A model that was fitted on these axes is that already. Of any other, poses within its trained
     range stand for its training, with its torque and its noise.
 
@@ -116,11 +117,13 @@ def on_known_axes(model: GravityModel, geometry: Geometry
         raise ModelMismatchError(f'axes are known of {", ".join(geometry.joints)}, but the model '
                                  f'is of {", ".join(model.joints)}')
     n = geometry.n_joints
+    own = geometry
+    if model.geometry is not None and same_axes(model.geometry, geometry):
+        own = model.geometry
     if (model.chain is not None and model.uncertainty is not None
-            and model.joints == geometry.joints
-            and np.abs(model.chain.axes[1:] - geometry.rotations[1:]).max(initial=0.0) < 1e-9):
-        return model.chain, model.uncertainty.covariance, (
-            geometry if model.geometry is None else model.geometry)
+            and model.joints == own.joints
+            and np.abs(model.chain.axes[1:] - own.rotations[1:]).max(initial=0.0) < 1e-9):
+        return model.chain, model.uncertainty.covariance, own
     order = [model.joints.index(name) for name in geometry.joints]
     count = int(np.clip(model.coverage.n_samples, _FEWEST_POSES, _MOST_POSES))
     rng = np.random.default_rng(0)

@@ -19,8 +19,8 @@ from gravity_comp_ros.models.sparse.sparse_change import average_change, Change,
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 import numpy as np
 
-# By how much a free change of moments may fit better (chi^2) before a tool is no longer believed:
-# of 102 updates with a tool in MuJoCo, three did, and the law of friction is not quite right there.
+# By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
+# Of 102 updates with a tool in MuJoCo three were above: the law of friction is not quite right.
 _NO_TOOL = 60.0
 
 

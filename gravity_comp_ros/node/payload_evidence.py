@@ -34,7 +34,7 @@ from gravity_comp_ros.node.absolute_tests import reference_noise
 from gravity_comp_ros.node.base_chain import changed_by_payload, without_friction
 from gravity_comp_ros.node.live_friction import residual_noise, usual_residual
 from gravity_comp_ros.node.payload import PARTS, PayloadFinding, PayloadLimits
-from gravity_comp_ros.node.payload_test import lies_on, objections, PayloadEvidence
+from gravity_comp_ros.node.payload_test import axes_under, objections, PayloadEvidence
 import numpy as np
 
 # Slow samples that follow each other repeat the same model error: noise counts so many times.
@@ -69,8 +69,7 @@ def find_payload(samples: JointSamples, model: GravityModel, chain: GravityModel
     :param model: in use. :param chain: the same gravity as a chain (`base_chain`).
     :param geometry: of the arm where it is known; it counts where the chain is on its axes.
     """
-    if geometry is not None and not lies_on(chain, geometry):
-        geometry = None
+    geometry = axes_under(chain, geometry)
     gravity = replace(samples, tau=samples.tau - effect_torque(model, samples)
                       - nuisance_torque(model.nuisance, samples))
     window = _Window(gravity, samples.tau - gravity.tau, model, chain, limits, geometry)

@@ -62,8 +62,9 @@ def objections(evidence: PayloadEvidence, limits: PayloadLimits,
                geometry: Geometry | None = None) -> Iterator[str]:
     """Yield why the change is none that a payload makes, the plainest reason first."""
     before = evidence.base.predict(evidence.q)
-    if geometry is not None and lies_on(evidence.base, geometry):
-        yield from _known_body(evidence, before, limits, geometry)
+    axes = axes_under(evidence.base, geometry)
+    if axes is not None:
+        yield from _known_body(evidence, before, limits, axes)
     else:
         yield from _contradiction(evidence)
         yield from _size(evidence, limits)
@@ -71,10 +72,13 @@ def objections(evidence: PayloadEvidence, limits: PayloadLimits,
     yield from _common_factor(evidence, before)
 
 
-def lies_on(model: GravityModel, geometry: Geometry) -> bool:
-    """Return whether a chain has the axes of a geometry, so that its moments are in its frames."""
-    return model.chain is not None and model.joints == geometry.joints and bool(
-        np.abs(model.chain.axes[1:] - geometry.rotations[1:]).max(initial=0.0) < 1e-6)
+def axes_under(model: GravityModel, geometry: Geometry | None) -> Geometry | None:
+    """Return the axes in whose frames a chain has its moments: its own or those described."""
+    for axes in (model.geometry, geometry):
+        if axes is not None and model.chain is not None and model.joints == axes.joints and (
+                np.abs(model.chain.axes[1:] - axes.rotations[1:]).max(initial=0.0) < 1e-6):
+            return axes
+    return None
 
 
 def _contradiction(evidence: PayloadEvidence) -> Iterator[str]:
