@@ -155,9 +155,9 @@ def _zeros_elsewhere(angles: Mapping[str, float]) -> list[str]:
     if not angles:
         return []
     named = ', '.join(f'{name} by {np.degrees(angle):.1f}' for name, angle in angles.items())
-    return [f'the zero angles differ from those of the description (in degrees: {named}): gravity '
-            f'is fitted with zero angles as the torque shows them. Calibrate the encoders, or '
-            f'correct the description']
+    return [f'the zero angles differ from those of the description (encoder offsets in degrees: '
+            f'{named}): gravity is fitted with zero angles as the torque shows them. Calibrate '
+            f'the encoders, or correct the description']
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
-from gravity_comp_ros.estimation.nominal_motion import motion_torque, MOTION_EFFECTS
+from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS, motion_torque
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
 from gravity_comp_ros.estimation.payload_estimate import on_known_axes, weigh
 from gravity_comp_ros.estimation.payload_path import payload_path

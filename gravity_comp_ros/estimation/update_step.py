@@ -66,8 +66,8 @@ def _tool_step(model: GravityModel, new: NewSamples, geometry: Geometry, free: S
     spread = ChainUncertainty(tool.chain, tool.covariance)
     changed = (tool.chain.moments - model.chain.moments).ravel()
     return Step(_with_energy(model, expand(tool.chain), tool.chain, spread),
-                 {name: float(x) for name, x in zip(_moment_names(model), changed)},
-                 free.change, tool.weighed, True, free.start)
+                {name: float(x) for name, x in zip(_moment_names(model), changed)},
+                free.change, tool.weighed, True, free.start)
 
 
 def _moment_names(model: GravityModel) -> list[str]:
@@ -88,8 +88,8 @@ def _chain_step(model: GravityModel, new: NewSamples,
     changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
     energy = expand(found.chain)
     return Step(_with_energy(model, energy, found.chain,
-                              ChainUncertainty(found.chain, found.covariance)),
-                 changed, found.change, start=found.start)
+                             ChainUncertainty(found.chain, found.covariance)),
+                changed, found.change, start=found.start)
 
 
 def _energy_step(model: GravityModel, new: NewSamples) -> Step:
