@@ -1,10 +1,10 @@
 """
 Few-sample update: a model after a tool change, from the model before it and seconds of motion.
 
-A tool changes few of the numbers that a model consists of: some moments of a chain, some weights
-of an energy. What the old model knew about all others stays, with its uncertainty (`change`).
-Where the arm's lengths are known a tool is only four numbers (`payload`), and the model changes
-by them, unless the samples say that it was something else that changed.
+A tool changes few of the coefficients of a model: some moments of a chain, some weights of an
+energy. All others keep their values and their uncertainty (`update_step`). Where the arm's lengths
+are known a tool is only four numbers (`payload_estimate`), and the model changes by them, unless
+the samples show that something else changed.
 """
 
 from __future__ import annotations
