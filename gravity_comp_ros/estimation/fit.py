@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
 from gravity_comp_ros.errors import FitError, ModelMismatchError, OptionError
@@ -35,6 +35,8 @@ from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertai
 import numpy as np
 
 MIN_SAMPLES = 10
+# Samples that show zero angles.
+_POSES = 600
 # What may be asked for: a formulation, or to let the data choose between chain and potential.
 CHOICES = ('auto', *FORMULATIONS)
 
@@ -143,6 +145,7 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     samples, warning = checked_velocity(samples)
     stands = options
     if options.known(samples) is not None and options.geometry is not None:
+        qdd = accelerations(samples) if qdd is None else qdd
         stands = replace(options, geometry=_as_it_stands(options.geometry, samples, qdd))
     estimate = _estimate(samples, stands, old, qdd)
     model = gravity_model(estimate, samples)
@@ -157,11 +160,11 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     return FitResult(model, report, converged)
 
 
-def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray | None) -> Geometry:
+def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray) -> Geometry:
     """Return the geometry with the vertical and the zero angles that the torque shows."""
     geometry = on_vertical(geometry, samples)
-    still = without_motion(samples, geometry, accelerations(samples) if qdd is None else qdd)
-    return with_zero_angles(geometry, still)
+    rows = evenly_picked(samples.n_samples, _POSES)
+    return with_zero_angles(geometry, without_motion(samples.select(rows), geometry, qdd[rows]))
 
 
 def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,

@@ -2,33 +2,36 @@
 Where joints count their angles from, for an arm with known axes.
 
 An encoder that was set to zero by eye is a degree away from the description's zero, and a degree
-of the elbow moves the torque of the shoulder by per cents. A chain with zero angles d has the
+of the elbow moves the torque of the shoulder by percents. A chain with zero angles d has the
 torque tau(q + d), so that a step of them is d tau / d q. The first joint turns about the vertical
-and the last one turns its own moments: neither shows. A tilt of the base, which
-turns all torques a little as well, is fitted beside them.
+and the last one turns its own moments: neither shows. A tilt of the base, which turns all torques
+a little as well, is fitted beside them.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Samples that are looked at, and about how many of them in a row count as one.
-_POSES, _ALIKE = 300, 2.0
+# Two samples in a row count as one, and all of them as so many: more say more of the noise, not of
+# what the description and the terms beside gravity lack.
+_ALIKE, _WORTH = 2.0, 125.0
 # rad: what zero angles usually are off by, and the most that is believed.
 _USUAL, _MOST = np.radians(1.5), np.radians(15.0)
 # Other zero angles must be this much likelier (natural logarithm).
-_LIKELIER = 3.0
+_LIKELIER = 6.0
 _ROUNDS, _SETTLED = 10, 1e-5
 # Residuals beyond so many RMS are left out.
 _OUTLIER = 4.0
 # rad: the step of a derivative.
 _STEP = 1e-4
+# What is left of a joint counts as no less than this share of the largest torque.
+_LEAST = 1e-4
 # One axis lies along another up to this (1 minus the cosine).
 _SAME = 1e-9
 # Directions that the motion excites less, next to the most excited, are left out.
@@ -40,6 +43,7 @@ def with_zero_angles(geometry: Geometry, samples: JointSamples) -> Geometry:
     Return the geometry with the zero angles that the torque shows, unchanged if it shows none.
 
     :param geometry: the axes of the samples' joints, in their order.
+    :param samples: some hundred are enough.
     """
     if geometry.n_joints < 3 or not samples.tau.any():
         return geometry
@@ -74,25 +78,24 @@ class _Problem:
 
     @classmethod
     def of(cls, geometry: Geometry, samples: JointSamples) -> _Problem:
-        rows, n = evenly_picked(samples.n_samples, _POSES), samples.n_joints
-        qd = samples.qd[rows].T
-        each = np.eye(n)[:, :, None]
+        qd, each = samples.qd.T, np.eye(samples.n_joints)[:, :, None]
         beside = np.concatenate([each * np.ones_like(qd), each * np.sign(qd), each * qd])
-        return cls(geometry.rotations, samples.q[rows], samples.tau[rows], beside)
+        return cls(geometry.rotations, samples.q, samples.tau, beside)
 
     def solve(self) -> tuple[FloatArray, float]:
         """Return the likeliest zero angles (N,) in rad, and by how much they are than none."""
         n = self.q.shape[1]
-        angles, inner = np.zeros(n), np.arange(1, n - 1)
-        columns = self._columns(angles)
+        angles, inner, up = np.zeros(n), np.arange(1, n - 1), np.array([0.0, 0.0, 1.0])
+        columns = np.concatenate([self._gravity(angles, up), self.beside])
         found = self._plain(columns, self._usual())
         weights = self._weights(self._left(columns, found))
         for _ in range(_ROUNDS):
-            columns = self._columns(angles, found[:2 * n])
+            columns = self._columns(angles, up, found[:2 * n])
             found = self._plain(columns, weights)
-            turns = np.stack([self._turn(angles, joint, found[:2 * n]) for joint in inner])
+            turns = np.stack([self._turn(angles, up, joint, found[:2 * n]) for joint in inner])
             step = self._step(columns, turns, weights, angles[inner])
             angles[inner] += step
+            up = up + [*found[-2:], 0.0]
             weights = self._weights(self._left(columns, found))
             if np.abs(step).max() < _SETTLED:
                 break
@@ -106,8 +109,9 @@ class _Problem:
         """Return one over what is left of each joint (M, N), 0 for outliers."""
         inside = np.abs(left) <= _OUTLIER * np.sqrt((left ** 2).mean(axis=0))
         size = np.sqrt((left ** 2 * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1))
-        return np.asarray(inside / (np.sqrt(_ALIKE) * np.maximum(
-            size, 1e-9 * np.abs(self.tau).max() + 1e-12)))
+        least = _LEAST * np.abs(self.tau).max()
+        alike = max(_ALIKE, len(self.q) / _WORTH)
+        return np.asarray(inside / (np.sqrt(alike) * np.maximum(size, least)))
 
     def _plain(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the coefficients of moments and terms beside, the angles as they are."""
@@ -142,24 +146,25 @@ class _Problem:
     def _left(self, columns: FloatArray, found: FloatArray) -> FloatArray:
         return np.asarray(self.tau - np.tensordot(found, columns, axes=(0, 0)).T)
 
-    def _columns(self, angles: FloatArray, moments: FloatArray | None = None) -> FloatArray:
-        """Return columns (C, N, M) of moments, offsets, friction, and a tilt of the base."""
+    def _columns(self, angles: FloatArray, up: FloatArray, moments: FloatArray) -> FloatArray:
+        """Return columns (C, N, M) of moments, offsets, friction, and the vertical's x and y."""
         sweep = ForwardKinematics(self.rotations, self.q + angles)
-        parts = [sweep.moment_columns(), self.beside]
-        if moments is not None:
-            parts += [np.tensordot(moments, sweep.moment_columns(axis), axes=(0, 0))[None]
-                      for axis in (0, 1)]
-        return np.concatenate(parts)
+        along = [sweep.moment_columns(axis) for axis in range(3)]
+        gravity = np.tensordot(up, along, axes=1)
+        tilts = [np.tensordot(moments, along[axis], axes=(0, 0))[None] for axis in (0, 1)]
+        return np.concatenate([gravity, self.beside, *tilts])
 
-    def _gravity(self, angles: FloatArray) -> FloatArray:
-        """Return the torque (2N, N, M) per moment of links that count from these angles."""
-        return ForwardKinematics(self.rotations, self.q + angles).moment_columns()
+    def _gravity(self, angles: FloatArray, up: FloatArray) -> FloatArray:
+        """Return the torque (2N, N, M) per moment of links, with angles and vertical as given."""
+        sweep = ForwardKinematics(self.rotations, self.q + angles)
+        return np.asarray(sum(part * sweep.moment_columns(axis) for axis, part in enumerate(up)))
 
-    def _turn(self, angles: FloatArray, joint: int, moments: FloatArray) -> FloatArray:
+    def _turn(self, angles: FloatArray, up: FloatArray, joint: int, moments: FloatArray
+              ) -> FloatArray:
         """Return d torque / d angle (N, M) of one joint."""
         step = _STEP * np.eye(len(angles))[joint]
-        ahead, behind = (np.tensordot(moments, self._gravity(angles + way * step), axes=(0, 0))
-                         for way in (1.0, -1.0))
+        ahead, behind = (np.tensordot(moments, self._gravity(angles + way * step, up),
+                                      axes=(0, 0)) for way in (1.0, -1.0))
         return np.asarray((ahead - behind) / (2.0 * _STEP))
 
 
