@@ -96,9 +96,7 @@ def changed_by_payload(chain: GravityModel, gravity: JointSamples) -> GravityMod
     :param gravity: of the arm with the payload, in the joints' order of the chain.
     :raises FitError: if there are too few samples.
     """
-    geometry = chain.geometry
-    known = geometry is not None and geometry.joints == chain.joints
-    return update(chain, gravity, geometry=geometry if known else None).model
+    return update(chain, gravity, geometry=chain.geometry).model
 
 
 def without_friction(chain: GravityModel) -> GravityModel:

@@ -19,8 +19,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.absolute_tests import (
     dead_joint, first_model_objection, loose_objection, lost_gravity, reference_noise)
-from gravity_comp_ros.node.base_chain import (
-    BaseChains, changed_by_payload, without_friction)
+from gravity_comp_ros.node.base_chain import BaseChains, changed_by_payload, without_friction
 from gravity_comp_ros.node.fit_messages import Job, Outcome
 from gravity_comp_ros.node.live_friction import (
     friction_of_both, moving_rms, residual_noise, rms, usual_residual)
