@@ -58,8 +58,8 @@ class FitDetails:
     error, `noise` in N·m and `relative_noise` as a share of the torque; the samples that were
     `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
     `known_axes` or was searched for. `base_tilt` in rad is the angle between the vertical and that
-    of known axes, `zero_angles` in rad by joint how far its zero is from theirs. `std_anywhere` in
-    N·m is what the chain is unsure of.
+    of known axes, `zero_angles` in rad by joint the angle that they mean less the one reported.
+    `std_anywhere` in N·m is what the chain is unsure of.
     """
 
     formulation: str
@@ -155,9 +155,9 @@ def _zeros_elsewhere(angles: Mapping[str, float]) -> list[str]:
     if not angles:
         return []
     named = ', '.join(f'{name} by {np.degrees(angle):.1f}' for name, angle in angles.items())
-    return [f'the zero angles differ from those of the description (encoder offsets in degrees: '
-            f'{named}): gravity is fitted with zero angles as the torque shows them. Calibrate '
-            f'the encoders, or correct the description']
+    return [f'the zero angles differ from those of the description (encoder offsets, true less '
+            f'reported angle, in degrees: {named}): gravity is fitted with zero angles as the '
+            f'torque shows them. Calibrate the encoders, or correct the description']
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
