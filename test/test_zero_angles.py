@@ -11,7 +11,7 @@ from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.zero_angles import (
     angles_between, same_axes, with_zero_angles)
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
-from gravity_comp_ros.simulation.motions import eq17
+from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 from hypothesis import given, settings, strategies as st
@@ -99,6 +99,13 @@ def test_a_degree_on_every_joint_is_found_and_reported():
     assert result.report.to_json()['chain']['zero_angles'] == found
     warning, = (line for line in result.report.warnings if 'zero angles differ' in line)
     assert f'iiwa_joint_2 by {np.degrees(found["iiwa_joint_2"]):.1f}' in warning
+
+
+def test_fast_motion_is_not_asked_for_zero_angles():
+    fast = multisine(0.6 * ARM.lower, 0.6 * ARM.upper, np.full(7, 1.0), 1,
+                     MultisineOptions(0.3, 30.0), 30.0, 50.0)
+    result = fit(moved(motion=fast), FitOptions(geometry=AXES))
+    assert result.report.zero_angles == {}
 
 
 def test_no_zero_angles_are_reported_where_none_differ():

@@ -21,7 +21,7 @@ from gravity_comp_ros.estimation.chain_estimate import ChainEstimate, estimate_c
 from gravity_comp_ros.estimation.fit_report import build_report, FitDetails
 from gravity_comp_ros.estimation.formulation_choice import Choice, choose
 from gravity_comp_ros.estimation.nominal_motion import without_motion
-from gravity_comp_ros.estimation.regression import build_regression, Regression
+from gravity_comp_ros.estimation.regression import build_regression, is_fast, Regression
 from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseEstimate
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
@@ -161,8 +161,14 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
 
 
 def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray) -> Geometry:
-    """Return the geometry with the vertical and the zero angles that the torque shows."""
+    """
+    Return the geometry with the vertical and the zero angles that the torque shows.
+
+    What the nominal arm lacks of the torque of fast motion looks like zero angles.
+    """
     geometry = on_vertical(geometry, samples)
+    if is_fast(samples):
+        return geometry
     rows = evenly_picked(samples.n_samples, _POSES)
     return with_zero_angles(geometry, without_motion(samples.select(rows), geometry, qdd[rows]))
 

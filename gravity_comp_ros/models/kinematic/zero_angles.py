@@ -12,10 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.samples import FloatArray, JointSamples
+from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.least_squares import lstsq
+from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
 # Two samples in a row count as one, and all of them as so many: more say more of the noise, not of
@@ -75,12 +76,13 @@ class _Problem:
     q: FloatArray
     tau: FloatArray
     beside: FloatArray
+    runs: IntArray
 
     @classmethod
     def of(cls, geometry: Geometry, samples: JointSamples) -> _Problem:
         qd, each = samples.qd.T, np.eye(samples.n_joints)[:, :, None]
         beside = np.concatenate([each * np.ones_like(qd), each * np.sign(qd), each * qd])
-        return cls(geometry.rotations, samples.q, samples.tau, beside)
+        return cls(geometry.rotations, samples.q, samples.tau, beside, samples.runs)
 
     def solve(self) -> tuple[FloatArray, float]:
         """Return the likeliest zero angles (N,) in rad, and by how much they are than none."""
@@ -96,10 +98,12 @@ class _Problem:
             step = self._step(columns, turns, weights, angles[inner])
             angles[inner] += step
             up = up + [*found[-2:], 0.0]
-            weights = self._weights(self._left(columns, found))
+            left = self._left(columns, found)
+            weights = self._weights(left)
             if np.abs(step).max() < _SETTLED:
                 break
-        return angles, self._evidence(columns, turns, weights, angles[inner])
+        return angles, self._evidence(columns, turns, self._cautious(weights, left),
+                                      angles[inner])
 
     def _usual(self) -> FloatArray:
         size = self.tau.std(axis=0)
@@ -110,8 +114,15 @@ class _Problem:
         inside = np.abs(left) <= _OUTLIER * np.sqrt((left ** 2).mean(axis=0))
         size = np.sqrt((left ** 2 * inside).sum(axis=0) / np.maximum(inside.sum(axis=0), 1))
         least = _LEAST * np.abs(self.tau).max()
-        alike = max(_ALIKE, len(self.q) / _WORTH)
-        return np.asarray(inside / (np.sqrt(alike) * np.maximum(size, least)))
+        return np.asarray(inside / (np.sqrt(self._alike()) * np.maximum(size, least)))
+
+    def _alike(self) -> float:
+        return max(_ALIKE, len(self.q) / _WORTH)
+
+    def _cautious(self, weights: FloatArray, left: FloatArray) -> FloatArray:
+        """Return smaller weights (M, N) where the residual is correlated: an effect is missing."""
+        times = np.array([correlation_time(column, self.runs) for column in left.T])
+        return np.asarray(weights / np.sqrt(np.maximum(times / self._alike(), 1.0)))
 
     def _plain(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the coefficients of moments and terms beside, the angles as they are."""
