@@ -79,10 +79,8 @@ def numbers(effect: AppliedEffect) -> str:
 
 
 def warnings(result: Refit) -> list[str]:
-    """Return what a user should think twice about."""
-    lines = [f'{name} is not physical: {why}' for name, why in result.implausible.items()]
+    """Return what a user should think twice about, and the command that takes it back."""
+    lines = result.warnings()
     if not result.helps:
-        lines.append('the held-out error does not fall by more than chance: these recordings do '
-                     'not need what was added, or gravity imitated it already; `gravity_comp add '
-                     '--undo` takes it back')
+        lines[-1] += '; `gravity_comp add --undo` takes it back'
     return lines

@@ -62,6 +62,14 @@ class Refit:
     implausible: Mapping[str, str]
     kept: tuple[str, ...]
 
+    def warnings(self) -> list[str]:
+        """Return what a user should think twice about."""
+        lines = [f'{name} is not physical: {why}' for name, why in self.implausible.items()]
+        if not self.helps:
+            lines.append('the held-out error does not fall by more than chance: these recordings '
+                         'do not need what was added, or gravity imitated it already')
+        return lines
+
     def by_joint(self) -> tuple[dict[str, float], dict[str, float]]:
         """Return held-out RMSE in N·m by joint, before and after."""
         return ({name: e.before for name, e in self.errors.items()},

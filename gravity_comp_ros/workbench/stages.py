@@ -8,7 +8,6 @@ from pathlib import Path
 
 from gravity_comp_ros.api.learn import Learned
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.workbench.choice import Choice, line
 
@@ -106,13 +105,4 @@ def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
         found.append(f'{axes.problem}.')
     if axes.left_out:
         found.append(f'Left out, because it is no part of the arm: {", ".join(axes.left_out)}.')
-    return tuple(found)
-
-
-def warnings_of_addition(answer: Refit) -> tuple[str, ...]:
-    """Return what is doubtful of effects that were added."""
-    found = [f'{name} is not physical: {why}.' for name, why in answer.implausible.items()]
-    if not answer.helps:
-        found.append('The held-out error does not fall by more than chance: these recordings do '
-                     'not need what was added, or gravity imitated it already.')
     return tuple(found)

@@ -25,7 +25,7 @@ from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, PlanMotion, Read, WasRead
-from gravity_comp_ros.workbench.stages import Stage, warnings_of_addition, warnings_of_fit
+from gravity_comp_ros.workbench.stages import Stage, warnings_of_fit
 
 Made = TypeVar('Made')
 # Of more effects that were added at once the name of a stage has the first.
@@ -246,7 +246,7 @@ class Work:
             # Of the same samples as the error after it.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
         self._go_on(Stage(_added_name(answer.added), answer.model, job.choice, parent,
-                          answer.added, held_out=after, warnings=warnings_of_addition(answer)))
+                          answer.added, held_out=after, warnings=tuple(answer.warnings())))
 
     def planned(self, answer: Plan, job: PlanMotion) -> None:
         """Keep a planned motion as long as it belongs to what is shown."""

@@ -88,7 +88,7 @@ class _Problem:
         """Return the likeliest zero angles (N,) in rad, and by how much they are than none."""
         n = self.q.shape[1]
         angles, inner, up = np.zeros(n), np.arange(1, n - 1), np.array([0.0, 0.0, 1.0])
-        columns = np.concatenate([self._gravity(angles, up), self.beside])
+        columns = np.concatenate([self._along(angles)[2], self.beside])
         found = self._plain(columns, self._usual())
         weights = self._weights(self._left(columns, found))
         for _ in range(_ROUNDS):
@@ -126,8 +126,8 @@ class _Problem:
 
     def _plain(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
         """Return the coefficients of moments and terms beside, the angles as they are."""
-        rows = (columns * weights.T).reshape(len(columns), -1)
-        return lstsq(rows.T, (self.tau * weights).T.ravel(), rcond=_EXCITED)
+        return lstsq(self._rows(columns, weights).T, (self.tau * weights).T.ravel(),
+                     rcond=_EXCITED)
 
     def _step(self, columns: FloatArray, turns: FloatArray, weights: FloatArray,
               angles: FloatArray) -> FloatArray:
@@ -139,9 +139,8 @@ class _Problem:
     def _projected(self, columns: FloatArray, turns: FloatArray, weights: FloatArray
                    ) -> tuple[FloatArray, FloatArray]:
         """Return the angles' rows (F, N M) and the torque (N M,) beside moments and friction."""
-        rows = (columns * weights.T).reshape(len(columns), -1)
-        beside = (turns * weights.T).reshape(len(turns), -1)
-        every = np.concatenate([beside, (self.tau * weights).T.reshape(1, -1)])
+        rows = self._rows(columns, weights)
+        every = self._rows(np.concatenate([turns, self.tau.T[None]]), weights)
         every = every - (rows.T @ lstsq(rows.T, every.T, rcond=_EXCITED)).T
         return every[:-1], every[-1]
 
@@ -157,26 +156,29 @@ class _Problem:
     def _left(self, columns: FloatArray, found: FloatArray) -> FloatArray:
         return np.asarray(self.tau - np.tensordot(found, columns, axes=(0, 0)).T)
 
+    def _along(self, angles: FloatArray) -> FloatArray:
+        """Return the torque (3, 2N, N, M) per moment for a vertical along each of the axes."""
+        sweep = ForwardKinematics(self.rotations, self.q + angles)
+        return np.stack([sweep.moment_columns(axis) for axis in range(3)])
+
     def _columns(self, angles: FloatArray, up: FloatArray, moments: FloatArray) -> FloatArray:
         """Return columns (C, N, M) of moments, offsets, friction, and the vertical's x and y."""
-        sweep = ForwardKinematics(self.rotations, self.q + angles)
-        along = [sweep.moment_columns(axis) for axis in range(3)]
-        gravity = np.tensordot(up, along, axes=1)
-        tilts = [np.tensordot(moments, along[axis], axes=(0, 0))[None] for axis in (0, 1)]
-        return np.concatenate([gravity, self.beside, *tilts])
-
-    def _gravity(self, angles: FloatArray, up: FloatArray) -> FloatArray:
-        """Return the torque (2N, N, M) per moment of links, with angles and vertical as given."""
-        sweep = ForwardKinematics(self.rotations, self.q + angles)
-        return np.asarray(sum(part * sweep.moment_columns(axis) for axis, part in enumerate(up)))
+        along = self._along(angles)
+        tilts = np.tensordot(moments, along[:2], axes=(0, 1))
+        return np.concatenate([np.tensordot(up, along, axes=1), self.beside, tilts])
 
     def _turn(self, angles: FloatArray, up: FloatArray, joint: int, moments: FloatArray
               ) -> FloatArray:
         """Return d torque / d angle (N, M) of one joint."""
         step = _STEP * np.eye(len(angles))[joint]
-        ahead, behind = (np.tensordot(moments, self._gravity(angles + way * step, up),
-                                      axes=(0, 0)) for way in (1.0, -1.0))
+        ahead, behind = (
+            np.tensordot(np.outer(up, moments), self._along(angles + way * step), axes=2)
+            for way in (1.0, -1.0))
         return np.asarray((ahead - behind) / (2.0 * _STEP))
+
+    def _rows(self, columns: FloatArray, weights: FloatArray) -> FloatArray:
+        """Return columns (K, N, M) in units of what is left, (K, N M)."""
+        return np.asarray((columns * weights.T).reshape(len(columns), -1))
 
 
 def _about_z(angles: FloatArray) -> FloatArray:
