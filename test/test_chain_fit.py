@@ -6,7 +6,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.chain_fit import fit_chain
 from gravity_comp_ros.models.kinematic.chain_solver import _solved, ChainProblem, solve
-from gravity_comp_ros.models.kinematic.chain_starts import LIMIT, search, SearchOptions, structure
+from gravity_comp_ros.models.kinematic.chain_starts import (
+    search, SearchOptions, structure, STRUCTURE_LIMIT)
 from gravity_comp_ros.models.kinematic.right_angles import in_common_frame, upright
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.models.sparse import dictionary
@@ -164,9 +165,9 @@ def test_a_wrong_minimum_shows():
         0).normal(size=q.shape), np.full(q.shape, 1.0 / NOISE))
     found = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
     best = min(found, key=lambda s: s.cost)
-    assert structure(problem, best) <= LIMIT
+    assert structure(problem, best) <= STRUCTURE_LIMIT
     wrong = [s for s in found if s.cost > 2.0 * best.cost]
-    assert wrong and all(structure(problem, s) > LIMIT for s in wrong)
+    assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
 
 
 def test_one_start_that_goes_wrong_is_noticed_and_mended():

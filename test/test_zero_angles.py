@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.kinematic.zero_angles import (
-    angles_between, same_axes, with_zero_angles)
+    same_axes, with_zero_angles, zero_angle_differences)
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.noise import NoiseOptions
@@ -65,7 +65,7 @@ def test_gravity_is_that_of_the_arm_whatever_its_zero_angles_are(degrees, seed):
     zero = np.radians(degrees)
     found = with_zero_angles(AXES, recorded(zero=zero, seed=seed))
     # Neither the first nor the last one shows.
-    turns = angles_between(AXES.rotations, found.rotations)
+    turns = zero_angle_differences(AXES.rotations, found.rotations)
     assert turns[0] == turns[6] == 0.0 and same_axes(found, AXES)
     fixed = fit(moved(zero=zero, seed=seed), FitOptions(geometry=AXES))
     assert fixed.model.geometry is not None and worst(fixed.model, zero=zero) < 0.45

@@ -90,7 +90,7 @@ def measured(arm: Arm, upright: Arm, samples: JointSamples) -> str:
     axes = known_axes(upright)
     result = fit_model(Recording(samples), FitOptions(geometry=axes))[0]
     angle = np.degrees(result.report.base_tilt)
-    doubt = max(result.report.std_anywhere.values(), default=0.0)
+    doubt = max(result.report.std_over_poses.values(), default=0.0)
     return (f'{worst(arm, result.model):.3f} turned {angle:.1f} '
             f'{"kept" if result.model.geometry is not None else "dropped"} '
             f'doubt {doubt:.2f} motion {motion_error(arm, result.model):.2f}')

@@ -24,7 +24,7 @@ from gravity_comp_ros.api.steps import fit_model
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.zero_angles import angles_between
+from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.simulation.arms import Arm, gravity_torque
 import numpy as np
 
@@ -55,8 +55,10 @@ def measured(arm: Arm, seed: int, friction: float, zero: FloatArray) -> str:
     known, free = (fit_model(recording, FitOptions(geometry=each))[0].model
                    for each in (axes, None))
     kept = known.geometry is not None
-    off = '' if known.geometry is None else 'off by {:.2f}'.format(np.degrees(np.abs(
-        angles_between(axes.rotations, known.geometry.rotations) - zero)[1:-1]).max(initial=0.0))
+    off = ''
+    if known.geometry is not None:
+        error = zero_angle_differences(axes.rotations, known.geometry.rotations) - zero
+        off = f'off by {np.degrees(np.abs(error)[1:-1]).max(initial=0.0):.2f}'
     return (f'{worst(arm, known, zero):.3f} without {worst(arm, free, zero):.3f} '
             f'{"kept" if kept else "dropped"} {off}')
 

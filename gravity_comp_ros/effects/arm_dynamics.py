@@ -251,7 +251,7 @@ def way_of(chain: Chain, vertical: int = 0) -> float:
 
 def _between(chain: Chain, q: FloatArray, vertical: int, joint: int) -> FloatArray:
     """Return the cosine (M,) of the angle between a vertical axis and that of a joint."""
-    axes = ForwardKinematics(chain.axes, q).turned[:, 2]
+    axes = ForwardKinematics(chain.axes, q).rotated[:, 2]
     return np.asarray((axes[vertical] * axes[joint]).sum(axis=0))
 
 

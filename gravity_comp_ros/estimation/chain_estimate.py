@@ -127,7 +127,7 @@ def _settled(regression: Regression, start: Chain, known: FloatArray | None,
         return fit_chain(samples, SearchOptions(), None, known, beside)
     if final is None:
         return rough_fit(samples, None, start, beside)
-    return fit_chain(samples, final, start, None, beside, search_anew=False)
+    return fit_chain(samples, final, start, None, beside, multi_start=False)
 
 
 def _refined(regression: Regression, chain: Chain) -> Regression:

@@ -26,7 +26,7 @@ from gravity_comp_ros.estimation.sparse_estimate import estimate_sparse, SparseE
 from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.vertical import on_vertical
+from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.kinematic.zero_angles import with_zero_angles
 from gravity_comp_ros.models.nuisance import NuisanceTerms, OFFSET
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -166,7 +166,7 @@ def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray) ->
 
     What the nominal arm lacks of the torque of fast motion looks like zero angles.
     """
-    geometry = on_vertical(geometry, samples)
+    geometry = with_estimated_vertical(geometry, samples)
     if is_fast(samples):
         return geometry
     rows = evenly_picked(samples.n_samples, _POSES)

@@ -12,11 +12,12 @@ from gravity_comp_ros.estimation.formulation_choice import Choice
 from gravity_comp_ros.estimation.regression import Regression
 from gravity_comp_ros.estimation.robust import set_aside, SetAside
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
+from gravity_comp_ros.models.kinematic.alternative_chains import (
+    least_certain_joint, std_over_poses)
 from gravity_comp_ros.models.kinematic.chain_fit import ChainFit
 from gravity_comp_ros.models.kinematic.geometry import Geometry
-from gravity_comp_ros.models.kinematic.vertical import angle_between, NEAR
-from gravity_comp_ros.models.kinematic.zero_angles import angles_between
+from gravity_comp_ros.models.kinematic.vertical import base_tilt_angle, MAX_FITTED_TILT
+from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
 from gravity_comp_ros.models.nuisance import (
     COULOMB, INERTIA, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS)
 from gravity_comp_ros.models.sparse.identifiability import at_rest
@@ -59,7 +60,7 @@ class FitDetails:
     `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
     `known_axes` or was searched for. `base_tilt` in rad is the angle between the vertical and that
     of known axes, `zero_angles` in rad by joint the angle that they mean less the one reported.
-    `std_anywhere` in N·m is what the chain is unsure of.
+    `std_over_poses` in N·m is what the chain is unsure of.
     """
 
     formulation: str
@@ -80,7 +81,7 @@ class FitDetails:
     known_axes: bool
     base_tilt: float
     zero_angles: Mapping[str, float]
-    std_anywhere: Mapping[str, float]
+    std_over_poses: Mapping[str, float]
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as a model's provenance and `fit --json` hold it."""
@@ -97,7 +98,7 @@ class FitDetails:
                 'known_axes': self.known_axes, 'base_tilt': self.base_tilt,
                 'zero_angles': dict(self.zero_angles),
                 **_chain_json(self.chain),
-                'std_anywhere': dict(self.std_anywhere)}})}
+                'std_over_poses': dict(self.std_over_poses)}})}
 
 
 def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
@@ -117,8 +118,8 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
     gone = set_aside(regression.samples, regression.trust)
     tilt, zeros = 0.0, {}
     if chain and choice.known_axes and described is not None:
-        tilt = angle_between(described.rotations, chain.chain.axes)
-        zeros = dict(zip(samples.names[1:], angles_between(
+        tilt = base_tilt_angle(described.rotations, chain.chain.axes)
+        zeros = dict(zip(samples.names[1:], zero_angle_differences(
             described.rotations, chain.chain.axes)[1:].tolist()))
         zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _COUNTS}
     lines = [warning, choice.warning, *_turned(tilt), *_zeros_elsewhere(zeros),
@@ -136,12 +137,12 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
         by_joint(np.concatenate([each.relative for each in noises])),
         model.nuisance.terms, gone, tuple(fits), dropped, tuple(line for line in lines if line),
         chain, choice.known_axes, tilt, zeros,
-        by_joint(std_anywhere(chain.chain, chain.covariance)) if chain else {})
+        by_joint(std_over_poses(chain.chain, chain.covariance)) if chain else {})
 
 
 def _turned(tilt: float) -> list[str]:
     """Return a warning if the arm stands otherwise than its description, on a wall perhaps."""
-    if tilt < NEAR:
+    if tilt < MAX_FITTED_TILT:
         return []
     line = (f'the base is turned by {np.degrees(tilt):.1f} degrees against the description: '
             f'gravity is fitted along the vertical that the torque shows')
@@ -230,10 +231,10 @@ def _structure(model: GravityModel, chain: ChainFit) -> list[str]:
 def _unsure(samples: JointSamples, model: GravityModel, chain: ChainFit) -> list[str]:
     """Say how far a chain may be off away from where it was trained, if that is much."""
     sigma = np.sqrt((chain.noise.sigma(chain.chain.torque(samples.q)) ** 2).mean(axis=0))
-    joint = unsure_joint(chain.chain, chain.covariance, np.maximum(sigma, 1e-9))
+    joint = least_certain_joint(chain.chain, chain.covariance, np.maximum(sigma, 1e-9))
     if joint is None:
         return []
-    std: FloatArray = std_anywhere(chain.chain, chain.covariance)
+    std: FloatArray = std_over_poses(chain.chain, chain.covariance)
     others = f'; {chain.rivals} other chains explain these samples nearly as well' \
         if chain.rivals > 1 else '; another chain explains these samples nearly as well' \
         if chain.rivals else ''

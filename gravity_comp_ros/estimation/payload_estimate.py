@@ -25,7 +25,7 @@ from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.kinematic.known_axes import solve_known
 from gravity_comp_ros.models.kinematic.right_angles import right_angles_kept
-from gravity_comp_ros.models.kinematic.vertical import on_vertical
+from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 import numpy as np
 
@@ -133,7 +133,7 @@ def on_known_axes(model: GravityModel, geometry: Geometry
         std = model.predict_std(q)
     worth = np.sqrt(max(model.coverage.n_samples, 1) / count)
     sigma = np.hypot(np.maximum(model.noise, 1e-3 * np.abs(tau).max() + 1e-9), 3.0 * std)
-    geometry = on_vertical(geometry, JointSamples.single_run(
+    geometry = with_estimated_vertical(geometry, JointSamples.single_run(
         geometry.joints, np.arange(count), q[:, order], np.zeros_like(q), tau[:, order]))
     problem = ChainProblem(q[:, order], tau[:, order], (worth / sigma)[:, order])
     found = solve_known(problem, geometry.rotations)

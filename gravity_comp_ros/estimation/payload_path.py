@@ -32,7 +32,7 @@ def payload_path(before: GravityModel, after: GravityModel) -> Expansion | None:
         return before.payload_path
     change = _difference(before.energy, after.energy)
     size = _size(change, before)
-    least = _SEEN * float(before.noise_beside.max())
+    least = _SEEN * float(before.noise_with_nuisance.max())
     if before.payload_path is not None:
         least = max(least, _size(before.payload_path, before))
     return change if size > least else before.payload_path

@@ -14,7 +14,7 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.nuisance_columns import (
     build_columns, NuisanceColumns, plain_shapes)
-from gravity_comp_ros.models.kinematic.chain_fit import Beside
+from gravity_comp_ros.models.kinematic.chain_fit import NuisanceDesign
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
 import numpy as np
@@ -54,14 +54,14 @@ class Regression:
         """Return how many columns K the effects have."""
         return 0 if self.effects is None else len(self.effects)
 
-    def beside(self) -> Beside:
+    def beside(self) -> NuisanceDesign:
         """Return all columns beside gravity, those of effects first, and the trust."""
         parts = [part for part in (self.effects, self.nuisance.dense()) if part is not None]
         trust = None if (self.trust == 1.0).all() else self.trust
         if not parts:
-            return Beside(None, trust)
+            return NuisanceDesign(None, trust)
         spread = np.concatenate([self._spread(), self.nuisance.spread])
-        return Beside(np.concatenate(parts), trust, spread)
+        return NuisanceDesign(np.concatenate(parts), trust, spread)
 
     def _spread(self) -> FloatArray:
         """Return the spread (K,) of the effects' coefficients before any data."""

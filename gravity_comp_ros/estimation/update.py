@@ -109,7 +109,7 @@ def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None, qdd: FloatArray | None) -> UpdateResult:
     # Friction and offsets that were seen before the change are carried over.
     samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
-    sigma = np.maximum(model.noise_beside, noise.floor(samples.tau))
+    sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
     new = NewSamples(samples.q, samples.tau, sigma, change_trust(model, samples))
     if geometry is not None and qdd is not None:
         samples = _without_motion(model, samples, new, geometry, qdd)

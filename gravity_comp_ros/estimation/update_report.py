@@ -10,7 +10,8 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
 from gravity_comp_ros.estimation.update_step import Step
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
+from gravity_comp_ros.models.kinematic.alternative_chains import (
+    least_certain_joint, std_over_poses)
 from gravity_comp_ros.models.sparse.admm import AdmmResult
 import numpy as np
 
@@ -84,9 +85,9 @@ def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
     """Say how far a chain may be off away from the samples, if that is much."""
     if model.chain is None or model.uncertainty is None:
         return []
-    joint = unsure_joint(model.chain, model.uncertainty.covariance, sigma)
+    joint = least_certain_joint(model.chain, model.uncertainty.covariance, sigma)
     if joint is None:
         return []
-    std = std_anywhere(model.chain, model.uncertainty.covariance)[joint]
+    std = std_over_poses(model.chain, model.uncertainty.covariance)[joint]
     return [f'away from these poses the torque of {model.joints[joint]} may be off by '
             f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']

@@ -150,7 +150,7 @@ class GravityModel:
         return len(self.joints)
 
     @property
-    def noise_beside(self) -> FloatArray:
+    def noise_with_nuisance(self) -> FloatArray:
         """Return the residual's standard deviation (N,) in N·m beside the nuisance terms."""
         return self.nuisance.noise if self.nuisance.noise.size else self.noise
 

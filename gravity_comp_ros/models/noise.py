@@ -1,12 +1,12 @@
 """
-How noisy each joint's torque is, learned from the residual.
+Noise model of each joint's torque, estimated from the residual.
 
 Torque sensors and motor currents have an absolute error and one that grows with the load, so
 
     sigma_n(tau)^2 = a_n^2 + b_n^2 tau_n^2.
 
-Rows are weighted by 1 / sigma_n. tau here is the predicted torque: the measured one would make
-samples whose noise happened to be small look precise.
+Rows are weighted by 1 / sigma_n. tau is the predicted torque, because weights from the measured
+torque would be correlated with the noise.
 """
 
 from __future__ import annotations
@@ -16,19 +16,21 @@ from dataclasses import dataclass
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, IntArray
 import numpy as np
 
-# No joint is believed to be better than this share of the arm's largest torque: a joint that
-# measures exactly 0 (the first of a level arm) must not get an infinite weight.
+# Minimum standard deviation, as a share of the arm's largest torque: a joint that measures exactly
+# 0 (the first of a level arm) must not get an infinite weight.
 _FLOOR = 1e-4
-# Gain in log likelihood that the load-dependent part must bring to be believed.
-_EVIDENCE = 8.0
-# No sensor's error is a larger part of the load: what seems to be is a model that fits badly, and
-# must not give the samples with little load all the weight.
-_MOST_RELATIVE = 0.5
+# Log-likelihood ratio above which the load-dependent part is accepted.
+_MIN_LOG_LIKELIHOOD = 8.0
+# Maximum b. A larger estimate indicates a poor model rather than a sensor error, and would give
+# the samples with little load all the weight.
+_MAX_RELATIVE = 0.5
 # Median absolute deviation to standard deviation.
 _MAD = 1.4826
-# Steps of the estimate, and the longest of them in ln a^2 and ln b^2.
-_MOST_STEPS = 100
-_LONGEST = 2.0
+# Maximum number of steps of the estimate, and maximum step in ln a^2 and ln b^2.
+_MAX_STEPS = 100
+_MAX_STEP = 2.0
+# Correlation times of white noise are estimated below this, in samples.
+WHITE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,35 +45,34 @@ class NoiseModel:
         return np.sqrt(self.absolute ** 2 + (self.relative * predicted) ** 2)
 
     def is_close_to(self, other: NoiseModel) -> bool:
-        """Return whether two estimates differ by no more than matters for weights."""
+        """Return whether two estimates yield nearly the same weights."""
         return bool(np.allclose(self.absolute, other.absolute, rtol=0.05)
                     and np.allclose(self.relative, other.relative, rtol=0.1, atol=1e-4))
 
 
 def floor(tau: FloatArray) -> float:
-    """Return the least standard deviation that is believed, N·m."""
+    """Return the minimum standard deviation in N·m for torques (M, N)."""
     return float(max(_FLOOR * np.sqrt((tau ** 2).mean(axis=0)).max(initial=0.0), 1e-9))
 
 
 def of_second_differences(values: FloatArray, kept: BoolArray) -> FloatArray:
     """
-    Return the standard deviation (N,) of white noise in values (M, N) that change slowly beside.
+    Return the standard deviation (N,) of the white noise on slowly changing values (M, N).
 
-    The second difference of white noise has six times its variance; the median leaves out the few
-    places where something sets in.
+    The second difference of white noise has six times its variance; the median is robust to jumps.
 
-    :param kept: which of the M - 2 differences count.
+    :param kept: mask of the M - 2 differences to use.
     """
-    bends = [np.median(np.abs(np.diff(joint, 2)[kept])) for joint in values.T]
-    return _MAD * np.array(bends) / np.sqrt(6.0)
+    medians = [np.median(np.abs(np.diff(joint, 2)[kept])) for joint in values.T]
+    return _MAD * np.array(medians) / np.sqrt(6.0)
 
 
 def first_guess(tau: FloatArray) -> NoiseModel:
     """
-    Return the torque itself as its noise, joint by joint.
+    Return the initial noise: each joint's torque RMS.
 
-    Each round of a fit then explains the coarser part of what the last one left, so that noise
-    is never taken for signal because it was believed to be small.
+    Each round of a fit then explains the coarser part of the previous residual, and noise is not
+    fitted as signal because of an underestimated standard deviation.
     """
     rms = np.sqrt((tau ** 2).mean(axis=0))
     return NoiseModel(np.maximum(rms, floor(tau)), np.zeros(tau.shape[1]))
@@ -82,8 +83,9 @@ def estimate(residual: FloatArray, predicted: FloatArray, least: float,
     """
     Return the noise model of residuals (M, N).
 
-    :param used: degrees of freedom that the fit spent on each joint (N,).
-    :param least: `floor` of the measured torque.
+    :param predicted: predicted torques (M, N), N·m.
+    :param least: minimum standard deviation (`floor`), N·m.
+    :param used: degrees of freedom of the fit on each joint (N,).
     """
     m, n = residual.shape
     absolute, relative = np.zeros(n), np.zeros(n)
@@ -101,22 +103,24 @@ def _estimate_joint(residual: FloatArray, predicted: FloatArray,
     if load <= least:
         return constant, 0.0
 
-    plain = 0.5 * (np.log(constant ** 2) + float((residual ** 2).mean()) / constant ** 2)
+    constant_cost = 0.5 * (np.log(constant ** 2)
+                           + float((residual ** 2).mean()) / constant ** 2)
     start = 2.0 * np.log([0.5 * constant, 0.5 * constant / load])
-    logs, cost = _most_likely(residual ** 2, predicted ** 2, least ** 2, start)
+    logs, cost = _maximum_likelihood(residual ** 2, predicted ** 2, least ** 2, start)
     absolute, relative = np.exp(0.5 * logs)
-    if len(residual) * (plain - cost) < _EVIDENCE or relative > _MOST_RELATIVE:
+    if (len(residual) * (constant_cost - cost) < _MIN_LOG_LIKELIHOOD
+            or relative > _MAX_RELATIVE):
         return constant, 0.0
     return max(float(absolute), least), float(relative)
 
 
-def _most_likely(squares: FloatArray, loads: FloatArray, least: float,
-                 logs: FloatArray) -> tuple[FloatArray, float]:
+def _maximum_likelihood(squares: FloatArray, loads: FloatArray, least: float,
+                        logs: FloatArray) -> tuple[FloatArray, float]:
     """
     Return ln a^2 and ln b^2 of the variance a^2 + b^2 load + least, and -ln of the likelihood.
 
-    Fisher's scoring: the Hessian is taken as it is on average over the noise, which is never
-    negative, so that every step points downhill; it is halved until it gets there.
+    Fisher's scoring: the expected Hessian is positive semidefinite, so every step is a descent
+    direction; it is halved until the cost falls.
     """
     def state(logs: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         parts = np.exp(logs)[:, None] * np.stack([np.ones_like(loads), loads])
@@ -125,18 +129,18 @@ def _most_likely(squares: FloatArray, loads: FloatArray, least: float,
         return parts / variance, excess, float(0.5 * (np.log(variance) + excess).mean())
 
     shares, excess, cost = state(logs)
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         gradient = shares @ (1.0 - excess)
         step = -np.linalg.solve(shares @ shares.T + 1e-9 * len(loads) * np.eye(2), gradient)
-        step *= min(1.0, _LONGEST / max(float(np.abs(step).max()), 1e-300))
+        step *= min(1.0, _MAX_STEP / max(float(np.abs(step).max()), 1e-300))
         while True:
-            found = state(logs + step)
-            if found[2] < cost or np.abs(step).max() < 1e-3:
+            tried = state(logs + step)
+            if tried[2] < cost or np.abs(step).max() < 1e-3:
                 break
             step = 0.5 * step
-        gain = cost - found[2]
+        gain = cost - tried[2]
         if gain > 0.0:
-            logs, (shares, excess, cost) = logs + step, found
+            logs, (shares, excess, cost) = logs + step, tried
         if gain < 1e-7:
             break
     return logs, cost
@@ -144,9 +148,9 @@ def _most_likely(squares: FloatArray, loads: FloatArray, least: float,
 
 def correlation_time(residual: FloatArray, runs: IntArray) -> float:
     """
-    Return how many samples of a residual (M,) count as one: its integrated autocorrelation.
+    Return the integrated autocorrelation time of a residual (M,), in samples.
 
-    1 + 2 sum_k rho_k, summed until rho_k falls under its own standard error; samples of
+    It is 1 + 2 sum_k rho_k, summed until rho_k falls below its own standard error; samples of
     different runs are independent.
     """
     total = len(residual)
@@ -161,3 +165,8 @@ def correlation_time(residual: FloatArray, runs: IntArray) -> float:
             break
         time += 2.0 * rho
     return time
+
+
+def correlation_times(residual: FloatArray, runs: IntArray) -> FloatArray:
+    """Return the `correlation_time` of each column of a residual (M, N), shape (N,)."""
+    return np.array([correlation_time(column, runs) for column in residual.T])

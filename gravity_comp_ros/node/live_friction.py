@@ -29,7 +29,7 @@ STANDSTILL = 0.01
 @lru_cache(maxsize=8)
 def residual_noise(model: GravityModel) -> FloatArray:
     """Return the standard deviation (N,) in N·m of the residual beside friction and offset."""
-    noise = model.noise_beside
+    noise = model.noise_with_nuisance
     return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
 
 

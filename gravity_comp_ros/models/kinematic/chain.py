@@ -1,22 +1,23 @@
 """
-The structure of a serial arm, without its dimensions.
+The chain: gravity of a serial arm in terms of axis directions and first moments.
 
 The potential energy of an arm of revolute joints is
 
     U = sum_i w_i . h_i,    w_i = Rz(q_i).T A_i.T w_{i-1},    w_0 = (0, 0, 1),
 
-where w_i is the vertical as link i sees it, A_i a fixed rotation that says where the axis of
-joint i lies in the frame of link i-1, and h_i the first moment about that axis of everything
-that hangs on link i, times g, in N·m. It is the gradient of U that Yu 2022, Eq. (2) calls
-gravity; lengths and masses enter it in the h_i alone.
+where w_i is the vertical in the frame of link i, A_i the fixed rotation from frame i (before joint
+i rotates) to the frame of link i-1, and h_i the first moment about axis i of link i and all links
+beyond it, times g, in N·m. Gravity is the gradient of U (Yu 2022, Eq. 2); lengths and masses
+enter only through h_i.
 
-Not all of this can be seen in the torques, so it is fixed: a turn of link frame i about its own
-axis (A_i has two free angles, not three), a moment along an axis (it acts as one of link i-1 and
-is counted there, so h_i has two numbers), a turn of the base about the vertical, and the sign of
-the vertical with that of every moment. 4N numbers stand for the 3^N weights of the dictionary.
+Quantities without effect on the torques are fixed: the rotation of link frame i about its own
+axis (A_i has two free angles, not three), moments along an axis (they act as moments of link i-1
+and are included there, so h_i has two components), the rotation of the base about the vertical,
+and the common sign of the vertical and all moments. 4N parameters replace the 3^N weights of the
+dictionary.
 
-Rotations stay rotations: a step changes A_i to A_i exp([d_x, d_y, 0]), which has no singular
-angle, parallel axes included.
+A step changes A_i to A_i exp([d_x, d_y, 0]): it remains a rotation and no angle is singular,
+parallel axes included.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 import numpy as np
 
-# Poses whose frames are held at once: they fit into the cache of a processor.
+# Number of poses per batch: their frames fit into the processor's cache.
 _AT_ONCE = 8192
 
 
@@ -50,8 +51,7 @@ class Chain:
             raise DataError(f'chain: axes {axes.shape} with moments {moments.shape}')
         if not (np.isfinite(axes).all() and np.isfinite(moments).all()):
             raise DataError('chain: a number is not finite')
-        off = np.abs(axes @ axes.transpose(0, 2, 1) - np.eye(3)).max()
-        if off > 1e-6 or (np.linalg.det(axes) < 0.0).any():
+        if not are_rotations(axes):
             raise DataError('chain: an axis is not given by a rotation')
         object.__setattr__(self, 'axes', axes)
         object.__setattr__(self, 'moments', moments)
@@ -61,7 +61,7 @@ class Chain:
         return len(self.axes)
 
     def torque(self, q: FloatArray) -> FloatArray:
-        """Return what holds the arm up, tau (M, N) in N·m, in poses q (M, N) in rad."""
+        """Return the gravity torque (M, N) in N·m at poses q (M, N) in rad."""
         q = np.asarray(q, dtype=np.float64)
         parts = [ForwardKinematics(self.axes, q[start:start + _AT_ONCE]).torque(self.moments)
                  for start in range(0, max(len(q), 1), _AT_ONCE)]
@@ -74,57 +74,58 @@ class Chain:
 
     def jacobian(self, q: FloatArray) -> FloatArray:
         """Return d tau / d step (`moved`), shape (4N, N, M)."""
-        sweep = ForwardKinematics(self.axes, np.asarray(q, dtype=np.float64))
-        return np.concatenate([sweep.axis_columns(self.moments), sweep.moment_columns()])
+        kinematics = ForwardKinematics(self.axes, np.asarray(q, dtype=np.float64))
+        return np.concatenate([kinematics.axis_columns(self.moments),
+                               kinematics.moment_columns()])
 
 
 class ForwardKinematics:
     """
     Every joint's frame in the base, at M poses.
 
-    `frames` (N, 3, 3, M) holds the axes x, y and z of frame i before joint i turns, `turned` the
-    same after it; z is the joint's axis. With S_n = sum_{i >= n} (moments of link i in the base)
-    the torque is tau_n = e_z . (z_n x S_n).
+    `frames` (N, 3, 3, M) are the axes x, y and z of frame i before the rotation of joint i,
+    `rotated` the same after it; z is the joint's axis. With S_n = sum_{i >= n} (moments of link i
+    in the base) the torque is tau_n = e_z . (z_n x S_n).
 
-    :param sin_cos: the sines and cosines (N, M) of q, if they are known.
+    :param sin_cos: the sines and cosines (N, M) of q, if already computed.
     """
 
     def __init__(self, axes: FloatArray, q: FloatArray,
                  sin_cos: tuple[FloatArray, FloatArray] | None = None) -> None:
         n, m = len(axes), q.shape[0]
         sin, cos = (np.sin(q.T), np.cos(q.T)) if sin_cos is None else sin_cos
-        self.frames, self.turned = np.empty((n, 3, 3, m)), np.empty((n, 3, 3, m))
+        self.frames, self.rotated = np.empty((n, 3, 3, m)), np.empty((n, 3, 3, m))
         scratch = np.empty((3, m))
         for i in range(n):
-            here, turned = self.frames[i], self.turned[i]
+            frame, rotated = self.frames[i], self.rotated[i]
             if i:
-                np.matmul(axes[i].T, self.turned[i - 1].reshape(3, 3 * m),
-                          out=here.reshape(3, 3 * m))
+                np.matmul(axes[i].T, self.rotated[i - 1].reshape(3, 3 * m),
+                          out=frame.reshape(3, 3 * m))
             else:
-                here[:] = axes[0].T[:, :, None]
-            np.multiply(cos[i], here[:2], out=turned[:2])
-            turned[0] += np.multiply(sin[i], here[1], out=scratch)
-            turned[1] -= np.multiply(sin[i], here[0], out=scratch)
-            turned[2] = here[2]
+                frame[:] = axes[0].T[:, :, None]
+            np.multiply(cos[i], frame[:2], out=rotated[:2])
+            rotated[0] += np.multiply(sin[i], frame[1], out=scratch)
+            rotated[1] -= np.multiply(sin[i], frame[0], out=scratch)
+            rotated[2] = frame[2]
 
     def torque(self, moments: FloatArray) -> FloatArray:
         """Return the torque (M, N) of moments (N, 2) on these axes."""
-        hanging, z = self._hanging(moments), self.frames[:, 2]
-        return np.asarray((z[:, 0] * hanging[:, 1] - z[:, 1] * hanging[:, 0]).T)
+        carried, z = self._carried(moments), self.frames[:, 2]
+        return np.asarray((z[:, 0] * carried[:, 1] - z[:, 1] * carried[:, 0]).T)
 
     def moment_columns(self, along: int = 2, weights: FloatArray | None = None) -> FloatArray:
         """
         Return d tau / d h, shape (2N, N, M): e_z . (z_n x a) for each moment's axis a.
 
-        :param along: 0 or 1 for a force along x or y of the base in the place of gravity.
-        :param weights: (N, M) that the torques are multiplied by.
+        :param along: the base axis of the vertical; 2 (z) for gravity.
+        :param weights: (N, M), multiply the torques.
         """
         n, _, _, m = self.frames.shape
         i, j = (along + 1) % 3, (along + 2) % 3
-        z, a = self._weighted(self.frames[:, 2], weights), self.turned
+        z, a = self._weighted(self.frames[:, 2], weights), self.rotated
         columns = np.zeros((n, 2, n, m))
         for k in range(n):
-            # A link turns about the joints before it and about its own.
+            # Link k rotates about its own joint and those before it.
             part = columns[k, :, :k + 1]
             np.multiply(z[:k + 1, i], a[k, :2, None, j], out=part)
             part -= z[:k + 1, j] * a[k, :2, None, i]
@@ -132,16 +133,16 @@ class ForwardKinematics:
 
     def axis_columns(self, moments: FloatArray, weights: FloatArray | None = None) -> FloatArray:
         """
-        Return d tau / d d, shape (2N, N, M): what turning A_j about its own x or y does.
+        Return d tau / d d, shape (2N, N, M), for rotations of A_j about its own x or y axis e.
 
-        All that hangs on joint j turns about e, so that for n >= j the vertical turns the
-        other way, tau_n' = (e_z x e) . (z_n x S_n), and for n < j only the moments beyond j
-        turn, tau_n' = e_z . (z_n x (e x S_j)).
+        Joint j and all links beyond it rotate about e. So for n >= j the vertical rotates in the
+        opposite direction, tau_n' = (e_z x e) . (z_n x S_n), and for n < j only the moments beyond
+        j rotate, tau_n' = e_z . (z_n x (e x S_j)).
 
-        :param weights: (N, M) that the torques are multiplied by.
+        :param weights: (N, M), multiply the torques.
         """
         n, _, _, m = self.frames.shape
-        z, s = self._weighted(self.frames[:, 2], weights), self._hanging(moments)
+        z, s = self._weighted(self.frames[:, 2], weights), self._carried(moments)
         lever_x = z[:, 1] * s[:, 2] - z[:, 2] * s[:, 1]
         lever_y = z[:, 2] * s[:, 0] - z[:, 0] * s[:, 2]
         columns = np.empty((n, 2, n, m))
@@ -151,26 +152,49 @@ class ForwardKinematics:
             np.multiply(e[:, None, 0], lever_y[j:], out=beyond)
             beyond -= e[:, None, 1] * lever_x[j:]
             if j:
-                turned_x = e[:, None, 1] * s[j, 2] - e[:, None, 2] * s[j, 1]
-                turned_y = e[:, None, 2] * s[j, 0] - e[:, None, 0] * s[j, 2]
-                np.multiply(z[:j, 0], turned_y, out=before)
-                before -= z[:j, 1] * turned_x
+                change_x = e[:, None, 1] * s[j, 2] - e[:, None, 2] * s[j, 1]
+                change_y = e[:, None, 2] * s[j, 0] - e[:, None, 0] * s[j, 2]
+                np.multiply(z[:j, 0], change_y, out=before)
+                before -= z[:j, 1] * change_x
         return columns.reshape(2 * n, n, m)
 
     @staticmethod
     def _weighted(z: FloatArray, weights: FloatArray | None) -> FloatArray:
         return z if weights is None else z * weights[:, None]
 
-    def _hanging(self, moments: FloatArray) -> FloatArray:
+    def _carried(self, moments: FloatArray) -> FloatArray:
         """Return S_n (N, 3, M): the moments of link n and all beyond it, in the base."""
-        turned = self.turned
-        total = np.empty((len(turned), *turned.shape[2:]))
-        for i in reversed(range(len(turned))):
-            np.multiply(moments[i, 0], turned[i, 0], out=total[i])
-            total[i] += moments[i, 1] * turned[i, 1]
-            if i + 1 < len(turned):
+        rotated = self.rotated
+        total = np.empty((len(rotated), *rotated.shape[2:]))
+        for i in reversed(range(len(rotated))):
+            np.multiply(moments[i, 0], rotated[i, 0], out=total[i])
+            total[i] += moments[i, 1] * rotated[i, 1]
+            if i + 1 < len(rotated):
                 total[i] += total[i + 1]
         return total
+
+
+def are_rotations(matrices: FloatArray) -> bool:
+    """Return whether all matrices (K, 3, 3) are rotations."""
+    error = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()
+    return bool(error <= 1e-6 and (np.linalg.det(matrices) >= 0.0).all())
+
+
+def about_z(angle: FloatArray) -> FloatArray:
+    """Return rotations (..., 3, 3) about z by angles (...) in rad."""
+    rotation = np.zeros((*angle.shape, 3, 3))
+    rotation[..., 0, 0] = rotation[..., 1, 1] = np.cos(angle)
+    rotation[..., 1, 0] = np.sin(angle)
+    rotation[..., 0, 1] = -rotation[..., 1, 0]
+    rotation[..., 2, 2] = 1.0
+    return rotation
+
+
+def skew(v: FloatArray) -> FloatArray:
+    """Return the matrices (..., 3, 3) of v x for v (..., 3)."""
+    upper = np.zeros((*v.shape[:-1], 3, 3))
+    upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return upper - np.swapaxes(upper, -1, -2)
 
 
 def tilt(d: FloatArray) -> FloatArray:
@@ -179,12 +203,12 @@ def tilt(d: FloatArray) -> FloatArray:
     angle = np.hypot(x, y)
     first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
     zero = np.zeros_like(x)
-    skew = np.moveaxis(np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]]), 2, 0)
-    return np.eye(3) + first[:, None, None] * skew + second[:, None, None] * (skew @ skew)
+    cross = np.moveaxis(np.array([[zero, zero, y], [zero, zero, -x], [-y, x, zero]]), 2, 0)
+    return np.eye(3) + first[:, None, None] * cross + second[:, None, None] * (cross @ cross)
 
 
 def aligned(direction: FloatArray) -> FloatArray:
-    """Return the least rotation that turns the z axis into a unit vector (3,)."""
+    """Return the smallest rotation (3, 3) that takes the z axis to a unit vector (3,)."""
     x, y, z = direction
     sine = np.hypot(x, y)
     across = np.array([-y, x]) / sine if sine > 1e-12 else np.array([1.0, 0.0])

@@ -1,12 +1,12 @@
 """
-Levenberg-Marquardt for the chain, with its moments eliminated.
+Levenberg-Marquardt solver for the chain, with its moments eliminated.
 
     minimise  sum ((tau - tau(A, h)) / sigma)^2 + |h|^2 / s^2
 
 over rotations A and moments h. For given A the torque is linear in h, so h is solved for after
 every step and only 2N angles are searched (variable projection, in the form of Ruhe and Wedin,
 SIAM Review 22 (1980), algorithm 2: the step comes from the full Jacobian). s is far larger than
-any moment of the arm: it keeps moments that no torque shows at 0 and leaves the others alone.
+any moment of the arm: it sets unidentifiable moments to 0 and hardly affects the others.
 """
 
 from __future__ import annotations
@@ -21,21 +21,26 @@ from gravity_comp_ros.models.sparse.weighted_nuisance import WeightedNuisance
 import numpy as np
 from scipy.linalg import lapack
 
-# Moments are kept under about this many times the largest torque.
-_LOOSE_MOMENT = 2.0
-# No axis turns further in one step, rad.
-_LONGEST_STEP = 0.7
-# A direction that no torque shows is taken as known to a radian.
-_ANGLE_SPREAD = 1.0
+# Prior standard deviation of a moment, as a multiple of the largest torque.
+_MOMENT_STD = 2.0
+# Prior standard deviation of an angle, in rad.
+_ANGLE_STD = 1.0
+# Maximum rotation of an axis in one step, in rad.
+_MAX_STEP = 0.7
+# Factors of the damping after a successful and a failed step, and maximum number of failed steps.
 _SHRINK, _GROW, _TRIES = 0.2, 5.0, 8
 
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """When to stop: after `max_steps`, or when a step gains less than this share of the cost."""
+    """Limits: `max_steps`, and the relative decrease of the cost that counts as converged."""
 
     max_steps: int = 100
     tolerance: float = 1e-6
+
+
+# For the first solution from a random start.
+COARSE = SolveOptions(max_steps=60, tolerance=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +48,9 @@ class ChainProblem:
     """
     Torques `tau` (M, N) in N·m of poses `q` (M, N), with weights 1 / sigma (M, N).
 
-    `nuisance` (K, N, M) are torques per unit of coefficients beside gravity, `spread` (K,) their
-    standard deviations before any data, per N·m of noise (None: all are free). Columns and target
-    are whitened against them (`models.sparse.projected`).
+    `nuisance` (K, N, M) are nuisance columns, torque per unit of coefficient; `spread` (K,) are
+    the prior standard deviations of their coefficients, per N·m of noise (None: all are free).
+    Columns and target are whitened against them (`models.sparse.projected`).
     """
 
     q: FloatArray
@@ -57,22 +62,22 @@ class ChainProblem:
 
     def __post_init__(self) -> None:
         largest = max(float(np.abs(self.tau).max(initial=0.0)), 1e-9)
-        object.__setattr__(self, 'moment_precision', (_LOOSE_MOMENT * largest) ** -2)
+        object.__setattr__(self, 'moment_precision', (_MOMENT_STD * largest) ** -2)
 
     @property
     def n_joints(self) -> int:
         return self.q.shape[1]
 
     def prior_precision(self) -> FloatArray:
-        """Return the diagonal (4N,) of what is known of a step without data."""
+        """Return the diagonal (4N,) of the prior precision of a step."""
         n = self.n_joints
-        return np.concatenate([np.full(2 * n, _ANGLE_SPREAD ** -2),
+        return np.concatenate([np.full(2 * n, _ANGLE_STD ** -2),
                                np.full(2 * n, self.moment_precision)])
 
     def rows(self, weighted: FloatArray) -> Rows:
         """Return a Jacobian (K, N, M) in units of the noise as the rows of the problem."""
         return Rows(weighted.reshape(len(weighted), self.tau.size),
-                    self.beside.inside(weighted))
+                    self.weighted_nuisance.inside(weighted))
 
     @cached_property
     def row_weights(self) -> FloatArray:
@@ -90,7 +95,7 @@ class ChainProblem:
         return self.row_weights * self.tau.T
 
     @cached_property
-    def beside(self) -> WeightedNuisance:
+    def weighted_nuisance(self) -> WeightedNuisance:
         """Return the nuisance columns in units of the noise."""
         return WeightedNuisance(self.nuisance, self.row_weights, self.spread)
 
@@ -105,27 +110,27 @@ class ChainProblem:
                             self.spread)
 
     def nuisance_coefficients(self, chain: Chain) -> FloatArray:
-        """Return the coefficients (K,) that fit best beside the gravity of a chain."""
+        """Return the best-fitting nuisance coefficients (K,) given the gravity of a chain."""
         return self._coefficients(self.tau - chain.torque(self.q))
 
     def residual(self, chain: Chain) -> FloatArray:
-        """Return what a chain and the nuisance terms leave of the torque, (M, N) in N·m."""
-        left = self.tau - chain.torque(self.q)
+        """Return the residual (M, N) in N·m of a chain and the nuisance terms."""
+        residual = self.tau - chain.torque(self.q)
         if self.nuisance is None:
-            return left
-        return np.asarray(left - np.tensordot(self._coefficients(left), self.nuisance,
-                                              axes=(0, 0)).T)
+            return residual
+        return np.asarray(residual - np.tensordot(self._coefficients(residual), self.nuisance,
+                                                  axes=(0, 0)).T)
 
-    def _coefficients(self, left: FloatArray) -> FloatArray:
-        return self.beside.coefficients(self.row_weights * left.T)
+    def _coefficients(self, residual: FloatArray) -> FloatArray:
+        return self.weighted_nuisance.coefficients(self.row_weights * residual.T)
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
     """
-    Columns of the regressor, transposed: `full` (K, N M), and their `inside` (K, K') of nuisance.
+    Columns of the regressor, transposed: `full` (K, N M), and their nuisance part (K, K').
 
-    Of the whitened columns only products are needed, which these two give for less.
+    They yield the products of the whitened columns without computing the columns themselves.
     """
 
     full: FloatArray
@@ -145,7 +150,7 @@ class Solution:
     """
     A minimum of a problem: the chain and its cost.
 
-    `free` (4N,) masks the numbers that were searched; the others were held.
+    `free` (4N,) masks the parameters of a step that were free; the others were fixed.
     """
 
     problem: ChainProblem
@@ -157,9 +162,9 @@ class Solution:
     @cached_property
     def precision(self) -> FloatArray:
         """Return the precision (4N, 4N) of a step from the chain."""
-        problem, sweep = self.problem, _sweep(self.problem, self.chain.axes)
-        parts = (sweep.axis_columns(self.chain.moments, problem.row_weights),
-                 sweep.moment_columns(weights=problem.row_weights))
+        problem, kinematics = self.problem, _kinematics(self.problem, self.chain.axes)
+        parts = (kinematics.axis_columns(self.chain.moments, problem.row_weights),
+                 kinematics.moment_columns(weights=problem.row_weights))
         return problem.rows(np.concatenate(parts)).gram() + np.diag(problem.prior_precision())
 
 
@@ -168,7 +173,7 @@ def solve(problem: ChainProblem, axes: FloatArray, free: BoolArray | None = None
     """
     Return the minimum that Levenberg-Marquardt reaches from `axes` (N, 3, 3).
 
-    :param free: which of a step's numbers (4N,) may move; moments that may not are 0.
+    :param free: mask (4N,) of a step's free parameters; fixed moments are 0.
     """
     n = problem.n_joints
     free = np.ones(4 * n, dtype=bool) if free is None else free
@@ -190,7 +195,7 @@ class _Point:
     """Axes with the best moments for them; `residual` (N M,) is whitened (`ChainProblem`)."""
 
     axes: FloatArray
-    sweep: ForwardKinematics
+    kinematics: ForwardKinematics
     moments: FloatArray
     rows: Rows
     gram: FloatArray
@@ -202,33 +207,35 @@ class _Search:
     def __init__(self, problem: ChainProblem, free: BoolArray) -> None:
         self.problem = problem
         self.b = problem.target()
-        self.whitened = problem.beside.whitened(self.b).ravel()
+        self.whitened = problem.weighted_nuisance.whitened(self.b).ravel()
         n = problem.n_joints
         self.free_axes, self.free_moments = free[:2 * n], free[2 * n:]
 
     def at(self, axes: FloatArray) -> _Point:
         problem = self.problem
-        sweep = _sweep(problem, axes)
-        rows = problem.rows(_chosen(sweep.moment_columns(weights=problem.row_weights),
-                                    self.free_moments))
+        kinematics = _kinematics(problem, axes)
+        rows = problem.rows(_selected(kinematics.moment_columns(weights=problem.row_weights),
+                                      self.free_moments))
         gram = rows.gram()
-        # Rounding must not make it indefinite where the noise is next to nothing.
+        # Keeps it positive definite under rounding where the noise is tiny.
         gram.flat[::len(gram) + 1] += problem.moment_precision + 1e-14 * gram.max(initial=0.0)
-        found = _solved(gram, rows.full @ self.whitened)
-        left = self.b - (found @ rows.full).reshape(self.b.shape)
-        residual = problem.beside.whitened(left).ravel()
+        free = _solved(gram, rows.full @ self.whitened)
+        residual = self.b - (free @ rows.full).reshape(self.b.shape)
+        whitened = problem.weighted_nuisance.whitened(residual).ravel()
         moments = np.zeros(self.free_moments.shape)
-        moments[self.free_moments] = found
-        cost = float(left.ravel() @ residual) + float(problem.moment_precision * (found @ found))
-        return _Point(axes, sweep, moments.reshape(-1, 2), rows, gram, residual, cost)
+        moments[self.free_moments] = free
+        cost = float(residual.ravel() @ whitened) + float(
+            problem.moment_precision * (free @ free))
+        return _Point(axes, kinematics, moments.reshape(-1, 2), rows, gram, whitened, cost)
 
     def step(self, point: _Point, damping: float) -> tuple[_Point | None, float]:
         """Return the next point, or None where no step lowers the cost, and the damping."""
         n_axes = int(self.free_axes.sum())
         if not n_axes:
             return None, damping
-        axes = self.problem.rows(_chosen(
-            point.sweep.axis_columns(point.moments, self.problem.row_weights), self.free_axes))
+        axes = self.problem.rows(_selected(
+            point.kinematics.axis_columns(point.moments, self.problem.row_weights),
+            self.free_axes))
         gram = np.empty((n_axes + len(point.gram),) * 2)
         gram[:n_axes, :n_axes] = axes.gram()
         gram[:n_axes, n_axes:] = axes.cross(point.rows)
@@ -239,13 +246,13 @@ class _Search:
             self.free_moments]
         stiffness = np.diag(gram)[:n_axes].copy()
         stiffness += 1e-9 * stiffness.max() + 1e-300
-        gram.flat[:n_axes * len(gram):len(gram) + 1] += _ANGLE_SPREAD ** -2
+        gram.flat[:n_axes * len(gram):len(gram) + 1] += _ANGLE_STD ** -2
         diagonal = gram.diagonal()[:n_axes].copy()
         for _ in range(_TRIES):
             gram.flat[:n_axes * len(gram):len(gram) + 1] = diagonal + damping * stiffness
             d = np.zeros(self.free_axes.shape)
             d[self.free_axes] = np.linalg.solve(gram, gradient)[:n_axes]
-            d *= min(1.0, _LONGEST_STEP / max(float(np.abs(d).max()), 1e-300))
+            d *= min(1.0, _MAX_STEP / max(float(np.abs(d).max()), 1e-300))
             tried = self.at(point.axes @ tilt(d.reshape(-1, 2)))
             if tried.cost < point.cost:
                 return tried, max(_SHRINK * damping, 1e-12)
@@ -254,23 +261,23 @@ class _Search:
 
 
 def _solved(gram: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solution of normal equations (K, K), the shortest one where they are singular."""
+    """Return the solution of normal equations (K, K), of minimum norm if they are singular."""
     if not len(gram):
         return np.zeros(0)
-    _, found, failed = lapack.dposv(gram, right)
-    return np.asarray(lstsq(gram, right, rcond=1e-13) if failed else found)
+    _, x, failed = lapack.dposv(gram, right)
+    return np.asarray(lstsq(gram, right, rcond=1e-13) if failed else x)
 
 
-def _sweep(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:
+def _kinematics(problem: ChainProblem, axes: FloatArray) -> ForwardKinematics:
     return ForwardKinematics(axes, problem.q, problem.sin_cos)
 
 
-def _chosen(columns: FloatArray, mask: BoolArray) -> FloatArray:
-    """Return the columns of a mask; all of them need no copy."""
+def _selected(columns: FloatArray, mask: BoolArray) -> FloatArray:
+    """Return the columns of a mask, without a copy if it selects all."""
     return columns if mask.all() else columns[mask]
 
 
 def _orthogonal(axes: FloatArray) -> FloatArray:
-    """Return the rotations nearest to products of many that rounding has worn."""
+    """Return the nearest rotations: products of many are no longer orthogonal after rounding."""
     u, _, vt = np.linalg.svd(axes)
     return np.asarray(u @ vt)

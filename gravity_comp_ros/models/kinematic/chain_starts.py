@@ -1,11 +1,11 @@
 """
-Where the chain's search starts, and how a bad end is noticed.
+Starting points of the chain's search, and detection of wrong minima.
 
-The cost has other minima than the right one. They show: their residual still holds something
-that features of the dictionary explain, where the right one leaves noise, and less of it in the
-directions that the fit itself took. So minima are sought from random axes, and from the best one
-with an axis or two thrown anew (most wrong minima have one wrong axis), until nothing is left to
-explain or the starts are used up. A start costs some tens of ms on 200 samples.
+The cost has several minima. A wrong one is recognised by its residual: features of the dictionary
+still explain part of it, while the right minimum leaves white noise. Minima are sought from random
+axes, and from the best axes with one or two of them replaced (most wrong minima have one wrong
+axis), until a residual is white or the starts are used up. A start takes some tens of ms on 200
+samples.
 """
 
 from __future__ import annotations
@@ -17,40 +17,40 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.kinematic.chain import aligned
 from gravity_comp_ros.models.kinematic.chain_solver import (
-    ChainProblem, Solution, solve, SolveOptions)
+    ChainProblem, COARSE, Solution, solve, SolveOptions)
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.models.sparse.lasso import column_lengths, has_length
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
-# Samples that a start is tried on.
+# Number of samples for a coarse solution.
 _FEW = 200
-_ROUGH = SolveOptions(max_steps=60, tolerance=1e-4)
-# A right minimum moves little when the weights change; a wrong one is not worth the walk.
+# A right minimum moves little when the weights change, so a few steps suffice.
 _NEAR = SolveOptions(max_steps=6, tolerance=1e-4)
-# Starts from random axes before the best one is varied.
+# Number of starts from random axes before the best axes are varied.
 _RANDOM = 4
-# The best minimum is taken once so many more starts have ended in it, within this share of its
-# cost: a residual that friction or an unmodelled effect leaves is never clean.
+# The best minimum is accepted after this number of further starts reached it, within this share of
+# its cost: with friction or an unmodelled effect no residual is white.
 _HITS, _SAME_MINIMUM = 3, 0.02
-# Draws of noise that a residual is compared with, and samples that it is compared on.
-_DRAWS, _ENOUGH = 16, 500
-# Right minima leave -3 to -5 (noise that lost what was fitted), wrong ones 1 to 30.
-LIMIT = 0.0
-_REWEIGHTED = 2
-# Neighbouring residuals of white noise are correlated by no more, in standard deviations.
+# Number of noise draws to compare a residual with, and of samples for the comparison.
+_DRAWS, _COMPARED = 16, 500
+# Limit of `structure` for white residuals. Right minima have -3 to -5 (fitting removed part of the
+# noise), wrong ones 1 to 30.
+STRUCTURE_LIMIT = 0.0
+_MAX_REWEIGHTINGS = 2
+# Limit of the lag-1 autocorrelation of white noise, in standard deviations.
 _WHITE = 4.0
 
 
 @dataclass(frozen=True)
 class SearchOptions:
     """
-    How long to search: at most `starts`, drawn from `seed`.
+    Extent of the search: at most `starts` starts, drawn from `seed`.
 
-    Where the end is unsure, `rivals` more starts look for other chains (`chain_rivals`); 0 for a
-    fit whose uncertainty nobody asks for.
+    If the result is uncertain, `rivals` more starts seek alternative chains; 0 where the
+    uncertainty is not used.
 
-    :raises OptionError: if there are no starts, or fewer than no rivals.
+    :raises OptionError: if `starts` is below 1 or `rivals` below 0.
     """
 
     starts: int = 40
@@ -59,14 +59,14 @@ class SearchOptions:
 
     def __post_init__(self) -> None:
         if self.starts < 1:
-            raise OptionError(f'chain: {self.starts} starts; there must be at least 1')
+            raise OptionError(f'chain: starts is {self.starts}; it must be at least 1')
         if self.rivals < 0:
-            raise OptionError(f'chain: {self.rivals} starts for rivals; there must be 0 or more')
+            raise OptionError(f'chain: rivals is {self.rivals}; it must be at least 0')
 
 
 @dataclass(frozen=True)
-class Found:
-    """A minimum of the full problem, the starts it took, and whether it leaves noise alone."""
+class SearchResult:
+    """A minimum of the full problem, the number of starts, and whether its residual is white."""
 
     solution: Solution
     starts: int
@@ -74,11 +74,11 @@ class Found:
 
 
 def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
-           start: FloatArray | None = None) -> Found:
+           start: FloatArray | None = None) -> SearchResult:
     """
-    Return the best minimum found.
+    Return the best minimum of all starts.
 
-    :param start: axes (N, 3, 3) that are tried before any others.
+    :param start: axes (N, 3, 3) of the first start.
     """
     few = thinned(problem)
     rng = np.random.default_rng(options.seed)
@@ -87,36 +87,36 @@ def search(problem: ChainProblem, options: SearchOptions = SearchOptions(),
     for count in range(1, options.starts + 1):
         axes = start if count == 1 and start is not None else next_axes(
             rng, problem.n_joints, count, best)
-        tried = solve(few, axes, options=_ROUGH)
+        tried = solve(few, axes, options=COARSE)
         if best is not None and tried.cost >= (1.0 - 1e-3) * best.cost:
             hits += tried.cost <= (1.0 + _SAME_MINIMUM) * best.cost
             if hits >= _HITS:
                 break
             continue
-        # A start that ends a little lower has found the same minimum again.
+        # A slightly lower cost is the same minimum again.
         hits = hits + 1 if best is not None and tried.cost >= (
             1.0 - _SAME_MINIMUM) * best.cost else 0
         best = tried
         if not _is_clean(few, tried):
             continue
-        result = _on_all(problem, best, count)
+        result = _refined(problem, best, count)
         if result.clean:
             return result
     assert best is not None
-    return _on_all(problem, best, count)
+    return _refined(problem, best, count)
 
 
 def structure(problem: ChainProblem, solution: Solution) -> float:
     """
-    Return how much the dictionary explains of a residual, against what it explains of noise.
+    Return how much more of a residual than of white noise the dictionary explains.
 
-    That is the logarithm of sum_k (A_k . r)^2 / |A_k|^2 over all 3^N features of an energy, less
-    its mean over draws of white noise, in their standard deviations. Each joint counts in
-    units of its own residual.
+    The statistic is the logarithm of sum_k (A_k . r)^2 / |A_k|^2 over all 3^N features of an
+    energy, each joint in units of its own residual. The result is its difference from the mean
+    over draws of white noise, in standard deviations of the draws.
     """
-    problem = thinned(problem, _ENOUGH)
+    problem = thinned(problem, _COMPARED)
     residual = problem.residual(solution.chain)
-    spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
+    spread = _rms(problem, residual)
     design = EnergyDesign(problem.q, np.broadcast_to(1.0 / spread, residual.shape))
     lengths = column_lengths(design)
     kept = has_length(lengths)
@@ -137,50 +137,56 @@ def thinned(problem: ChainProblem, count: int = _FEW) -> ChainProblem:
     return problem.select(np.linspace(0, len(problem.q) - 1, count).astype(int))
 
 
-def _on_all(problem: ChainProblem, rough: Solution, count: int) -> Found:
-    solution = solve(problem, rough.chain.axes)
-    return Found(solution, count, _is_clean(problem, solution))
+def _refined(problem: ChainProblem, coarse: Solution, count: int) -> SearchResult:
+    """Return the minimum of the full problem near a coarse one."""
+    solution = solve(problem, coarse.chain.axes)
+    return SearchResult(solution, count, _is_clean(problem, solution))
 
 
 def _is_clean(problem: ChainProblem, solution: Solution) -> bool:
     """
-    Return whether a solution leaves noise alone, once each joint has the weight of its own.
+    Return whether the residual is white once each joint is weighted by its own residual.
 
-    Under equal weights the errors that a noisy joint forces on a quiet one look like structure.
+    Under equal weights a noisy joint causes errors of a quiet one that look like structure.
     """
-    for count in range(_REWEIGHTED + 1):
+    for count in range(_MAX_REWEIGHTINGS + 1):
         if count:
             residual = problem.residual(solution.chain)
-            spread = np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau))
-            problem = problem.with_weights(np.broadcast_to(1.0 / spread, residual.shape))
+            problem = problem.with_weights(
+                np.broadcast_to(1.0 / _rms(problem, residual), residual.shape))
             solution = solve(problem, solution.chain.axes, options=_NEAR)
-        # The features cost far more than neighbours do.
-        if is_white(problem, solution) and structure(problem, solution) <= LIMIT:
+        # The autocorrelation is tested first because it is much cheaper.
+        if is_white(problem, solution) and structure(problem, solution) <= STRUCTURE_LIMIT:
             return True
     return False
 
 
+def _rms(problem: ChainProblem, residual: FloatArray) -> FloatArray:
+    """Return each joint's residual RMS (N,) in N·m, at least the noise floor."""
+    return np.asarray(np.maximum(np.sqrt((residual ** 2).mean(axis=0)), floor(problem.tau)))
+
+
 def is_white(problem: ChainProblem, solution: Solution) -> bool:
-    """Return whether no joint's residual is like that of the sample before it."""
+    """Return whether the lag-1 autocorrelation of every joint's residual is that of noise."""
     residual = problem.residual(solution.chain)
     power = np.maximum((residual ** 2).sum(axis=0), len(residual) * floor(problem.tau) ** 2)
-    likeness = (residual[1:] * residual[:-1]).sum(axis=0) / power
-    return bool(likeness.max(initial=0.0) < _WHITE / np.sqrt(len(residual)))
+    autocorrelation = (residual[1:] * residual[:-1]).sum(axis=0) / power
+    return bool(autocorrelation.max(initial=0.0) < _WHITE / np.sqrt(len(residual)))
 
 
 def next_axes(rng: np.random.Generator, n: int, count: int, best: Solution | None
               ) -> FloatArray:
-    """Return random axes, or the best ones with one or two of them thrown anew."""
-    thrown = _directions(rng, n)
+    """Return random axes, or the best ones with one or two of them replaced."""
+    random_axes = _random_axes(rng, n)
     if best is None or count <= _RANDOM or rng.random() < 0.25:
-        return np.stack(list(thrown))
+        return np.stack(list(random_axes))
     axes = best.chain.axes.copy()
     for j in rng.choice(n, size=min(n, int(rng.integers(1, 3))), replace=False):
-        axes[j] = axes[j] @ next(thrown)
+        axes[j] = axes[j] @ next(random_axes)
     return axes
 
 
-def _directions(rng: np.random.Generator, n: int) -> Iterator[FloatArray]:
-    """Yield n rotations that turn z anywhere."""
+def _random_axes(rng: np.random.Generator, n: int) -> Iterator[FloatArray]:
+    """Yield n rotations that take z to a random direction."""
     for direction in rng.normal(size=(n, 3)):
         yield aligned(direction / np.linalg.norm(direction))

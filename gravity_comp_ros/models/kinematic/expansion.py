@@ -15,8 +15,8 @@ def expand(chain: Chain) -> Expansion:
     """
     Return U in J as a sparse sum over the dictionary.
 
-    The vertical w_i is a sum over the products of the first i joints' factors; each joint
-    multiplies it by Rz.T A.T, which has a part for 1, one for sin and one for cos.
+    The vertical w_i is a sum over products of the factors of the first i joints. Each joint
+    multiplies it by Rz.T A.T, which has one part for each factor 1, sin and cos.
     """
     vertical = np.array([[0.0, 0.0, 1.0]])
     energy = np.zeros(1)
@@ -32,6 +32,6 @@ def expand(chain: Chain) -> Expansion:
         grown = parts[:, :, :2] @ moment
         grown[:, dictionary.ONE] += energy
         energy = grown.ravel()
-    energy[0] = 0.0
+    energy[0] = 0.0  # a constant has no torque
     kept = np.flatnonzero(np.abs(energy) > _ROUNDING * np.abs(energy).max(initial=0.0))
     return Expansion(kept, energy[kept])

@@ -1,9 +1,9 @@
 """
-Where the axes of an arm are, for those who know: directions help a fit, lengths weigh a tool.
+Axis directions and positions of an arm, usually from a robot description.
 
-Nothing here is needed to learn gravity. With the directions only the moments of a chain are left
-to fit; with the lengths a tool is four numbers, its mass m and first moment m c, instead of
-two moments of every link.
+Learning gravity does not require them. With known directions only the moments of a chain are
+fitted. With known lengths a payload has four parameters, its mass m and first moment m c, instead
+of two moments of every link.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from typing import Any
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
+from gravity_comp_ros.models.kinematic.chain import are_rotations
 import numpy as np
 
 __all__ = ['Geometry', 'HeldJoint', 'HELD_BY', 'STANDARD_GRAVITY']
@@ -26,12 +27,12 @@ HELD_BY = ('option', 'recording', 'assumption')
 @dataclass(frozen=True)
 class HeldJoint:
     """
-    A joint that carries the arm or lies within it, but is none of its N joints.
+    A joint before or within the arm that is held at a fixed position and not learned.
 
-    `value` in rad (m for a prismatic joint) is what the geometry takes it to be at, and `by`
-    says why: an option, the recording, or the assumption that it is at rest.
+    `value` is its position in rad (m for a prismatic joint), and `by` the source of the value: an
+    option, the recording, or the assumption that it is at rest.
 
-    :raises DataError: if the value is not finite, or the reason is none of `HELD_BY`.
+    :raises DataError: if the value is not finite, or the source is not in `HELD_BY`.
     """
 
     name: str
@@ -48,13 +49,13 @@ class Geometry:
     """
     The axes of N joints, from the base outwards.
 
-    `rotations` (N, 3, 3) turn the coordinates of frame i (before joint i turns; its z is the
-    axis) into those of frame i-1, the first into those of the base, whose z points up. `origins`
-    (N, 3) in m say where axis i lies in frame i-1. `link` names what the last joint moves, and
-    `link_rotation` (3, 3) turns that link's own coordinates into those of frame N. `held` are
-    the other joints that all this depends on. `source` names the description for messages.
+    `rotations` (N, 3, 3) transform coordinates of frame i (before the rotation of joint i; its z
+    is the axis) to frame i-1, the first to the base frame, whose z points up. `origins` (N, 3) in
+    m are the origins of frame i in frame i-1. `link` is the name of the last joint's link, and
+    `link_rotation` (3, 3) transforms that link's own coordinates to frame N. `held` are the other
+    joints that the geometry depends on. `source` names the description in messages.
 
-    :raises DataError: if shapes disagree, a number is not finite, or one is no rotation.
+    :raises DataError: if shapes disagree, a number is not finite, or a matrix is not a rotation.
     """
 
     joints: tuple[str, ...]
@@ -73,17 +74,15 @@ class Geometry:
             if array.shape != shape or not n:
                 raise DataError(f'geometry: {name} {array.shape} for {n} joints')
             if not np.isfinite(array).all():
-                raise DataError(f'geometry: {name} hold a number that is not finite')
+                raise DataError(f'geometry: a number of {name} is not finite')
             object.__setattr__(self, name, array)
-        every = np.concatenate([self.rotations, self.link_rotation[None]])
-        off = np.abs(every @ every.transpose(0, 2, 1) - np.eye(3)).max()
-        if off > 1e-6 or (np.linalg.det(every) < 0.0).any():
+        if not are_rotations(np.concatenate([self.rotations, self.link_rotation[None]])):
             raise DataError('geometry: an axis is not given by a rotation')
 
     @classmethod
     def from_json(cls, parts: Mapping[str, Any]) -> Geometry:
         """
-        Return the geometry that `to_json` gave.
+        Return the geometry from the output of `to_json`.
 
         :raises DataError: as the constructor.
         """
@@ -105,16 +104,16 @@ class Geometry:
 
     def tool_moments(self) -> FloatArray:
         """
-        Return what a tool adds to a chain's moments, shape (4, 2N).
+        Return the chain's moments (4, 2N) per unit of a payload's parameters.
 
         One row for its mass, in N·m/kg, and one for each component of its first moment in the
-        coordinates of `link`, in N·m/(kg m). Each link carries the tool at the end of its own
-        length; what lies along an axis acts as a moment of the link before (`chain`).
+        coordinates of `link`, in N·m/(kg m). Each link carries the payload at the end of its own
+        length; a moment along an axis acts as a moment of the link before (`chain`).
         """
         n = self.n_joints
-        found = np.zeros((4, n, 3))
-        found[0, :-1] = self.origins[1:]
-        found[1:, -1] = self.link_rotation.T
+        moments = np.zeros((4, n, 3))
+        moments[0, :-1] = self.origins[1:]
+        moments[1:, -1] = self.link_rotation.T
         for i in range(n - 1, 0, -1):
-            found[:, i - 1] += found[:, i, 2:] * self.rotations[i][:, 2]
-        return STANDARD_GRAVITY * found[:, :, :2].reshape(4, 2 * n)
+            moments[:, i - 1] += moments[:, i, 2:] * self.rotations[i][:, 2]
+        return STANDARD_GRAVITY * moments[:, :, :2].reshape(4, 2 * n)
