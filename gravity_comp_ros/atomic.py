@@ -1,4 +1,4 @@
-"""Files that are either old or new, never half."""
+"""Atomic replacement of files: a reader sees the old file or the new one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gravity_comp_ros.errors import GravityCompError
 
 def write_atomically(path: Path, data: bytes, error: type[GravityCompError]) -> None:
     """
-    Write `data` to `path` so that a reader, or a crash, sees the old file or the new one.
+    Write `data` to `path` atomically: after a crash it is the old file or the new one.
 
     :raises error: if the folder is missing, the disk is full, or writing is not permitted;
         the old file is then untouched.
@@ -26,11 +26,11 @@ def write_atomically(path: Path, data: bytes, error: type[GravityCompError]) -> 
 @contextmanager
 def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
     """
-    Yield the path of a temporary file that replaces `path` when the block ends well.
+    Yield the path of a temporary file that replaces `path` when the block ends without error.
 
     The temporary file lies in the same folder, because a rename is atomic only within a file
-    system; it is flushed to disk before the rename, and removed if anything fails. Of a
-    symbolic link the target is replaced, as an ordinary write would do.
+    system; it is flushed to disk before the rename, and removed on failure. For a symbolic link
+    the target is replaced, as by an ordinary write.
 
     :raises error: as `write_atomically`.
     """
@@ -47,8 +47,8 @@ def replacing(path: Path, error: type[GravityCompError]) -> Iterator[Path]:
         _flush_to_disk(temporary, os.O_RDWR)
         _keep_mode(target, temporary)
         os.replace(temporary, target)
-        # The new file is in place; some file systems cannot flush a folder, and that changes
-        # nothing of it being old or new.
+        # The new file is in place. Some file systems cannot flush a folder, which does not affect
+        # atomicity.
         with suppress(OSError):
             _flush_to_disk(target.parent, os.O_RDONLY)
     except OSError as problem:
@@ -66,7 +66,7 @@ def _flush_to_disk(path: Path, mode: int) -> None:
 
 
 def _keep_mode(path: Path, temporary: Path) -> None:
-    """Give the new file the old one's permissions, or what the user's umask says."""
+    """Give the new file the old one's permissions, or those of the user's umask."""
     if path.exists():
         temporary.chmod(path.stat().st_mode & 0o777)
         return

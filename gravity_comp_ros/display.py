@@ -1,4 +1,4 @@
-"""How results show themselves: as text in a terminal, as a table in a notebook."""
+"""Display of results: as text in a terminal, as HTML in a notebook."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NUMBER = 'text-align:right;font-variant-numeric:tabular-nums'
 
 @dataclass(frozen=True)
 class TextTable:
-    """A table of text: `columns` are headings, the first `left` columns are words."""
+    """A table of text: `columns` are headings, the first `left` columns are left-aligned."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -32,7 +32,7 @@ class TextTable:
         return '\n'.join([lines[0], '  '.join('-' * width for width in widths), *lines[1:]])
 
     def html(self) -> str:
-        """Return the table as HTML; nothing in a cell is markup."""
+        """Return the table as HTML, with the text of the cells escaped."""
         def row(cells: Sequence[str], tag: str) -> str:
             return '<tr>' + ''.join(
                 f'<{tag} style="{_CELL if k < self.left else _NUMBER}">'
@@ -41,12 +41,12 @@ class TextTable:
                 + ''.join(row(cells, 'td') for cells in self.rows) + '</tbody></table>')
 
 
-class Shown(ABC):
+class Displayable(ABC):
     """A result with a line for `repr`, and sentences and tables for `print` and notebooks."""
 
     @abstractmethod
     def summary(self) -> str:
-        """Return one line that says what this is."""
+        """Return a description in one line."""
 
     @abstractmethod
     def parts(self) -> Iterable[str | TextTable]:
@@ -68,17 +68,17 @@ class Shown(ABC):
 
 
 def percent(share: float | None) -> str:
-    """Return a share as per cent, a dash where there is none."""
+    """Return a share as per cent, a dash for None or a number that is not finite."""
     return '–' if share is None or not math.isfinite(share) else f'{100 * share:.2f} %'
 
 
 def change(before: float, after: float) -> str:
-    """Return by how much of itself an error has changed, a dash where there was none."""
+    """Return the relative change of an error in per cent, a dash if it was 0 before."""
     return f'{100 * (after / before - 1):+.0f} %' if before > 0.0 else '–'
 
 
 def shortened(equation: str, terms: int) -> str:
-    """Return the first `terms` terms of an equation, and how many follow."""
+    """Return the first `terms` terms of an equation, and the number of further ones."""
     parts = re.split(r'(?= [+-] )', equation)
     if len(parts) <= terms:
         return equation

@@ -7,25 +7,25 @@ from enum import Enum
 
 class Hint(Enum):
     """
-    What may help against an error.
+    A remedy for an error.
 
-    The value says it to somebody who writes Python. The command line and the node say the same
-    in terms of their own options and services.
+    The value is worded for the Python interface. The command line and the node word it in terms of
+    their own options and services.
     """
 
     SLOW_MOTION = 'record slow motion, raise max_speed of the gate, or read with gate=None'
-    IN_MODEL = 'undo() takes back what was added last'
+    IN_MODEL = 'undo() removes the last addition'
     NAME_DESCRIPTION = 'name a URDF file (urdf)'
-    HELD_JOINT_MOVES = 'learn it as a joint of the arm, or say where it stands (fixed)'
-    INSTALL_EFFECT = 'install the package that brings it, or take it back with undo()'
+    HELD_JOINT_MOVES = 'learn it as a joint of the arm, or give its position (fixed)'
+    INSTALL_EFFECT = 'install the package that provides it, or remove it with undo()'
 
 
 class GravityCompError(Exception):
     """
     Base of all errors of this package.
 
-    The message is one line that says what was wrong and where. `hint` says what to do about
-    it, where that depends on how the package is used; `str` of the error holds both.
+    The message is one line with the error and its place. `hint` is the remedy, where it depends on
+    the interface in use; `str` of the error contains both.
     """
 
     def __init__(self, message: str = '', hint: Hint | None = None) -> None:
@@ -34,16 +34,16 @@ class GravityCompError(Exception):
         self.hint = hint
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return what makes an equal error in another process."""
+        """Return the constructor call for unpickling in another process."""
         return type(self), (self.message, self.hint)
 
 
 class OptionError(GravityCompError, ValueError):
-    """An option or parameter has a value that makes no sense."""
+    """An option or parameter with an invalid value."""
 
 
 class DataError(GravityCompError, ValueError):
-    """Samples that cannot be used: wrong shape, not finite, too few, not moving."""
+    """Unusable samples: wrong shape, not finite, too few, not moving."""
 
 
 class BagError(GravityCompError):
@@ -59,4 +59,4 @@ class ModelMismatchError(GravityCompError):
 
 
 class FitError(GravityCompError):
-    """A fit that has no usable result."""
+    """A fit without a usable result."""

@@ -1,4 +1,4 @@
-"""Text from files made safe to show: names in a bag are data, never terminal commands."""
+"""Escaping of text from files: names in a bag must not control the terminal."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ _UNSAFE = {'Cc', 'Cf', 'Cs', 'Co', 'Cn', 'Zl', 'Zp'}
 
 def printable(text: object) -> str:
     r"""
-    Return `text` on one line, with nothing in it that a terminal would obey.
+    Return `text` on one line, without characters that control a terminal.
 
-    Line breaks and tabs become spaces. Other control characters, escapes, marks that turn the
-    direction of writing, and lone surrogates become their code point, as in `\x1b`.
+    Line breaks and tabs become spaces. Other control characters, escapes, marks of the writing
+    direction, and lone surrogates become their code point, as in `\x1b`.
     """
     line = ' '.join(str(text).split())
-    return ''.join(_shown(character) for character in line)
+    return ''.join(_escaped(character) for character in line)
 
 
-def _shown(character: str) -> str:
+def _escaped(character: str) -> str:
     if unicodedata.category(character) not in _UNSAFE:
         return character
     code = ord(character)
@@ -27,11 +27,11 @@ def _shown(character: str) -> str:
 
 
 def counted(number: int, thing: str) -> str:
-    """Return a number and what is counted, as in `1 sample` and `2 samples`."""
+    """Return a number with a singular or plural noun, as in `1 sample` and `2 samples`."""
     return f'{number} {thing if number == 1 else thing + "s"}'
 
 
 def shown_names(names: Sequence[str], most: int = 12) -> str:
-    """Return names in one line, and how many there are after the first `most`."""
+    """Return the first `most` names in one line, and the number of further ones."""
     more = f' and {len(names) - most} more' if len(names) > most else ''
     return ', '.join(names[:most]) + more

@@ -122,7 +122,7 @@ def test_undo_brings_the_model_back_to_the_last_bit(bags, model, capsys):
     capsys.readouterr()
     kept = model.read_bytes()
     assert main(['add', '--undo', '--model', str(model)]) == 1
-    assert 'no addition to take back' in capsys.readouterr().err
+    assert 'no addition to undo' in capsys.readouterr().err
     assert model.read_bytes() == kept
 
 

@@ -119,7 +119,7 @@ def test_words_and_undo(folder, model, capsys):
     np.testing.assert_array_equal(back.predict(LATER), before.predict(LATER))
     assert [step.action for step in back.history] == ['updated', 'removed']
     assert 'updates' not in back.provenance
-    assert 'taken back already' in refused(capsys, 'update', '--undo', '--model', model)
+    assert 'undone already' in refused(capsys, 'update', '--undo', '--model', model)
 
 
 def test_effects_are_taken_off_before_and_kept(folder, tmp_path, capsys):

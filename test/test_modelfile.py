@@ -121,7 +121,7 @@ def test_every_way_of_cutting_it_short_is_refused(saved):
     data = saved.read_bytes()
     for length in [*range(0, len(data) - 1, 37), len(data) - 2, len(data) - 3]:
         saved.write_bytes(data[:length])
-        refused(saved, 'cut short|not a model file')
+        refused(saved, 'truncated|not a model file')
 
 
 def test_without_its_last_line_break_it_is_whole(saved):
@@ -240,7 +240,7 @@ def test_a_signed_file_that_makes_no_sense_is_refused(saved, edit):
     body = json.loads(saved.read_text())['model']
     edit(body)
     saved.write_text(signed(body))
-    refused(saved, 'no valid model|formulation')
+    refused(saved, 'not a valid model|formulation')
 
 
 def test_a_missing_file_and_a_folder(tmp_path):

@@ -10,7 +10,7 @@ from pathlib import Path
 from gravity_comp_ros.api.provenance import now
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.display import shortened, Shown, TextTable
+from gravity_comp_ros.display import Displayable, shortened, TextTable
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, UPDATED
 from gravity_comp_ros.models.history import undone
@@ -39,7 +39,7 @@ class JointFit:
 
 
 @dataclass(frozen=True, repr=False)
-class FitReport(Shown):
+class FitReport(Displayable):
     """
     How a model came about.
 
@@ -82,7 +82,7 @@ class FitReport(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Shown):
+class Model(Displayable):
     """
     The gravity torque of an arm, and the effects that it was given.
 

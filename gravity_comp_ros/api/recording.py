@@ -13,7 +13,7 @@ from gravity_comp_ros.api.provenance import Holdout
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import BoolArray, JointSamples
-from gravity_comp_ros.display import Shown, TextTable
+from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.printable import counted
@@ -26,7 +26,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Recording(Shown):
+class Recording(Displayable):
     """
     One or several runs of an arm's motion, ready for every step of the loop.
 

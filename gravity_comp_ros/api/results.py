@@ -12,14 +12,14 @@ from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis import findings as core
 from gravity_comp_ros.diagnosis import wording
 from gravity_comp_ros.diagnosis.findings import Estimate, Finding, JointReport
-from gravity_comp_ros.display import Shown, TextTable
+from gravity_comp_ros.display import Displayable, TextTable
 from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.planning.plan import Expectation, Plan
 from gravity_comp_ros.printable import counted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Diagnosis(Shown):
+class Diagnosis(Displayable):
     """
     Which effects a model is missing, the strongest first.
 
@@ -71,7 +71,7 @@ EXPECTED = ('to settle', 'chance now', 'chance then', 'coefficient, 95 %',
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionPlan(Shown):
+class MotionPlan(Displayable):
     """
     A motion that settles what recordings leave open, and what to expect of it.
 

@@ -1,8 +1,7 @@
 """
-Effects that a model has been given besides gravity.
+Effects of a model in addition to gravity.
 
-Pure data: what the torque of an effect is stands in the library of effects, which a model file
-must not need in order to be read.
+Data only: reading a model file must not require the library of effects, which computes torques.
 """
 
 from __future__ import annotations
@@ -40,11 +39,11 @@ class Value(Quantity):
 @dataclass(frozen=True)
 class AppliedEffect:
     """
-    One effect in a model: on which joint (None: the whole arm), and its numbers by symbol.
+    One effect in a model: its joint (None: the whole arm), and its coefficients by symbol.
 
-    `setting` holds what the effect is not linear in, such as a Stribeck speed.
+    `setting` are its nonlinear parameters, such as a Stribeck speed.
 
-    :raises DataError: if there is no coefficient, or a setting is not finite.
+    :raises DataError: if there is no coefficient, or a nonlinear parameter is not finite.
     """
 
     name: str
@@ -56,11 +55,11 @@ class AppliedEffect:
         if not self.coefficients:
             raise DataError(f'effect {self.name} has no coefficient')
         if not np.isfinite([float(x) for x in self.setting.values()]).all():
-            raise DataError(f'effect {self.name}: a setting is not finite')
+            raise DataError(f'effect {self.name}: a nonlinear parameter is not finite')
 
     @property
     def target(self) -> str:
-        """Return `NAME:JOINT`, or `NAME` for the whole arm, as `add` takes it."""
+        """Return `NAME:JOINT`, or `NAME` for the whole arm: the argument of `add`."""
         return target(self.name, self.joint)
 
 
@@ -74,29 +73,28 @@ class Applied:
     """
     All effects of a model.
 
-    `direction` says how the direction of motion of each joint was told in the data that the
-    coefficients were fitted to, as numbers by name, one (N,) per joint; `width` in rad/s, the
-    speed over which friction turns its sign, is always among them.
+    `direction` are the parameters of the direction of motion in the fitted data, by name, (N,)
+    each. `width` in rad/s, the speed over which friction changes sign, is always among them.
 
-    :raises DataError: if there are effects without such numbers, one is not finite or
-        negative, or an effect is there twice.
+    :raises DataError: if effects come without these parameters, one is not finite or negative, or
+        an effect is given twice.
     """
 
     effects: tuple[AppliedEffect, ...] = ()
     direction: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        told = {name: np.asarray(x, dtype=np.float64) for name, x in self.direction.items()}
-        for name, numbers in told.items():
-            if numbers.ndim != 1 or not np.isfinite(numbers).all() or (numbers < 0.0).any():
-                raise DataError(f'effects: a {name} of the direction is negative or no number')
-        object.__setattr__(self, 'direction', told)
-        if self.effects and not (told.get('width', np.zeros(1)) > 0.0).all():
-            raise DataError('effects: they come without the width of the direction')
+        arrays = {name: np.asarray(x, dtype=np.float64) for name, x in self.direction.items()}
+        for name, array in arrays.items():
+            if array.ndim != 1 or not np.isfinite(array).all() or (array < 0.0).any():
+                raise DataError(f'effects: a {name} of the direction is negative or not finite')
+        object.__setattr__(self, 'direction', arrays)
+        if self.effects and not (arrays.get('width', np.zeros(1)) > 0.0).all():
+            raise DataError('effects: the width of the direction is missing')
         targets = [effect.target for effect in self.effects]
         if len(set(targets)) < len(targets):
-            raise DataError(f'effects: one is there twice among {", ".join(targets)}')
+            raise DataError(f'effects: one is given twice among {", ".join(targets)}')
 
     def has(self, name: str, joint: str | None) -> bool:
-        """Return whether this effect is there."""
+        """Return whether the model has this effect."""
         return any((e.name, e.joint) == (name, joint) for e in self.effects)

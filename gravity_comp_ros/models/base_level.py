@@ -1,8 +1,8 @@
 """
-Whether an arm stands level, and a model of it without features of the first joint.
+Level bases, and models without features of the first joint.
 
-Gravity has no torque about a vertical first axis, so a level arm needs no features of its first
-joint. A tilted base then stays an effect (`base_tilt`).
+Gravity has no torque about a vertical first axis, so the model of a level arm needs no features of
+its first joint. A small tilt of the base is then an effect (`base_tilt`).
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 import numpy as np
 
-# An arm whose first joint carries less than this share of the largest torque is level but for
-# a tilt; more is a wall or an incline, whose gravity the model must have.
+# Maximum torque of the first joint, as a share of the largest, on a base that is level up to a
+# small tilt. More indicates a wall or an incline, which the gravity model must include.
 _NEARLY_LEVEL = 0.15
 
 
 def is_level(torque: FloatArray) -> bool:
-    """Return whether the first joint's torque (M, N) in N·m is that of a nearly level base."""
+    """Return whether torques (M, N) in N·m indicate a nearly level base."""
     rms = np.sqrt((torque ** 2).mean(axis=0))
     return bool(rms[0] <= _NEARLY_LEVEL * rms.max())
 

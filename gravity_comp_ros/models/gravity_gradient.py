@@ -1,4 +1,4 @@
-"""How the gravity torque of a model changes with the pose: its stiffness, in closed form."""
+"""Gravity stiffness: the derivative of a model's gravity torque by the pose, in closed form."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
-# Rows of the feature matrix held at once.
+# Number of rows of the feature matrix per batch.
 _CHUNK = 4096
-# With more features than this a chain is differentiated as the chain that it is, by this step
-# in rad; the error is about 1e-9 of the torque.
-_MANY, _STEP = 1000, 1e-5
+# Maximum number of features; with more, a chain is differentiated numerically with this step in
+# rad, with an error of about 1e-9 of the torque.
+_MAX_FEATURES, _STEP = 1000, 1e-5
 
 
 def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
     """
     Return d gravity_n / d q_j in N·m/rad, shape (M, N, N) with n before j.
 
-    The derivative of a feature is again a feature (Yu 2022, Property 1), so this is exact. Of a
-    chain with very many features central differences are taken.
+    The derivative of a feature is again a feature (Yu 2022, Property 1), so this is exact. A chain
+    with very many features is differentiated by central differences.
 
     :param q: poses (M, N) in rad.
     """
     n = model.n_joints
     if model.chain is not None and model.energy is not None and (
-            len(model.energy.indices) > _MANY):
+            len(model.energy.indices) > _MAX_FEATURES):
         return _by_differences(model.chain, q)
     parts = [torque.gradient(n, j) for torque in model.torques for j in range(n)]
     features = np.unique(np.concatenate([part.indices for part in parts]))
@@ -42,7 +42,7 @@ def gravity_gradient(model: GravityModel, q: FloatArray) -> FloatArray:
 
 def _by_differences(chain: Chain, q: FloatArray) -> FloatArray:
     n = q.shape[1]
-    found = np.empty((len(q), n, n))
+    gradient = np.empty((len(q), n, n))
     for joint, step in enumerate(_STEP * np.eye(n)):
-        found[:, :, joint] = (chain.torque(q + step) - chain.torque(q - step)) / (2.0 * _STEP)
-    return found
+        gradient[:, :, joint] = (chain.torque(q + step) - chain.torque(q - step)) / (2.0 * _STEP)
+    return gradient

@@ -1,7 +1,7 @@
 """
-The gravity model: what a fit yields, a file holds and a controller evaluates.
+The gravity model: the result of a fit, the content of a model file, the input of a controller.
 
-Whatever the formulation, the torque of every joint is a sparse sum over the dictionary,
+In every formulation the torque of a joint is a sparse sum over the dictionary,
 tau_n(q) = sum_k w_nk phi_k(q) (Yu 2022, Eqs. 5-7), so one class prints, predicts and stores all.
 """
 
@@ -23,14 +23,14 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.uncertainty import Uncertainty
 import numpy as np
 
-# With more features than this a chain is evaluated faster as the chain that it is.
-_MANY = 100
+# Number of features above which the chain itself is evaluated faster than its expansion.
+_MAX_FEATURES = 100
 ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Where a model was trained: `q_min`, `q_max` (N,) in rad, samples and runs."""
+    """Trained range of a model: `q_min`, `q_max` (N,) in rad, number of samples and runs."""
 
     q_min: FloatArray
     q_max: FloatArray
@@ -43,12 +43,12 @@ class Coverage:
 
     @classmethod
     def of(cls, samples: JointSamples) -> Coverage:
-        """Return where samples are."""
+        """Return the coverage of samples."""
         return cls(samples.q.min(axis=0), samples.q.max(axis=0), samples.n_samples,
                    len(np.unique(samples.runs)))
 
     def distance(self, q: FloatArray) -> FloatArray:
-        """Return how far each joint of q (..., N) is outside the trained range, rad."""
+        """Return the distance (..., N) in rad of each joint of q from the trained range."""
         return np.maximum(np.maximum(self.q_min - q, q - self.q_max), 0.0)
 
 
@@ -58,10 +58,9 @@ class Step:
     One change of a model.
 
     `action` is 'added' or 'removed' for effects, 'updated' for a payload; `effects` are their
-    targets (`payload` of an update), `when` a time as text (from
-    whoever asked for the change). `before` and `after` are held-out RMSE by joint in N·m,
-    empty where nothing was measured. `previous` is the model to go back to, None once that
-    has happened.
+    targets (`payload` of an update), `when` the time as text. `before` and `after` are the
+    held-out RMSE by joint in N·m, empty if not measured. `previous` is the model that an undo
+    restores, None after the undo.
     """
 
     action: str
@@ -73,7 +72,7 @@ class Step:
 
     def __post_init__(self) -> None:
         if self.action not in (ADDED, REMOVED, UPDATED):
-            raise DataError(f'history: unknown step {self.action!r}')
+            raise DataError(f'history: unknown action {self.action!r}')
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,19 +80,19 @@ class GravityModel:
     """
     The gravity torque of an arm of N joints, learned from motion.
 
-    `torques` holds one expansion per joint in N·m; `energy` is the potential energy U in J with
-    tau_n = dU/dq_n, for formulations that have one. `noise` (N,) is the residual's standard
-    deviation in training, N·m; `provenance` tells data, options and solver, ready for JSON.
-    `chain` is what the energy of the chain formulation was expanded from; `uncertainty` is None
-    where the formulation has none. `applied` are effects besides gravity; `predict` is gravity
-    alone, and `effects.predict` adds them. `history` lists the changes that led to this model, the
-    latest last. `nuisance` are terms that were fitted beside gravity and are not predicted.
-    `payload_path` is the energy in J that a payload added: it shows how a load travels along an
-    arm of unknown lengths (`estimation.payload_path`). `geometry` has the axes of the arm, if the
-    chain was fitted on those of a description.
+    `torques` are one expansion per joint in N·m; `energy` is the potential energy U in J with
+    tau_n = dU/dq_n, None for `per_joint`. `noise` (N,) is the residual's standard deviation in
+    training, N·m; `provenance` contains data, options and solver, ready for JSON. `chain` is the
+    chain from which the energy was expanded, None in other formulations; `uncertainty` is None for
+    `per_joint`. `applied` are effects in addition to gravity; `predict` returns gravity alone, and
+    `effects.predict` adds them. `history` lists the changes of the model, the latest last.
+    `nuisance` are terms fitted jointly with gravity and not predicted. `payload_path` is the
+    energy in J that a payload added; it determines how a load acts on the joints of an arm of
+    unknown lengths (`estimation.payload_path`). `geometry` are the axes of the arm, if the chain
+    was fitted on those of a description.
 
-    :raises DataError: if the parts disagree in their number of joints, or an effect is on a
-        joint that there is not.
+    :raises DataError: if the parts disagree in their number of joints, or an effect is on an
+        unknown joint.
     """
 
     joints: tuple[str, ...]
@@ -129,7 +128,7 @@ class GravityModel:
                             f'{", ".join(self.joints)}')
         for effect in self.applied.effects:
             if effect.joint is not None and effect.joint not in self.joints:
-                raise DataError(f'model: effect {effect.target} is on no joint of it')
+                raise DataError(f'model: effect {effect.target} is on an unknown joint')
         for name, numbers in self.applied.direction.items():
             if len(numbers) != n:
                 raise DataError(f'model: {name} of the direction for {len(numbers)} of {n} joints')
@@ -151,7 +150,7 @@ class GravityModel:
 
     @property
     def noise_with_nuisance(self) -> FloatArray:
-        """Return the residual's standard deviation (N,) in N·m beside the nuisance terms."""
+        """Return the residual's standard deviation (N,) in N·m with nuisance terms fitted."""
         return self.nuisance.noise if self.nuisance.noise.size else self.noise
 
     def predict(self, q: FloatArray) -> FloatArray:
@@ -160,11 +159,8 @@ class GravityModel:
 
         :raises DataError: if q has another number of joints.
         """
-        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
-        if q.shape[1] != self.n_joints:
-            raise DataError(f'model of {self.n_joints} joints was given poses of {q.shape[1]}')
-        evaluator = self._evaluator
-        if self.chain is not None and len(evaluator.indices) > _MANY:
+        q, evaluator = self._poses(q), self._evaluator
+        if self.chain is not None and len(evaluator.indices) > _MAX_FEATURES:
             return self.chain.torque(q)
         return dictionary.combined(q, evaluator.indices, evaluator.weights)
 
@@ -176,34 +172,37 @@ class GravityModel:
         """
         Return the standard deviation (M, N) in N·m of `predict` at poses q (M, N).
 
-        It is the model's own: the noise of a measurement comes on top, so that 95 % of
-        measured torques lie within 1.96 sqrt(std^2 + noise^2).
+        It excludes the measurement noise: 95 % of measured torques lie within
+        1.96 sqrt(std^2 + noise^2).
 
         :raises DataError: if the model has no uncertainty, or q another number of joints.
         """
-        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
         if self.uncertainty is None:
-            raise DataError(f'this {self.formulation} model holds no uncertainty; fit it again '
+            raise DataError(f'this {self.formulation} model has no uncertainty; fit it again '
                             f'as chain or potential')
+        return self.uncertainty.std(self._poses(q))
+
+    def _poses(self, q: FloatArray) -> FloatArray:
+        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
         if q.shape[1] != self.n_joints:
             raise DataError(f'model of {self.n_joints} joints was given poses of {q.shape[1]}')
-        return self.uncertainty.std(q)
+        return q
 
     def n_features(self) -> IntArray:
-        """Return how many features each joint's torque has, shape (N,)."""
+        """Return the number of features of each joint's torque, shape (N,)."""
         return np.array([len(torque.indices) for torque in self.torques], dtype=np.int64)
 
     def extrapolation(self, q: FloatArray) -> float:
-        """Return how far the worst joint of pose q (N,) is outside the trained range, rad."""
+        """Return the largest distance in rad of a joint of pose q (N,) from the trained range."""
         return float(self.coverage.distance(q).max())
 
     def equation(self, joint: str, digits: int = 2) -> str:
         """
-        Return a joint's torque as the paper's Table B.1 prints it, the largest term first.
+        Return a joint's torque in the notation of Yu 2022, Table B.1, the largest term first.
 
         E.g. `-20.81 s1 c2 + 3.10 s2`; `0` for a joint without features.
 
-        :raises DataError: if there is no such joint.
+        :raises DataError: if the joint is unknown.
         """
         if joint not in self.joints:
             raise DataError(f'no joint {joint} in the model; it has {", ".join(self.joints)}')
@@ -220,7 +219,7 @@ class GravityModel:
 
 
 class _Evaluator:
-    """All joints' torques over the union of their features, laid out for one fast product."""
+    """All joints' torques over the union of their features, in one product."""
 
     def __init__(self, torques: tuple[Expansion, ...], n_joints: int) -> None:
         every = np.concatenate([torque.indices for torque in torques])
@@ -229,7 +228,7 @@ class _Evaluator:
         for joint, torque in enumerate(torques):
             self.weights[np.searchsorted(self.indices, torque.indices), joint] = torque.weights
         choice = dictionary.digits(self.indices, n_joints)
-        # Row n of the table holds factor n of {1, sin, cos}: a flat index picks all at once.
+        # Row k of the table is factor k of {1, sin, cos}: a flat index selects all at once.
         self._flat = np.ascontiguousarray((choice * n_joints + np.arange(n_joints)).T)
         self._table = np.ones((3, n_joints))
 
@@ -242,9 +241,9 @@ class _Evaluator:
 
 def check_formulation(name: str) -> None:
     """
-    Check that a formulation is known.
+    Check the name of a formulation.
 
-    :raises ModelFileError: if it is not.
+    :raises ModelFileError: if it is unknown.
     """
     if name not in FORMULATIONS:
         raise ModelFileError(f'unknown formulation {name!r}; known: {", ".join(FORMULATIONS)}')

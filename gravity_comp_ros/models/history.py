@@ -1,4 +1,4 @@
-"""How effects and payloads of a model came and went, and how the last change is undone."""
+"""History of a model's effects and payload updates, and undo of the last change."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from gravity_comp_ros.models.gravity_model import ADDED, GravityModel, REMOVED, 
 def with_step(model: GravityModel, previous: GravityModel, effects: tuple[str, ...], when: str,
               before: Mapping[str, float], after: Mapping[str, float],
               action: str = ADDED) -> GravityModel:
-    """Return a model with the step that led to it from the `previous` one in its history."""
-    # Each step holds one model, not the histories of those before it over again.
+    """Return a model with the step from the `previous` model appended to its history."""
+    # The previous model is stored without its own history, which would nest.
     step = Step(action, effects, when, before, after, replace(previous, history=()))
     return replace(model, history=(*previous.history, step))
 
 
 def undone(model: GravityModel, when: str) -> GravityModel:
     """
-    Return the model as it was before the last addition or update; the history tells of both.
+    Return the model before the last addition or update; the history records both.
 
-    :raises DataError: if nothing was added, all of it is undone, or the model before it does not
-        know of a payload that came since.
+    :raises DataError: if there is nothing to undo, or the model before it does not include a
+        later payload change.
     """
     history = model.history
     place = next((k for k in reversed(range(len(history))) if history[k].previous), None)
     if place is None:
-        raise DataError('there is no addition to take back' + (
-            '; it was taken back already' if history else ''))
+        raise DataError('there is no addition to undo' + (
+            '; it was undone already' if history else ''))
     step, previous = history[place], history[place].previous
     assert previous is not None
     if step.action == ADDED and _updates(previous) != _updates(model):
         raise DataError(f'the payload changed after {", ".join(step.effects)} had been added, and '
-                        f'the model before that does not know it; fit again without the effect')
+                        f'the model before does not include it; fit again without the effect')
     kept = (*history[:place], replace(step, previous=None), *history[place + 1:])
     back = Step(REMOVED, step.effects, when, step.after, step.before)
     return replace(previous, history=(*kept, back))

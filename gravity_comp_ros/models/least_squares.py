@@ -1,9 +1,9 @@
 """
-Least squares and singular values, whatever the matrix.
+Least squares and singular values, also of rank-deficient matrices.
 
-LAPACK's divide and conquer, which NumPy takes, now and then gives up on a finite matrix whose
-columns depend on each other ("SVD did not converge"). The QR iteration then finds them. Of a
-matrix with NaN it may never end, so that finite numbers are checked first.
+NumPy uses LAPACK's divide and conquer, which sometimes fails on a finite rank-deficient matrix
+("SVD did not converge"). The QR iteration is then used instead. It may not end for a matrix with
+NaN, so finiteness is checked first.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
-# A slope below this share of the largest is rounding.
+# Gradients below this share of the largest are rounding errors.
 _ROUNDING = 1e-12
 
 
@@ -21,7 +21,7 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
 
     :param x: (M, K). :param y: (M,) or (M, C).
     :param rcond: singular values below this share of the largest count as 0; None for the
-        precision of the numbers times the longer side of x.
+        machine precision times the longer side of x.
     :return: b, (K,) or (K, C).
     :raises numpy.linalg.LinAlgError: if x or y is not finite.
     """
@@ -29,7 +29,7 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
     try:
         return np.asarray(np.linalg.lstsq(x, y, rcond=rcond)[0])
     except np.linalg.LinAlgError:
-        # The process of the node loads no SciPy unless it must.
+        # Imported here because the node's process avoids loading SciPy.
         from scipy import linalg
         share = np.finfo(float).eps * max(x.shape) if rcond is None else rcond
         return np.asarray(linalg.lstsq(x, y, cond=share, lapack_driver='gelss')[0])
@@ -37,29 +37,29 @@ def lstsq(x: FloatArray, y: FloatArray, rcond: float | None = None) -> FloatArra
 
 def non_negative(x: FloatArray, y: FloatArray) -> FloatArray:
     """
-    Return the least-squares solution b (K,) of x b = y of which no number is negative.
+    Return the non-negative least-squares solution b (K,) of x b = y.
 
     It is the active-set method of C. L. Lawson and R. J. Hanson, Solving Least Squares Problems
     (1974), chapter 23, on the normal equations: the columns of x (M, K) must be independent.
     """
     gram, right, b = x.T @ x, x.T @ y, np.zeros(x.shape[1])
-    least = _ROUNDING * float(np.abs(right).max(initial=0.0))
+    tolerance = _ROUNDING * float(np.abs(right).max(initial=0.0))
     positive = np.zeros(len(b), dtype=bool)
     for _ in range(3 * len(b)):
-        slope = np.where(positive, -np.inf, right - gram @ b)
-        if not slope.size or slope.max() <= least:
+        gradient = np.where(positive, -np.inf, right - gram @ b)
+        if not gradient.size or gradient.max() <= tolerance:
             break
-        positive[slope.argmax()] = True
+        positive[gradient.argmax()] = True
         while positive.any():
-            aim = np.zeros(len(b))
-            aim[positive] = np.linalg.solve(gram[np.ix_(positive, positive)], right[positive])
-            held = np.flatnonzero(positive & (aim <= 0.0))
-            if not held.size:
-                b = aim
+            target = np.zeros(len(b))
+            target[positive] = np.linalg.solve(gram[np.ix_(positive, positive)], right[positive])
+            blocking = np.flatnonzero(positive & (target <= 0.0))
+            if not blocking.size:
+                b = target
                 break
-            shares = b[held] / np.maximum(b[held] - aim[held], 1e-300)
-            b = b + shares.min() * (aim - b)
-            positive[held[shares.argmin()]] = False
+            shares = b[blocking] / np.maximum(b[blocking] - target[blocking], 1e-300)
+            b = b + shares.min() * (target - b)
+            positive[blocking[shares.argmin()]] = False
             b[~positive] = 0.0
     return b
 

@@ -1,8 +1,8 @@
 """
 Model files: JSON with a format, a version and a checksum, written atomically.
 
-The checksum is the SHA-256 of the `model` object in canonical JSON (sorted keys, no spaces), so
-that a file that was cut, or edited by hand, is refused instead of moving an arm.
+The checksum is the SHA-256 of the `model` object in canonical JSON (sorted keys, no spaces). A
+file that was truncated or edited by hand is refused.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertai
 import numpy as np
 
 FORMAT = 'gravity_comp_ros model'
-# A model with effects says so by its version: a program that does not know them must refuse it,
-# not predict without them. A model of gravity alone stays readable for all.
-_PLAIN, _WITH_EFFECTS = 1, 2
-# A model of ten joints with every feature is 2 MB; what is larger is something else.
+# Models with effects have a version of their own, so that a program without support for effects
+# refuses them instead of predicting gravity alone. Models of gravity alone keep version 1.
+_GRAVITY_ONLY, _WITH_EFFECTS = 1, 2
+# Maximum size of a model file; ten joints with every feature take 2 MB.
 _MAX_BYTES = 64 * 2 ** 20
 
 
 def save_model(path: Path | str, model: GravityModel) -> None:
     """
-    Write a model file; an existing one is replaced as a whole or not at all.
+    Write a model file; an existing one is replaced atomically.
 
-    :raises ModelFileError: if it cannot be written, or holds what JSON cannot: a number that is
-        not finite, an object in the provenance.
+    :raises ModelFileError: if it cannot be written, or contains values without JSON form: a number
+        that is not finite, an object in the provenance.
     """
     try:
         body = _to_json(model)
     except (TypeError, ValueError) as problem:
         raise ModelFileError(f'cannot write model {path}: {problem}') from problem
-    version = _WITH_EFFECTS if 'applied' in body else _PLAIN
+    version = _WITH_EFFECTS if 'applied' in body else _GRAVITY_ONLY
     document = {'format': FORMAT, 'version': version, 'sha256': _checksum(body), 'model': body}
     text = json.dumps(document, indent=1, allow_nan=False) + '\n'
     write_atomically(Path(path), text.encode(), ModelFileError)
@@ -54,26 +54,26 @@ def load_model(path: Path | str) -> GravityModel:
     """
     Read a model file.
 
-    :raises ModelFileError: if it is missing, no model file, of another version, or damaged.
+    :raises ModelFileError: if it is missing, not a model file, of another version, or damaged.
     """
     path = Path(path)
     document = _read(path)
     if document.get('format') != FORMAT:
         raise ModelFileError(f'{path} is not a model file of this package')
-    if document.get('version') not in (_PLAIN, _WITH_EFFECTS):
+    if document.get('version') not in (_GRAVITY_ONLY, _WITH_EFFECTS):
         raise ModelFileError(f'{path} has version {document.get("version")!r}; this program '
-                             f'reads versions {_PLAIN} and {_WITH_EFFECTS}')
+                             f'reads versions {_GRAVITY_ONLY} and {_WITH_EFFECTS}')
     body = document.get('model')
     if not isinstance(body, dict) or not _is_signed(body, document.get('sha256')):
         raise ModelFileError(f'{path} is damaged: its checksum does not match. Fit it again or '
-                             f'take a copy')
+                             f'use a copy')
     try:
         return _from_json(body)
     except ModelFileError as problem:
         raise ModelFileError(f'{path}: {problem}') from problem
     except (GravityCompError, AttributeError, KeyError, IndexError, TypeError, ValueError,
             OverflowError) as problem:
-        raise ModelFileError(f'{path} is no valid model: {problem}') from problem
+        raise ModelFileError(f'{path} is not a valid model: {problem}') from problem
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def _read(path: Path) -> dict[str, Any]:
         reason = (problem.strerror or 'unreadable').lower()
         raise ModelFileError(f'cannot read model {path}: {reason}') from problem
     except (ValueError, RecursionError) as problem:
-        raise ModelFileError(f'{path} is not a model file, or it was cut short: not JSON'
+        raise ModelFileError(f'{path} is not a model file, or it is truncated: not JSON'
                              ) from problem
     if not isinstance(document, dict):
         raise ModelFileError(f'{path} is not a model file of this package')
@@ -100,7 +100,7 @@ def _checksum(body: dict[str, Any]) -> str:
 
 
 def _is_signed(body: dict[str, Any], checksum: object) -> bool:
-    """Return whether the checksum belongs to the body; a body with NaN or inf has none."""
+    """Return whether the checksum matches the body; a body with NaN or inf has no checksum."""
     try:
         return checksum == _checksum(body)
     except (ValueError, RecursionError):
@@ -108,7 +108,7 @@ def _is_signed(body: dict[str, Any], checksum: object) -> bool:
 
 
 def _to_json(model: GravityModel) -> dict[str, Any]:
-    """Return the model as plain lists; an energy implies the torques, which are then left out."""
+    """Return the model as lists for JSON; torques are omitted if there is an energy."""
     body: dict[str, Any] = {
         'joints': list(model.joints),
         'formulation': model.formulation,
@@ -136,7 +136,7 @@ def _to_json(model: GravityModel) -> dict[str, Any]:
         body['geometry'] = model.geometry.to_json()
     if model.applied.effects or model.history:
         body['applied'] = _applied_json(model)
-    # Through JSON and back, so that the checksum is of what a reader will see.
+    # Through JSON and back, so that the checksum is that of the parsed file.
     return dict(json.loads(json.dumps(body, allow_nan=False)))
 
 
@@ -212,7 +212,7 @@ def _numbers(values: dict[str, float]) -> dict[str, float]:
 
 def _text(value: object) -> str:
     if not isinstance(value, str):
-        raise TypeError('a name is no text')
+        raise TypeError('a name is not text')
     return value
 
 
@@ -224,7 +224,7 @@ def _gravity(body: dict[str, Any]) -> GravityModel:
                         int(place['n_samples']), int(place['n_runs']))
     noise = _floats(body['noise'])
     if not isinstance(body['provenance'], dict):
-        raise TypeError('the provenance is no object')
+        raise TypeError('the provenance is not an object')
     if 'energy' in body:
         energy = _expansion(body['energy'])
         chain = _chain(body['chain']) if 'chain' in body else None
@@ -246,9 +246,9 @@ def _floats(values: object) -> FloatArray:
 
 
 def _list(values: object, kind: type | tuple[type, ...]) -> list[Any]:
-    """Return a list of one kind of value; numpy would round, parse and truncate others."""
+    """Return a list of one kind of value; NumPy would silently convert others."""
     if not isinstance(values, list) or not all(isinstance(value, kind) for value in values):
-        raise TypeError('a list holds what it should not')
+        raise TypeError('a list contains a value of the wrong type')
     return values
 
 
@@ -259,12 +259,12 @@ def _chain(parts: dict[str, list]) -> Chain:
 
 def _uncertainty(body: dict[str, Any], energy: Expansion,
                  chain: Chain | None) -> Uncertainty | None:
-    """Return what the covariance in a file belongs to: a chain's step, or the energy."""
+    """Return the uncertainty of the chain or of the energy, None without a covariance."""
     if 'covariance' not in body:
         return None
     covariance = np.array(body['covariance'], dtype=np.float64)
     if not covariance.size:
-        # A joint that carries nothing: its model has no term, and JSON no shape.
+        # A model without terms: JSON does not store the shape of an empty array.
         covariance = covariance.reshape(0, 0)
     if chain is not None:
         return ChainUncertainty(chain, covariance)

@@ -1,11 +1,11 @@
 """
-Nuisance terms: what was fitted beside gravity so that gravity does not imitate it.
+Nuisance terms: friction, offset and inertia, fitted jointly so that gravity does not absorb them.
 
     tau_n = g_n(q) + c_n d_n + v_n qd_n + o_n + sum_j J_nj qdd_j + noise
 
 c is Coulomb friction with the direction of motion d (`effects.motion_direction`), v viscous
-friction, o an offset and J inertia. The terms are reported and stored with the model. They are no
-part of its prediction: a user adds an effect to have it predicted.
+friction, o an offset and J inertia. The terms are reported and stored with the model, but not
+predicted: for prediction the user adds an effect.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ UNITS = {COULOMB: 'N·m', VISCOUS: 'N·m·s/rad', OFFSET: 'N·m', INERTIA: 'kg·
 @dataclass(frozen=True)
 class NuisanceTerm:
     """
-    One term: its `kind`, the `joint` whose torque it is part of, value and standard deviation.
+    One term: its `kind`, the `joint` whose torque contains it, value and standard deviation.
 
     `source` is the joint whose acceleration an inertia multiplies, None for other kinds.
 
@@ -57,9 +57,9 @@ class NuisanceTerms:
 
     `width` (N,) in rad/s and `hold` (N,) in rad describe the direction of motion of each joint
     (`effects.motion_direction.Shape`); `noise` (N,) in N·m is the residual's standard deviation
-    beside gravity and these terms. A model without terms has empty arrays.
+    with these terms fitted. A model without terms has empty arrays.
 
-    :raises DataError: if an array has a number that is not finite.
+    :raises DataError: if an array has a number that is negative or not finite.
     """
 
     terms: tuple[NuisanceTerm, ...] = ()
@@ -71,11 +71,11 @@ class NuisanceTerms:
         for name in ('width', 'hold', 'noise'):
             values = np.asarray(getattr(self, name), dtype=np.float64)
             if values.ndim != 1 or not np.isfinite(values).all() or (values < 0.0).any():
-                raise DataError(f'nuisance terms: {name} is negative or no number')
+                raise DataError(f'nuisance terms: {name} is negative or not finite')
             object.__setattr__(self, name, values)
 
     def of(self, kind: str) -> Mapping[str, NuisanceTerm]:
-        """Return the terms of one kind by joint; of inertia, that of the joint itself."""
+        """Return the terms of one kind by joint; for inertia, those of the joint's own motion."""
         return {term.joint: term for term in self.terms
                 if term.kind == kind and term.source in (None, term.joint)}
 
@@ -86,7 +86,7 @@ class NuisanceTerms:
         return NuisanceTerms(self.terms, self.width[order], self.hold[order], self.noise[order])
 
     def to_json(self) -> dict[str, Any]:
-        """Return the terms as a model file holds them."""
+        """Return the terms for a model file."""
         return {'terms': [{'kind': t.kind, 'joint': t.joint, 'value': t.value, 'std': t.std,
                            'unit': t.unit, 'source': t.source} for t in self.terms],
                 'width': self.width.tolist(), 'hold': self.hold.tolist(),

@@ -1,10 +1,9 @@
 """
-How sure a model is of its torque, pose by pose.
+Standard deviation of a model's torque at any pose.
 
-Both kinds hold the covariance of what was fitted, noise and prior in it, and carry it to the
-torque through the derivative of the torque by what was fitted. That is exact for an energy, which
-is linear in its weights, and linearised for a chain. Model only: the noise of a measurement comes
-on top (`GravityModel.noise`).
+The covariance of the fitted parameters, from noise and prior, is propagated through the derivative
+of the torque by the parameters. This is exact for an energy, which is linear in its weights, and
+linearised for a chain. Measurement noise is not included (`GravityModel.noise`).
 """
 
 from __future__ import annotations
@@ -19,16 +18,16 @@ from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
-# Poses that are worked on together: bounds the memory.
+# Number of poses per batch, which bounds the memory.
 _AT_ONCE = 1000
 
 
 class Uncertainty(Protocol):
-    """What a model knows of its own error."""
+    """Uncertainty of a model's torque."""
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the covariance of what was fitted."""
+        """Return the covariance of the fitted parameters."""
 
     def std(self, q: FloatArray) -> FloatArray:
         """Return the standard deviation (M, N) in N·m of the torque of poses q (M, N)."""
@@ -55,8 +54,8 @@ class EnergyUncertainty:
 
     def std(self, q: FloatArray) -> FloatArray:
         parts = [np.zeros((0, q.shape[1]))]
-        for some in _parts(q):
-            columns = EnergyDesign(some, np.ones(some.shape)).columns(self.indices)
+        for batch in _batches(q):
+            columns = EnergyDesign(batch, np.ones(batch.shape)).columns(self.indices)
             parts.append(np.sqrt(((columns @ self._root) ** 2).sum(axis=1)).reshape(
                 q.shape[1], -1).T)
         return np.concatenate(parts)
@@ -83,13 +82,13 @@ class ChainUncertainty:
 
     def std(self, q: FloatArray) -> FloatArray:
         parts = [np.zeros((0, q.shape[1]))]
-        for some in _parts(q):
-            spread = np.tensordot(self._root.T, self.chain.jacobian(some), axes=(1, 0))
+        for batch in _batches(q):
+            spread = np.tensordot(self._root.T, self.chain.jacobian(batch), axes=(1, 0))
             parts.append(np.sqrt((spread ** 2).sum(axis=0)).T)
         return np.concatenate(parts)
 
 
-def _parts(q: FloatArray) -> list[FloatArray]:
+def _batches(q: FloatArray) -> list[FloatArray]:
     return [q[start:start + _AT_ONCE] for start in range(0, len(q), _AT_ONCE)]
 
 
@@ -102,7 +101,7 @@ def _factor(covariance: FloatArray) -> FloatArray:
 def _checked(covariance: FloatArray, size: int) -> FloatArray:
     array = np.asarray(covariance, dtype=np.float64)
     if array.shape != (size, size):
-        raise DataError(f'uncertainty: a covariance of {array.shape} for {size} numbers')
+        raise DataError(f'uncertainty: a covariance of {array.shape} for {size} parameters')
     if not np.isfinite(array).all():
         raise DataError('uncertainty: a number is not finite')
     return array
