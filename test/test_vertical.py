@@ -15,7 +15,7 @@ from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, wit
 from gravity_comp_ros.simulation.motions import eq17
 from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 import numpy as np
 import pytest
 
@@ -54,6 +54,8 @@ def worst(model, arm):
 
 @settings(max_examples=25, deadline=None)
 @given(st.floats(25.0, 180.0), st.floats(0.0, 6.2))
+# The moment about the nearly vertical first axis is then hardly identifiable.
+@example(179.0, 0.03125)
 def test_any_vertical_is_found_from_the_torque(angle, about):
     arm = turned(ARM, np.radians(angle), about)
     found = with_estimated_vertical(AXES, recorded(arm))

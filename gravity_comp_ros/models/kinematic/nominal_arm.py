@@ -49,21 +49,32 @@ def nominal_parameters(geometry: Geometry, moments: FloatArray) -> FloatArray:
     return result
 
 
-def unreachable_share(geometry: Geometry, moments: FloatArray) -> float:
-    """Return the share of the moments (N, 2) out of reach of non-negative masses."""
-    missing = _nearest(geometry, moments)[2]
-    return float(np.linalg.norm(missing) / max(float(np.linalg.norm(moments)), 1e-12))
+def unreachable_share(geometry: Geometry, moments: FloatArray, weights: FloatArray) -> float:
+    """
+    Return the share of the moments (N, 2) out of reach of non-negative masses.
+
+    :param weights: of the moments, (2 N, 2 N): 0 in directions that are not identifiable.
+    """
+    missing = _nearest(geometry, moments, weights)[2].ravel()
+    return float(np.linalg.norm(weights @ missing)
+                 / max(float(np.linalg.norm(weights @ moments.ravel())), 1e-12))
 
 
-def _nearest(geometry: Geometry, moments: FloatArray
+def _nearest(geometry: Geometry, moments: FloatArray, weights: FloatArray | None = None
              ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return parameters (P, 10 N) of 1 kg each, masses (P,), and unreached moments (N, 2)."""
+    """
+    Return parameters (P, 10 N) of 1 kg each, masses (P,), and unreached moments (N, 2).
+
+    :param weights: of the moments, (2 N, 2 N); None weighs all alike.
+    """
     parameters = np.concatenate([_of_points(places, link, geometry.n_joints)
                                  for link, places in enumerate(_points(geometry))])
     per_mass = _moments_of(geometry, parameters)
-    size = max(float(np.abs(moments).max()), 1e-9)
-    a = np.concatenate([per_mass / size, _REGULARISATION * np.eye(len(parameters))], axis=0)
-    b = np.concatenate([moments.ravel() / size, np.zeros(len(parameters))])
+    weights = np.eye(len(per_mass)) if weights is None else weights
+    target = weights @ moments.ravel()
+    size = max(float(np.abs(target).max()), 1e-9)
+    a = np.concatenate([weights @ per_mass / size, _REGULARISATION * np.eye(len(parameters))])
+    b = np.concatenate([target / size, np.zeros(len(parameters))])
     masses = non_negative(a, b)
     missing = moments - (per_mass @ masses).reshape(-1, 2)
     # Moments about a vertical axis have no gravity torque and are not identifiable.

@@ -39,6 +39,8 @@ _MIN_TORQUE = 1e-2
 # inverted; of randomly drawn arms 10 to 30 % and 30 to 80 %. One of 180 poor recordings of
 # upright arms was inverted.
 _INVERTED = 0.7
+# Error of the moments of a nominal arm, as a share of the largest torque.
+_NOMINAL_ERROR = 0.05
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -52,10 +54,12 @@ def with_estimated_vertical(geometry: Geometry, samples: JointSamples) -> Geomet
         return geometry
     torques = _Torques.of(geometry, samples)
     vertical = torques.best()
-    moments = torques.moments(vertical) / STANDARD_GRAVITY
+    moments, root = torques.moments(vertical)
+    moments = moments / STANDARD_GRAVITY
     rotated = replace(geometry, rotations=_rotated(geometry.rotations, vertical))
     inverted = replace(geometry, rotations=_rotated(geometry.rotations, -vertical))
-    if unreachable_share(inverted, -moments) < _INVERTED * unreachable_share(rotated, moments):
+    if (unreachable_share(inverted, -moments, root)
+            < _INVERTED * unreachable_share(rotated, moments, root)):
         return inverted
     return rotated if vertical[2] < np.cos(MAX_FITTED_TILT) else geometry
 
@@ -79,6 +83,7 @@ class _Torques:
     right: FloatArray
     squares: FloatArray
     n_samples: int
+    largest: float
 
     @classmethod
     def of(cls, geometry: Geometry, samples: JointSamples) -> _Torques:
@@ -92,7 +97,7 @@ class _Torques:
         columns = np.concatenate([*(kinematics.moment_columns(axis) for axis in range(3)),
                                   nuisance]).transpose(1, 0, 2)
         return cls(columns @ columns.transpose(0, 2, 1), np.einsum('ncm,mn->nc', columns, tau),
-                   (tau ** 2).sum(axis=0), len(q))
+                   (tau ** 2).sum(axis=0), len(q), float(np.abs(tau).max()))
 
     def best(self) -> FloatArray:
         """Return the vertical (3,) in the base; near z unless another is much more probable."""
@@ -121,11 +126,25 @@ class _Torques:
         return (gain > _MIN_LOG_LIKELIHOOD
                 and 0.5 * float(ratio.min()) < np.log(1.0 - _MIN_REDUCTION))
 
-    def moments(self, vertical: FloatArray) -> FloatArray:
-        """Return the best-fitting moments (N, 2) in N·m for a vertical (3,)."""
+    def moments(self, vertical: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """
+        Return the best-fitting moments (N, 2) in N·m for a vertical (3,), and their weights.
+
+        The weights (2 N, 2 N) are 1 for moments that the motion identifies better than a nominal
+        arm can reproduce them, and 0 for those that it does not excite.
+        """
         n = len(self.squares)
-        coefficients = self._solved(vertical[None], self._torque_weights())[0]
-        return np.asarray(coefficients[0, :2 * n].reshape(n, 2))
+        residual = self._residual(vertical[None], self._torque_weights())[0]
+        weights = self.n_samples / _CORRELATION_TIME * self._weights(residual)
+        coefficients, products, _ = self._solved(vertical[None], self._torque_weights())
+        gram = np.tensordot(weights, products[:, 0], axes=1)
+        cross = gram[:2 * n, 2 * n:]
+        information = gram[:2 * n, :2 * n] - cross @ np.linalg.pinv(
+            gram[2 * n:, 2 * n:], rcond=1e-9, hermitian=True) @ cross.T
+        values, vectors = np.linalg.eigh(information)
+        values = np.maximum(values, 0.0) * self.largest ** 2 * _NOMINAL_ERROR ** 2
+        root = (vectors * np.sqrt(values / (1.0 + values))) @ vectors.T
+        return coefficients[0, :2 * n].reshape(n, 2), np.asarray(root)
 
     def _torque_weights(self) -> FloatArray:
         """Return the weight of each joint (N,): one over its sum of squared torques."""
