@@ -47,8 +47,8 @@ def answers_of(walk, verb):
 
 
 def test_the_page_shows_the_commands_of_the_script():
-    shown = re.findall(r'^\$ (.*)$', (DOCS / 'walkthrough.md').read_text(), flags=re.MULTILINE)
-    assert shown == COMMANDS
+    commands = re.findall(r'^\$ (.*)$', (DOCS / 'walkthrough.md').read_text(), flags=re.MULTILINE)
+    assert commands == COMMANDS
 
 
 def test_compare_shows_the_joint_with_the_friction(walk):

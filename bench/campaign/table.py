@@ -133,8 +133,8 @@ def _number(value: float | None) -> str:
 
 
 def _some(texts: Sequence[str], limit: int = 3) -> str:
-    shown = '; '.join(texts[:limit])
-    return shown + (f'; and {len(texts) - limit} more' if len(texts) > limit else '')
+    return '; '.join(texts[:limit]) + (
+        f'; and {len(texts) - limit} more' if len(texts) > limit else '')
 
 
 def _joint(joint: int | None) -> str:
