@@ -96,7 +96,8 @@ NAMES = {
 
 # Files without hits; patterns of `fnmatch`.
 CLEAN = (
-    'README.md', 'CHANGELOG.rst', 'Makefile', 'setup.py', 'tools/*', 'bags/*',
+    'README.md', 'CHANGELOG.rst', 'Makefile', 'setup.py', 'package.xml', 'pyproject.toml',
+    'setup.cfg', 'requirements/*', 'tools/*', 'bags/*',
     'docs/architecture.md', 'docs/dependencies.md', 'docs/paper.md',
     'bench/accuracy.py', 'bench/pages.py', 'bench/real_*.py', 'bench/campaign/*', 'bench/chain/*',
     'bench/estimator/*', 'bench/paper/*', 'bench/scale/*', 'bench/solver/*',
@@ -118,10 +119,10 @@ class RuleSet:
     bound: int
 
 
-TEXT = ('.py', '.md', '.rst', '.sh', '')
+TEXT = ('.py', '.md', '.rst', '.sh', '.yaml', '.toml', '.cfg', '.xml', '.js', '')
 RULES = {
     'words': RuleSet(re.compile(
-        '(?<![A-Za-z.])(?:' + '|'.join(WORDS) + ')(?![A-Za-z])', re.I), TEXT, CLEAN, 1707),
+        '(?<![A-Za-z.])(?:' + '|'.join(WORDS) + ')(?![A-Za-z])', re.I), TEXT, CLEAN, 1719),
     'clauses': RuleSet(re.compile('|'.join(CLAUSES)), ('.py',), CLEAN, 585),
     'names': RuleSet(re.compile('|'.join(NAMES)), ('.py',), CLEAN, 1005),
 }
@@ -152,13 +153,13 @@ def hits_of(path: Path, name: str) -> list[str]:
 
 
 def files() -> list[Path]:
-    """Return all text files of the repository except this one."""
-    listed = subprocess.run(['git', 'ls-files', '*.md', '*.rst', '*.py', '*.sh', 'Makefile'],
-                            cwd=ROOT, capture_output=True, text=True)
+    """Return all files with text of ours, except this one."""
+    listed = subprocess.run(['git', 'ls-files'], cwd=ROOT, capture_output=True, text=True)
     if listed.returncode:
         pytest.skip('not in a git checkout')
-    paths = [ROOT / name for name in listed.stdout.splitlines()]
-    return [path for path in paths if path.exists() and path != Path(__file__).resolve()]
+    paths = [ROOT / name for name in listed.stdout.splitlines() if name != 'LICENSE']
+    return [path for path in paths if path.exists() and path.suffix in TEXT
+            and path != Path(__file__).resolve()]
 
 
 def is_clean(path: Path, name: str) -> bool:

@@ -20,6 +20,7 @@ from pathlib import Path
 import time
 
 from bench.cases import generated
+from bench.estimator.builds import fit_on_axes, NOISE, true_axes
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.request import requests
@@ -27,12 +28,9 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 
-# Standard deviation of the torque, in N·m.
-NOISE = 0.1
 # Coulomb friction and noise of `rough`, in N·m.
 ROUGH = 0.3
 URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'
@@ -74,20 +72,10 @@ class Case:
 
     def floor(self, samples: JointSamples) -> Row:
         """Return the errors of a least-squares fit of all moments with the true axes."""
-        axes = np.stack([p.rotation for p in list(self.arm.model.jointPlacements)[1:]])
-        up = -self.arm.model.gravity.linear
-        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        columns = ForwardKinematics(axes, samples.q).moment_columns()
-        columns = columns.reshape(2 * len(axes), -1) / NOISE
-        gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
-        moments = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
-        row = {}
-        for name, q in (('motion', self.motion), ('range', self.range)):
-            columns = ForwardKinematics(axes, q).moment_columns()
-            torque = np.tensordot(moments, columns, axes=(0, 0)).T
-            error = torque - arms.gravity_torque(self.arm, q)
-            row[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
-        return row
+        chain = fit_on_axes(true_axes(self.arm), samples)
+        return {name: float(np.sqrt(((chain.torque(q) - arms.gravity_torque(self.arm, q)) ** 2)
+                                    .mean(axis=0)).max())
+                for name, q in (('motion', self.motion), ('range', self.range))}
 
 
 def show(title: str, rows: list[Row]) -> None:

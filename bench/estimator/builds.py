@@ -6,16 +6,18 @@ from dataclasses import dataclass
 
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
+from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
 import pinocchio as pin
 
+# Standard deviation of the torque in N·m, sampling rate in Hz, duration of the motion in s.
 NOISE = 0.1
 RATE = 5.0
 DURATION = 100.0
+# Number of test poses over the whole joint range.
 RANGE_POSES = 1000
 
 
@@ -74,6 +76,27 @@ def builds() -> list[Build]:
     return tuning + judging
 
 
+def true_axes(arm: Arm) -> np.ndarray:
+    """Return the true axes (N, 3, 3) of an arm, with the tilt of its base."""
+    axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
+    up = -arm.model.gravity.linear
+    axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
+    return axes
+
+
+def fit_on_axes(axes: np.ndarray, samples: JointSamples,
+                nuisance: np.ndarray | None = None) -> Chain:
+    """Return the least-squares chain on known axes, fitted jointly with nuisance columns."""
+    n = samples.n_joints
+    columns = ForwardKinematics(axes, samples.q).moment_columns()
+    if nuisance is not None:
+        columns = np.concatenate([columns, nuisance])
+    columns = columns.reshape(len(columns), -1) / NOISE
+    gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
+    x = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
+    return Chain(axes, x[:2 * n].reshape(n, 2))
+
+
 @dataclass(frozen=True)
 class Case:
     """A build with friction and noise: its samples, test poses, and bounds of the error."""
@@ -119,14 +142,6 @@ class Case:
         residual = predict(q) - arms.gravity_torque(arm or self.build.arm, q)
         return np.sqrt((residual ** 2).mean(axis=0))
 
-    def axes(self) -> np.ndarray:
-        """Return the true axes (N, 3, 3) of the arm, with the tilt of its base."""
-        arm = self.build.arm
-        axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
-        up = -arm.model.gravity.linear
-        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        return axes
-
     def nuisance(self, samples: JointSamples) -> np.ndarray:
         """Return the nuisance columns (K, N, M) of friction; K is 0 without friction."""
         n, m = samples.n_joints, samples.n_samples
@@ -146,7 +161,7 @@ class Case:
         nuisance = self.nuisance(samples)
         problem = ChainProblem(samples.q, samples.tau, np.full(samples.tau.shape, 1.0 / NOISE),
                                nuisance if len(nuisance) else None)
-        solution = solve(problem, self.axes())
+        solution = solve(problem, true_axes(self.build.arm))
         jacobian = solution.chain.jacobian(self.poses())
         covariance = np.linalg.inv(solution.precision)
         variance = np.einsum('anm,ab,bnm->nm', jacobian, covariance, jacobian, optimize=True)
@@ -154,13 +169,5 @@ class Case:
 
     def floor(self, samples: JointSamples) -> float:
         """Return the worst joint's error of least squares with known axes and friction."""
-        axes, n, m = self.axes(), samples.n_joints, samples.n_samples
-        columns = np.concatenate([ForwardKinematics(axes, samples.q).moment_columns(),
-                                  self.nuisance(samples)]).reshape(-1, n * m) / NOISE
-        gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
-        moments = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))[:2 * n]
-
-        def predict(q: np.ndarray) -> np.ndarray:
-            return np.tensordot(moments, ForwardKinematics(axes, q).moment_columns(),
-                                axes=(0, 0)).T
-        return float(self.error(predict, self.poses()).max())
+        chain = fit_on_axes(true_axes(self.build.arm), samples, self.nuisance(samples))
+        return float(self.error(chain.torque, self.poses()).max())
