@@ -10,13 +10,13 @@ NAME = 'gravity_comp_ros'
 
 def files(folder):
     """Return data_files entries that carry `folder` and its subfolders to share/."""
-    found = []
+    entries = []
     for here, _, names in sorted(os.walk(folder)):
-        kept = [os.path.join(here, name) for name in sorted(names)
-                if not name.startswith('.') and not name.endswith('.pyc')]
-        if kept and '__pycache__' not in here:
-            found.append((os.path.join('share', NAME, here), kept))
-    return found
+        paths = [os.path.join(here, name) for name in sorted(names)
+                 if not name.startswith('.') and not name.endswith('.pyc')]
+        if paths and '__pycache__' not in here:
+            entries.append((os.path.join('share', NAME, here), paths))
+    return entries
 
 
 SIM = ['pin>=2.7']
@@ -64,7 +64,7 @@ setup(
             'gravity_comp = gravity_comp_ros.cli:main',
             'gravity_comp_node = gravity_comp_ros.node.main:main',
         ],
-        # Effects that other packages bring register here as well.
+        # Effects of other packages register in this group.
         'gravity_comp_ros.effects': [],
     },
 )

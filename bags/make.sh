@@ -1,6 +1,6 @@
 #!/bin/sh
-# Make the golden bags of this folder again, here or in the folder named as first argument.
-# GRAVITY_COMP names another way to call the program.
+# Make the golden bags again, in this folder or in the one given as first argument.
+# GRAVITY_COMP is another command for the program.
 set -eu
 cd "${1:-$(dirname "$0")}"
 comp=${GRAVITY_COMP:-gravity_comp}

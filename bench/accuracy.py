@@ -1,11 +1,11 @@
 """
-Measure the gravity models on the paper's simulated arm and motions, over seeds of noise.
+Accuracy of the gravity models on the paper's simulated arm and motions, over noise seeds.
 
     OPENBLAS_NUM_THREADS=1 python3 bench/accuracy.py [--seeds 10]
 
-Random poses are Yu 2022, Table 3: 1000 of them, 1 % relative noise, judged on Eq. (15) by nRMSE
-(Eq. 16) against the exact torque. The small motion is 100 s of Eq. (17) with 0.1 N·m noise,
-judged on the 100 s after it and on 1000 poses over all joint limits. Torque is gravity alone.
+Random poses are those of Yu 2022, Table 3: 1000 poses, 1 % relative noise, tested on Eq. (15) by
+nRMSE (Eq. 16) against the exact torque. The small motion is 100 s of Eq. (17) with 0.1 N·m noise,
+tested on the 100 s after it and on 1000 poses over all joint limits. Torque is gravity alone.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ ARM = arms.iiwa7()
 TEST = motions.eq15()
 LATER = motions.eq17(start=100.0)
 ANYWHERE = motions.random_poses(ARM.lower, ARM.upper, 1000, seed=1234)
-# J2, J3 and J4, as in the paper's table; a feature that large must be found (N·m).
-SHOWN, LARGE = slice(1, 4), 0.1
+# Joints of the paper's table: J2, J3 and J4.
+SHOWN = slice(1, 4)
+# Minimum weight, in N·m, of a feature that a fit must select.
+LARGE = 0.1
 PAPER = {'nrmse': (0.43, 0.48, 0.57), 'features': (246, 76, 171)}
 
 
@@ -52,7 +54,7 @@ def rmse(result: FitResult, motion: motions.Motion, static: bool = True) -> np.n
 
 
 def exact_weights() -> np.ndarray:
-    """Return the weights (3^7, 7) of the arm's gravity, from three angles a joint."""
+    """Return the weights (3^7, 7) of the arm's gravity, from three angles of each joint."""
     angles = np.array([0.0, 2.0, 4.0])
     grid = np.stack(np.meshgrid(*[angles] * 7, indexing='ij'), axis=-1).reshape(-1, 7)
     weights = arms.gravity_torque(ARM, grid).reshape(*[3] * 7, 7)
@@ -76,13 +78,13 @@ class Figures:
 
 
 def measure(train: Callable[[int], JointSamples], formulation: str, seeds: Iterable[int],
-            judge: dict[str, Callable[[FitResult], np.ndarray]]) -> Figures:
-    """Fit the samples of every seed, and judge each fit in every way."""
+            metrics: dict[str, Callable[[FitResult], np.ndarray]]) -> Figures:
+    """Fit the samples of every seed; return the fits with all error metrics."""
     started = time.perf_counter()
     fits = [fit(train(seed), FitOptions(formulation)) for seed in seeds]
     seconds = (time.perf_counter() - started) / len(fits)
-    return Figures(fits, {name: np.array([error(one) for one in fits])
-                          for name, error in judge.items()}, seconds)
+    return Figures(fits, {name: np.array([error(result) for result in fits])
+                          for name, error in metrics.items()}, seconds)
 
 
 def table3(formulation: str, seeds: Iterable[int]) -> Figures:
@@ -101,14 +103,14 @@ def eq17(formulation: str, seeds: Iterable[int]) -> Figures:
 
 def most_features(figures: Figures) -> np.ndarray:
     """Return each joint's largest number of features (N,)."""
-    return np.array([one.model.n_features() for one in figures.fits]).max(axis=0)
+    return np.array([result.model.n_features() for result in figures.fits]).max(axis=0)
 
 
 def missing(figures: Figures, truth: np.ndarray) -> int:
-    """Return how many true features above 0.1 N·m the fits lack, all together."""
+    """Return the total number of true features above 0.1 N·m that the fits did not select."""
     return sum(int((~np.isin(np.flatnonzero(np.abs(truth[:, joint]) > LARGE),
                              torque.indices)).sum())
-               for one in figures.fits for joint, torque in enumerate(one.model.torques))
+               for result in figures.fits for joint, torque in enumerate(result.model.torques))
 
 
 def _joined(values: Iterable[float], form: str) -> str:
@@ -116,24 +118,24 @@ def _joined(values: Iterable[float], form: str) -> str:
 
 
 def main() -> None:
-    """Measure and show."""
+    """Fit all formulations and print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
     parser.add_argument('--seeds', type=int, default=10)
     seeds, truth, poses, motion = range(parser.parse_args().seeds), exact_weights(), [], []
     for formulation in ('per_joint', 'potential', 'chain'):
-        found = table3(formulation, seeds)
-        poses.append((formulation, _joined(100 * found.worst('nrmse')[SHOWN], '.4f'),
-                      _joined(most_features(found)[SHOWN], 'd'), missing(found, truth),
-                      f'{found.seconds:.2f}'))
-        found = eq17(formulation, seeds)
-        motion.append((formulation, *(f'{found.worst(which).max():.3f} '
-                                      f'({found.errors[which].max(axis=1).mean():.3f})'
+        figures = table3(formulation, seeds)
+        poses.append((formulation, _joined(100 * figures.worst('nrmse')[SHOWN], '.4f'),
+                      _joined(most_features(figures)[SHOWN], 'd'), missing(figures, truth),
+                      f'{figures.seconds:.2f}'))
+        figures = eq17(formulation, seeds)
+        motion.append((formulation, *(f'{figures.worst(which).max():.3f} '
+                                      f'({figures.errors[which].max(axis=1).mean():.3f})'
                                       for which in ('later', 'anywhere')),
-                       f'{found.seconds:.2f}'))
+                       f'{figures.seconds:.2f}'))
     poses.insert(0, ('Yu 2022', _joined(PAPER['nrmse'], '.2f'), _joined(PAPER['features'], 'd'),
                      '–', '1.09 (3 joints)'))
     terminal.show(
-        terminal.table(f'1000 random poses, 1 % noise, judged on Eq. (15): worst of {len(seeds)} '
+        terminal.table(f'1000 random poses, 1 % noise, tested on Eq. (15): worst of {len(seeds)} '
                        f'seeds', ('J2 / J3 / J4', 'nRMSE %', 'features',
                                   f'features > {LARGE} N·m missed', 's a fit'), poses),
         terminal.table(f'100 s of Eq. (17), 0.1 N·m noise: RMSE of the worst joint, worst (mean) '

@@ -1,14 +1,14 @@
 """
-How long the pages take for an hour of seven joints at 100 Hz, and how their memory grows.
+Loading time and memory of report and workbench, for an hour of seven joints at 100 Hz.
 
     python bench/pages.py [FOLDER]
 
 Prints seconds of wall time in headless Chromium: of a report, to its first paint and to its last
 plot; of the workbench, from the command to the views and to the model, from a click on Add to
-the new error; and the JavaScript heap before and after 100 actions, at the same view. Processor
-time stands beside it, of the page's main thread or of the workbench with its process, because
-wall time is of little use on a machine that does other work. The browser is open already: what
-its own start costs is no part of the figures.
+the new error; and the JavaScript heap before and after 100 actions, at the same view. The output
+includes processor time, of the page's main thread or of the workbench with its worker process,
+because wall time is unreliable on a busy machine. The browser is already open, so that its start
+is excluded.
 """
 
 from contextlib import contextmanager
@@ -34,9 +34,10 @@ _VIEWS = {'Errors': 'Error, joint by joint', 'Over time': 'Over time',
           'Residual': 'What the residual depends on', 'Data': 'Quality of the data',
           'Answer': 'Error of each joint'}
 _TICKS = os.sysconf('SC_CLK_TCK')
-_WAIT = 300_000
-# What a browser that has just been started does for itself, in ms.
-_SETTLE = 3000
+# Longest wait for an element of a page, in ms.
+_TIMEOUT = 300_000
+# Duration of a browser's own work after its start, in ms.
+_STARTUP = 3000
 
 
 def _command(folder: Path, *words: str) -> float:
@@ -46,41 +47,41 @@ def _command(folder: Path, *words: str) -> float:
     return time.monotonic() - started
 
 
-def _told(what: str, value: float, unit: str = 's') -> None:
-    print(f'{what:<58}{value:8.2f} {unit}', flush=True)
+def _print(quantity: str, value: float, unit: str = 's') -> None:
+    print(f'{quantity:<58}{value:8.2f} {unit}', flush=True)
 
 
 @contextmanager
 def opened():
-    """Yield what opens pages, in a browser that has finished its own start."""
+    """Yield a function that opens pages in a browser that has finished its start."""
     with browsing() as browser:
         with browser('about:') as tab:
             tab.page.goto('about:blank')
-            tab.page.wait_for_timeout(_SETTLE)
+            tab.page.wait_for_timeout(_STARTUP)
             yield browser
 
 
 def report(folder: Path) -> None:
     """Time the report of an hour."""
-    _told('compare --html', _command(folder, 'compare', 'hour.mcap', '--model', 'hour.json',
-                                     '--html', 'hour.html'))
+    _print('compare --html', _command(folder, 'compare', 'hour.mcap', '--model', 'hour.json',
+                                      '--html', 'hour.html'))
     address = (folder / 'hour.html').as_uri()
     with opened() as browser, browser(address) as tab:
         thread = tab.page.context.new_cdp_session(tab.page)
         thread.send('Performance.enable', {'timeDomain': 'threadTicks'})
         started = time.monotonic()
         tab.open(address)
-        _told('report: all plots', time.monotonic() - started)
+        _print('report: all plots', time.monotonic() - started)
         for metric in thread.send('Performance.getMetrics')['metrics']:
             if metric['name'] == 'TaskDuration':
-                _told('report: processor time of the page', metric['value'])
-        _told('report: first paint', tab.page.evaluate(_PAINT))
-        _told('report: plots', len(tab.plots()), '')
+                _print('report: processor time of the page', metric['value'])
+        _print('report: first paint', tab.page.evaluate(_PAINT))
+        _print('report: plots', len(tab.plots()), '')
 
 
 @contextmanager
 def served(folder: Path):
-    """Yield the address of a workbench on the hour, and the number of its process."""
+    """Yield the address of a workbench with the hour's recording, and its process id."""
     process = subprocess.Popen([*_PROGRAM, 'workbench', 'hour.mcap', '--port', '0', '--no-browser',
                                 '--forget'], cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
@@ -99,34 +100,34 @@ def workbench(folder: Path) -> None:
 
 
 def _steps(tab, address: str, pid: int, started: float) -> None:
-    """Time what a person does in the workbench, one step after another."""
+    """Time the actions of a user in the workbench."""
     page = tab.page
-    page.set_default_timeout(_WAIT)
+    page.set_default_timeout(_TIMEOUT)
     tab.open(address)
     page.get_by_role('button', name='Save the model').wait_for()
-    _told('workbench: recording shown', time.monotonic() - started)
+    _print('workbench: recording shown', time.monotonic() - started)
     page.locator('#verdict').wait_for()
-    _told('workbench: model shown', time.monotonic() - started)
+    _print('workbench: model shown', time.monotonic() - started)
     add = page.get_by_role('button', name=re.compile('^Add coulomb_friction:iiwa_joint_4'))
     add.wait_for()
-    _told('workbench: what is missing is named', time.monotonic() - started)
+    _print('workbench: missing effect named', time.monotonic() - started)
     page.locator('#idle').wait_for()
-    started, worked = time.monotonic(), _processor(pid)
+    started, processor_start = time.monotonic(), _processor(pid)
     add.click()
     page.locator('.fall').wait_for()
-    _told('workbench: Add, to the new error', time.monotonic() - started)
-    _told('workbench: processor time of that', _processor(pid) - worked)
+    _print('workbench: Add, to the new error', time.monotonic() - started)
+    _print('workbench: processor time of Add', _processor(pid) - processor_start)
     page.locator('#idle').wait_for()
     for view in _VIEWS:
-        _look(page, view)
+        _open(page, view)
     before = heap(page)
     for number in range(100):
-        _look(page, list(_VIEWS)[number % len(_VIEWS)])
-    _told('workbench: heap before 100 actions', before, 'MB')
-    _told('workbench: heap after them', heap(page), 'MB')
+        _open(page, list(_VIEWS)[number % len(_VIEWS)])
+    _print('workbench: heap before 100 actions', before, 'MB')
+    _print('workbench: heap after them', heap(page), 'MB')
 
 
-def _look(page, view: str) -> None:
+def _open(page, view: str) -> None:
     """Open a view and wait for it."""
     page.get_by_role('button', name=view, exact=True).click()
     page.locator('#views').get_by_role('heading', name=_VIEWS[view], exact=True).wait_for()
@@ -134,7 +135,7 @@ def _look(page, view: str) -> None:
 
 
 def _processor(pid: int) -> float:
-    """Return the processor time in s of a process and of those that it started."""
+    """Return the processor time in s of a process and its descendants."""
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
     children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
     return (int(fields[11]) + int(fields[12])) / _TICKS + sum(
@@ -142,7 +143,7 @@ def _processor(pid: int) -> float:
 
 
 def main() -> None:
-    """Record an hour once, then time both pages."""
+    """Simulate an hour once, then time both pages."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(sys.argv[1] if len(sys.argv) > 1 else name)
         if not (folder / 'hour.mcap').exists():

@@ -1,7 +1,7 @@
 """
-Where the axes of three real arms are, from their makers' data sheets, as robot descriptions.
+Robot descriptions of three real arms, with joint axes from the makers' data sheets.
 
-Only axes: links have a mass of 1 kg, so that Pinocchio takes the text as well.
+Masses are not real: every link has 1 kg, so that Pinocchio accepts the description as well.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 _HALF = math.pi / 2
-# Of each joint, after J. J. Craig: a and alpha of the link before (m, rad), and d (m).
+# D-H parameters after J. J. Craig: a (m) and alpha (rad) of the previous link, d (m) of the joint.
 _UR10 = ((0.0, 0.0, 0.1273), (0.0, _HALF, 0.0), (-0.612, 0.0, 0.0), (-0.5723, 0.0, 0.163941),
          (0.0, _HALF, 0.1157), (0.0, -_HALF, 0.0922))
 _PANDA = ((0.0, 0.0, 0.333), (0.0, -_HALF, 0.0), (0.0, _HALF, 0.316), (0.0825, _HALF, 0.0),
@@ -20,7 +20,7 @@ ARMS = {'ur10': _UR10, 'panda': _PANDA, 'med7': _MED7}
 
 
 def description(arm: str, joints: tuple[str, ...]) -> str:
-    """Return the URDF of an arm (a key of `ARMS`) with these names of joints."""
+    """Return the URDF of an arm (a key of `ARMS`) with the given joint names."""
     parts = ['<robot name="arm"><link name="link_0"/>']
     for n, (name, (a, alpha, d)) in enumerate(zip(joints, ARMS[arm]), 1):
         xyz = f'{a} {-math.sin(alpha) * d} {math.cos(alpha) * d}'

@@ -1,17 +1,17 @@
 """
-The loop on recordings of real arms: fit, diagnose, add, each judged on motion that came later.
+The loop on recordings of real arms: fit, diagnose and add, each tested on later motion.
 
-Run from the root of the repository, with the arm before the recording where its axes are known
+Run from the root of the repository; an arm's name before its recording adds its known axes
 (`bench/real_arms.py`):
 
     python3 bench/real_recordings.py ur10=ur10.db3 panda=panda.db3 med7=med7.mcap
 
 The first 70 % of each recording are fitted and diagnosed, the last 30 % are compared. Errors are
 RMSE over the standard deviation of the torque, in percent, joint by joint: of the default fit, of
-that with what the diagnosis found, and with the best of each tie as well. With the axes the loop
-is run once more with the arm's description, and beside it stands a reference that is not of this
-package: Pinocchio's regressor, Coulomb and viscous friction and offset of every joint, by least
-squares.
+the fit with the established and likely effects, and with the first of each ambiguous pair as well.
+For known axes the loop is repeated with the arm's description and compared with an independent
+reference: Pinocchio's regressor with Coulomb and viscous friction and offset of every joint, by
+least squares.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ import numpy as np
 import pinocchio as pin
 from real_arms import ARMS, description
 
+# Share of a recording that is fitted.
 _FITTED = 0.7
-# rad/s: over this speed the friction of the reference turns its sign.
+# Velocity scale, in rad/s, of the sign change of the reference's Coulomb friction.
 _WIDTH = 0.01
 
 
@@ -41,7 +42,7 @@ def main() -> int:
     for text in parser.parse_args().bags:
         arm, _, bag = text.rpartition('=')
         if arm and arm not in ARMS:
-            parser.error(f'no arm {arm}; known are {", ".join(ARMS)}')
+            parser.error(f'no arm {arm}; available: {", ".join(ARMS)}')
         data = gc.read(bag)
         t = data.samples.t
         split = t[0] + _FITTED * (t[-1] - t[0])
@@ -64,42 +65,43 @@ def loop(early: gc.Recording, later: gc.Recording, urdf: Path | None) -> None:
     """Fit, diagnose, add, and print the errors after each."""
     model = gc.fit(early, urdf=urdf)
     show('fit', model, later)
-    found = gc.diagnose(gc.Recording(early.samples, gate=None), model).findings
-    for finding in found:
+    findings = gc.diagnose(gc.Recording(early.samples, gate=None), model).findings
+    for finding in findings:
         print(f'    {finding.effect or "unexplained"} on {finding.joint or "the arm"}: '
               f'{finding.verdict}')
-    sure = [f for f in found if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    ties = [f for f in found if f.verdict == gc.Verdict.AMBIGUOUS]
-    for words, chosen in (('found', sure), ('and ties', [*sure, *ties])):
-        show(words, added(model, early, chosen), later)
+    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    ambiguous = [f for f in findings if f.verdict == gc.Verdict.AMBIGUOUS]
+    for title, chosen in (('found', sure), ('and ambiguous', [*sure, *ambiguous])):
+        show(title, with_findings(model, early, chosen), later)
 
 
-def added(model: gc.Model, recording: gc.Recording, findings: Sequence[gc.Finding]) -> gc.Model:
-    """Return the model with findings added to it, on all samples."""
+def with_findings(model: gc.Model, recording: gc.Recording,
+                  findings: Sequence[gc.Finding]) -> gc.Model:
+    """Return the model refitted with the effects of findings, to all samples."""
     targets = [target(f.effect, f.joint) for f in findings if f.effect]
     return gc.add_effects(model, recording, targets, all_samples=True) if targets else model
 
 
-def show(words: str, model: gc.Model, recording: gc.Recording) -> None:
+def show(title: str, model: gc.Model, recording: gc.Recording) -> None:
     """Print the errors of a model."""
     joints = gc.compare(model, recording).joints.values()
     shares = [100.0 * joint.rmse / max(joint.torque_std, 1e-12) for joint in joints]
-    print(f'{words}:', ' '.join(f'{share:.0f}' for share in np.array(shares)), '%', flush=True)
+    print(f'{title}:', ' '.join(f'{share:.0f}' for share in np.array(shares)), '%', flush=True)
 
 
 def reference(urdf: Path, early: JointSamples, later: JointSamples) -> FloatArray:
     """Return the errors (N,) of rigid-body identification with Pinocchio, in percent."""
     model = pin.buildModelFromUrdf(str(urdf))
-    columns, judged = (reference_columns(model, part) for part in (early, later))
+    columns, test_columns = (reference_columns(model, part) for part in (early, later))
     size = np.maximum(early.tau.std(axis=0), 0.1)
     flat = (columns / size[:, None]).reshape(-1, columns.shape[2])
     x = np.linalg.lstsq(flat, (early.tau / size).ravel(), rcond=1e-8)[0]
-    error = np.sqrt(((later.tau - judged @ x) ** 2).mean(axis=0))
+    error = np.sqrt(((later.tau - test_columns @ x) ** 2).mean(axis=0))
     return np.asarray(100.0 * error / later.tau.std(axis=0))
 
 
 def reference_columns(model: pin.Model, samples: JointSamples) -> FloatArray:
-    """Return the columns (M, N, K) of the reference."""
+    """Return the regressor (M, N, K) of the reference."""
     data, qdd = model.createData(), accelerations(samples)
     m, n = samples.q.shape
     arm = np.array([pin.computeJointTorqueRegressor(model, data, *row)

@@ -1,11 +1,11 @@
-"""What all tests share: nothing of the screen that they were started from, and who runs what."""
+"""Fixtures, terminal width and order of all tests."""
 
 import gc
 from pathlib import Path
 
 import pytest
 
-# The files of tests that take longest, the longest first.
+# Test files with the longest run times, the longest first.
 LONGEST = ('test_workbench_browser.py', 'test_diagnosis_campaign.py', 'test_node_ros.py',
            'test_rigid_body.py', 'test_style.py', 'test_report_html.py', 'test_node_campaign.py',
            'test_workbench_session.py', 'test_chain_fit.py', 'test_node_faults.py')
@@ -14,7 +14,7 @@ BAGS = Path(__file__).resolve().parents[1] / 'bags'
 
 @pytest.fixture(scope='session')
 def iiwa_model_file(tmp_path_factory) -> Path:
-    """Return the file of the model that most tests of the node begin with: not to be changed."""
+    """Return the file of the initial model of most node tests; read-only."""
     from gravity_comp_ros.data.gate import slow_samples
     from gravity_comp_ros.estimation.fit import fit
     from gravity_comp_ros.models.model_file import save_model
@@ -27,26 +27,26 @@ def iiwa_model_file(tmp_path_factory) -> Path:
 
 @pytest.fixture(autouse=True)
 def no_screen(monkeypatch):
-    """Take away the width that a shell or another process of pytest handed down."""
+    """Remove the terminal width of the parent shell or pytest process."""
     monkeypatch.delenv('COLUMNS', raising=False)
 
 
 def pytest_collection_modifyitems(items):
-    """Begin with the files that take longest, so that no worker is left alone with one."""
+    """Run the longest files first, so that workers finish at about the same time."""
     slow = {item.path for item in items if item.get_closest_marker('slow')}
     place = {name: k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: (place.get(item.path.name, len(place)), item.path not in slow))
 
 
 def pytest_collection_finish():
-    """Leave what was imported out of later garbage collections: tests make many whole ones."""
+    """Exclude imported objects from later garbage collections, of which tests run many."""
     gc.collect()
     gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Schedule by file, in a way that outlives a worker that crashes."""
+    """Schedule by file, robust to the crash of a worker."""
     from file_scheduling import FileScheduling
     config.option.loadscopereorder = False
     return FileScheduling(config, log)

@@ -1,10 +1,10 @@
-"""Textbook references on small dense matrices, for tests of the solvers."""
+"""Textbook references on small dense matrices for tests of the solvers."""
 
 import numpy as np
 
 
 class DenseDesign:
-    """A design that is built: any matrix (R, K) in the form that the solvers take."""
+    """A dense matrix (R, K) with the interface of a design."""
 
     def __init__(self, matrix: np.ndarray) -> None:
         self.matrix = np.asarray(matrix, dtype=float)
@@ -49,7 +49,7 @@ def objective(a: np.ndarray, b: np.ndarray, penalties: np.ndarray, x: np.ndarray
 
 
 def breach(a: np.ndarray, b: np.ndarray, penalties: np.ndarray, x: np.ndarray) -> float:
-    """Return by how much x breaks the optimality conditions, relative to each penalty."""
+    """Return the largest violation of the optimality conditions relative to the penalties."""
     correlation = a.T @ (b - a @ x)
     inactive = np.maximum(np.abs(correlation) - penalties, 0.0)
     active = np.abs(correlation - penalties * np.sign(x))

@@ -1,4 +1,4 @@
-"""Fast motion of simulated arms: drawn states, the torque of motion, and a recording."""
+"""Fast motion of simulated arms: random states, inertial torque, and a recording."""
 
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.friction import Friction
@@ -9,7 +9,7 @@ from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
 FAST = MultisineOptions(band=0.8, max_speed=1.5)
-# N·m, of the torque in a recording.
+# Standard deviation of the torque in a recording, in N·m.
 NOISE = 0.05
 
 
@@ -20,7 +20,7 @@ def drawn(n, count, seed):
 
 
 def of_motion(arm, q, qd, qdd):
-    """Return the torque (M, N) of motion alone."""
+    """Return the torque (M, N) in addition to gravity."""
     return arms.inverse_dynamics(arm, q, qd, qdd) - arms.gravity_torque(arm, q)
 
 

@@ -1,4 +1,4 @@
-"""Tasks for workers of a fleet: each worker imports this module, so it imports little."""
+"""Tasks for fleet workers; each worker imports this module, so its imports are few."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ DEADLINE = 120.0
 
 
 def die_once(path: str) -> str:
-    """Kill the worker unless the file is there; one more attempt then succeeds."""
+    """Kill the worker and create the file, unless the file exists; the next attempt succeeds."""
     if path and not os.path.exists(path):
         Path(path).write_text('died')
         os.kill(os.getpid(), signal.SIGKILL)
@@ -25,7 +25,7 @@ def die_of(word: str) -> str:
 
 
 def until_killed(log: str) -> int:
-    """Say which process works, then work until one was killed; return which process it is."""
+    """Append the process id to a log, then run until a worker was killed; return the id."""
     with open(log, 'a') as file:
         file.write(f'{os.getpid()}\n')
     end = time.monotonic() + DEADLINE

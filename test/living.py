@@ -1,8 +1,8 @@
-"""Whether a process lives, for tests of processes that must end."""
+"""Check for running processes."""
 
 
 def lives(pid):
-    """Return whether there is such a process, one that has ended and waits to be reaped apart."""
+    """Return whether a process is running; a zombie is not."""
     try:
         with open(f'/proc/{pid}/stat') as stream:
             return stream.read().rpartition(')')[2].split()[0] != 'Z'

@@ -1,12 +1,12 @@
-"""The bench of the paper, small: every table and figure is made, and its parts are right."""
+"""Reproduction of the paper at small size: every table and figure, and the parts of the bench."""
 
 import re
 
-from bench.paper import rivals
+from bench.paper import baselines
 from bench.paper.friction import check
 from bench.paper.methods import Fitted
 from bench.paper.run import main
-from bench.paper.scenes import Judged, PAYLOADS, real, Scene, simulated, TINY
+from bench.paper.scenes import PAYLOADS, real, Reference, Scene, simulated, TINY
 from bench.paper.score import score, worst
 from bench.paper.solvers import compare_solvers
 from bench.paper.svg import Panel, plot
@@ -42,37 +42,37 @@ def test_the_page_has_every_table_and_figure(tmp_path):
 def test_errors_by_hand(scene):
     def off_by_one(_: Scene) -> Fitted:
         return Fitted(lambda q: arms.gravity_torque(scene.nominal, q) + 1.0, [1] * 7, 5, 0.5)
-    found = score('x', off_by_one, scene)
-    assert found.inside == pytest.approx([1.0] * 7) and found.anywhere == pytest.approx([1.0] * 7)
+    row = score('x', off_by_one, scene)
+    assert row.inside == pytest.approx([1.0] * 7) and row.anywhere == pytest.approx([1.0] * 7)
     spread = np.ptp(scene.inside.truth[:, 1])
-    assert found.nrmse_inside[1] == pytest.approx(1.0 / spread)
-    # Joint 1 of the level iiwa carries nothing, so there is no range to divide by.
-    assert np.isnan(found.nrmse_inside[0])
-    assert worst([found, found]).seconds == 0.5
+    assert row.nrmse_inside[1] == pytest.approx(1.0 / spread)
+    # Joint 1 of the level iiwa has no gravity torque, so its nRMSE is undefined.
+    assert np.isnan(row.nrmse_inside[0])
+    assert worst([row, row]).seconds == 0.5
 
 
-def test_rivals_that_know_the_arm_find_it(scene):
-    assert score('n', rivals.nominal, scene).anywhere.max() < 1e-9
-    fitted = score('r', rivals.regression, scene)
+def test_baselines_with_known_kinematics_are_accurate(scene):
+    assert score('n', baselines.nominal, scene).anywhere.max() < 1e-9
+    fitted = score('r', baselines.regression, scene)
     assert fitted.anywhere.max() < 0.3
-    wrong = score('e', rivals.explicit, scene)
+    wrong = score('e', baselines.explicit, scene)
     assert 0.1 < wrong.anywhere.max() < 3.0
 
 
 def test_regressor_is_linear_in_masses_and_first_moments():
     arm, q = arms.iiwa7(), np.random.default_rng(0).uniform(-2, 2, (5, 7))
-    numbers = np.concatenate([[body.mass, *(body.mass * body.lever)]
-                              for body in list(arm.model.inertias)[1:]])
-    np.testing.assert_allclose(rivals.regressors(arm, q) @ numbers, arms.gravity_torque(arm, q),
-                               atol=1e-9)
+    parameters = np.concatenate([[body.mass, *(body.mass * body.lever)]
+                                 for body in list(arm.model.inertias)[1:]])
+    np.testing.assert_allclose(baselines.regressors(arm, q) @ parameters,
+                               arms.gravity_torque(arm, q), atol=1e-9)
 
 
-def test_kernels_fit_what_they_saw(scene):
+def test_kernel_methods_fit_their_training_samples(scene):
     pytest.importorskip('sklearn', reason='requirements/bench.txt is not installed')
     for kind in ('krr', 'svr'):
-        found = rivals.kernel(kind, True, quick=True)(scene)
-        left = found.predict(scene.train.q) - scene.train.tau
-        assert (left.std(axis=0)[1:6] < 0.5 * scene.train.tau.std(axis=0)[1:6]).all()
+        fitted = baselines.kernel(kind, True, quick=True)(scene)
+        residual = fitted.predict(scene.train.q) - scene.train.tau
+        assert (residual.std(axis=0)[1:6] < 0.5 * scene.train.tau.std(axis=0)[1:6]).all()
 
 
 def test_solvers_agree(scene):
@@ -81,30 +81,31 @@ def test_solvers_agree(scene):
     assert ours.objective == pytest.approx(theirs.objective, rel=1e-5)
 
 
-def test_a_payload_is_in_the_data():
+def test_samples_contain_payload_friction_and_noise():
     name = next(iter(PAYLOADS))
     loaded, bare = real(0, name, TINY), real(0, None, TINY)
-    heavier = np.abs(loaded.inside.truth - bare.inside.truth).max(axis=0)
-    assert heavier[1] > 1.0 and loaded.before is not None and len(loaded.few) == TINY.few
-    # Friction and noise are in what sensors say, and in nothing else.
-    left = bare.inside.measured - bare.inside.truth
-    assert 0.2 < left.std() < 0.8
+    change = np.abs(loaded.inside.truth - bare.inside.truth).max(axis=0)
+    assert change[1] > 1.0 and loaded.unloaded is not None
+    assert len(loaded.first_loaded) == TINY.few
+    # Only the measured torque contains friction and noise.
+    disturbance = bare.inside.measured - bare.inside.truth
+    assert 0.2 < disturbance.std() < 0.8
 
 
-def test_friction_shows_in_the_check_and_only_then():
+def test_the_friction_test_detects_friction_only():
     with_friction, without = check(3, 400), check(3, 400, friction=0.0)
     assert min(with_friction.rse) > 1.2 * max(without.rse) and max(without.rse) < 0.01
 
 
-def test_a_plot_is_a_line_for_each_series():
+def test_a_plot_has_a_line_for_each_series():
     x = np.linspace(0, 1, 500)
     text = plot([Panel('a < b', [('one', x, x), ('two', x, x ** 2)])], 'x', 'y')
     assert text.count('<polyline') == 2 and 'a &lt; b' in text
     assert len(re.search(r'points="([^"]*)"', text).group(1).split()) == 200
 
 
-def test_a_judged_motion_lies_in_the_trained_range():
+def test_test_poses_lie_in_the_trained_range():
     full = real(0)
-    assert isinstance(full.inside, Judged) and len(full.inside.q) > 150
+    assert isinstance(full.inside, Reference) and len(full.inside.q) > 150
     low, high = full.train.q.min(axis=0), full.train.q.max(axis=0)
     assert ((full.inside.q >= low) & (full.inside.q <= high)).all()

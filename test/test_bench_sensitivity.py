@@ -1,10 +1,10 @@
-"""The bench of thresholds: one is changed at a time, both ways."""
+"""Sensitivity of the diagnosis: one threshold at a time is halved and doubled."""
 
 from dataclasses import asdict, replace
 
 from bench.campaign import sensitivity
 from bench.campaign.results import Task
-from bench.campaign.sensitivity import AS_IT_IS, Count, counted, table, variants
+from bench.campaign.sensitivity import Count, counted, table, UNCHANGED, variants
 from bench.cases.case_list import case
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 
@@ -14,25 +14,26 @@ def thresholds(options):
 
 
 def test_each_threshold_is_halved_and_doubled_alone():
-    usual, seen = thresholds(DiagnosisOptions()), []
-    (name, as_it_is), *others = variants()
-    assert name == AS_IT_IS and thresholds(as_it_is) == usual
+    defaults, changes = thresholds(DiagnosisOptions()), []
+    (name, unchanged), *others = variants()
+    assert name == UNCHANGED and thresholds(unchanged) == defaults
     for name, options in others:
-        (changed, value), = (set(thresholds(options).items()) - set(usual.items()))
-        assert f'`{changed}`' in name and type(value) is type(usual[changed])
-        seen.append((changed, value > usual[changed]))
-    assert sorted(seen) == sorted((name, more) for name in usual for more in (False, True))
+        (changed, value), = (set(thresholds(options).items()) - set(defaults.items()))
+        assert f'`{changed}`' in name and type(value) is type(defaults[changed])
+        changes.append((changed, value > defaults[changed]))
+    assert sorted(changes) == sorted((name, up) for name in defaults for up in (False, True))
 
 
 def test_a_threshold_can_make_a_finding_weak(monkeypatch):
-    usual = DiagnosisOptions()
-    strict = replace(usual, verdict=replace(usual.verdict, fewest_effective=1e9))
-    monkeypatch.setattr(sensitivity, 'variants', lambda: [(AS_IT_IS, usual), ('strict', strict)])
+    default = DiagnosisOptions()
+    strict = replace(default, verdict=replace(default.verdict, fewest_effective=1e9))
+    monkeypatch.setattr(sensitivity, 'variants',
+                        lambda: [(UNCHANGED, default), ('strict', strict)])
     monkeypatch.setattr(sensitivity, 'SECONDS', 30.0)
     counts = counted(Task(replace(case('six_axis', 'coulomb_large'), runs=2), 3, 25.0))
-    assert counts[AS_IT_IS].named == 1 and counts[AS_IT_IS].false == 0
+    assert counts[UNCHANGED].named == 1 and counts[UNCHANGED].false == 0
     assert counts['strict'].named == 0
-    assert counts['strict'].other == counts['strict'].recordings == 1
-    total = counts[AS_IT_IS] + counts['strict']
-    assert '1 of 2' in table({AS_IT_IS: total})
+    assert counts['strict'].changed == counts['strict'].recordings == 1
+    total = counts[UNCHANGED] + counts['strict']
+    assert '1 of 2' in table({UNCHANGED: total})
     assert str(Count(3, 2, 1, 4, 3, 2, 1)) == '2 of 3 | 3 of 4 | 1 | 1 of 2 | 0'

@@ -1,4 +1,4 @@
-"""`make demo`'s program, as a user runs it: the node as a process of its own, over DDS."""
+"""The program of `make demo`, with the node in a separate process and messages over DDS."""
 
 from pathlib import Path
 import re
@@ -34,8 +34,8 @@ def test_every_joint_is_in_the_table(table):
     assert sorted(table) == [f'iiwa_joint_{n}' for n in range(1, 8)]
 
 
-def test_the_payload_shows_and_relearning_removes_it(table):
-    # 2 kg at the flange bend the shoulder by about ten N·m on this motion; 0.1 N·m is noise.
+def test_the_payload_raises_the_error_and_relearning_lowers_it(table):
+    # 2 kg at the flange are about 10 N·m at the shoulder on this motion; 0.1 N·m is noise.
     learned, stale, quick, relearned = table['iiwa_joint_2']
     assert stale > 5.0 and quick < stale / 2
     for learned, stale, quick, relearned in table.values():

@@ -1,4 +1,4 @@
-"""A test that crashes or hangs costs itself: the run goes on, and ends."""
+"""A test that crashes or hangs fails alone: the run continues and ends."""
 
 import os
 from pathlib import Path
@@ -14,8 +14,8 @@ FATAL = {
     'hang': 'import time\n\n\ndef test_it(): time.sleep(300)\n'}
 
 
-def test_a_test_that_crashes_and_one_that_hangs_cost_themselves(tmp_path):
-    # The last test of a file is where xdist's own scheduler waits for ever.
+def test_a_crash_and_a_hang_fail_one_test_each(tmp_path):
+    # xdist's own scheduler waits for ever if the last test of a file crashes.
     (tmp_path / 'test_crash.py').write_text(FINE + FATAL['crash'])
     (tmp_path / 'test_hang.py').write_text(FATAL['hang'] + FINE)
     (tmp_path / 'test_fine.py').write_text(FINE)
@@ -33,5 +33,5 @@ def test_a_test_that_crashes_and_one_that_hangs_cost_themselves(tmp_path):
         assert f"crashed while running 'test_{name}.py::test_it'" in done.stdout
 
 
-def test_the_files_that_run_first_are_there():
+def test_the_longest_files_exist():
     assert [name for name in LONGEST if not (ROOT / 'test' / name).is_file()] == []

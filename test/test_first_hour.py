@@ -1,4 +1,4 @@
-"""The page of the first hour: every command on it was printed by the one before it."""
+"""docs/first_hour.md: every command on the page was printed by a command before it."""
 
 import importlib.util
 from pathlib import Path
@@ -19,18 +19,18 @@ def script():
         patch.syspath_prepend(str(DOCS))
         spec = importlib.util.spec_from_file_location('hour', DOCS / 'make_first_hour.py')
         module = importlib.util.module_from_spec(spec)
-        patch.setitem(sys.modules, 'hour', module)   # dataclasses look their module up
+        patch.setitem(sys.modules, 'hour', module)   # required by dataclasses
         spec.loader.exec_module(module)
         yield module
 
 
 def commands(part):
-    """Return the commands of a part with what stands above each of them."""
-    return [(found[1], part[:found.start()])
-            for found in re.finditer(r'^\$ (gravity_comp .*)$', part, re.MULTILINE)]
+    """Return the commands of a part, each with the text above it."""
+    return [(match[1], part[:match.start()])
+            for match in re.finditer(r'^\$ (gravity_comp .*)$', part, re.MULTILINE)]
 
 
-def test_nothing_on_the_page_had_to_be_guessed(script):
+def test_every_command_was_printed_before(script):
     parts = script._by_part(PAGE[PAGE.index('\n## ') + 1:])
     assert {script.WALK, script.OWN_TABLE, script.OWN_BAG,
             *(title for title, _, _ in script.REAL)} <= set(parts)
@@ -38,11 +38,11 @@ def test_nothing_on_the_page_had_to_be_guessed(script):
         first, *rest = commands(parts[title])
         assert len(rest) >= 3, title
         for command, above in rest:
-            # `convert` is typed again with what it asked for.
+            # `convert` is repeated with the options that its error requires.
             assert f'\n  {command}\n' in above or ' convert ' in command, (title, command)
 
 
-def test_the_page_is_of_no_machine_and_of_no_crash():
+def test_the_page_has_no_local_paths_and_no_crash():
     for word in ('/work', '/tmp', 'Traceback', 'internal error'):
         assert word not in PAGE
 
@@ -55,7 +55,7 @@ def test_only_the_first_next_step_is_followed(script):
     assert script.next_commands('next step: nothing\nwarning: x\n') == []
 
 
-def test_parts_that_are_not_made_anew_stay(script, tmp_path):
+def test_parts_that_are_not_remade_stay(script, tmp_path):
     session = script.Session(tmp_path, ())
     session.begin(script.WALK, 'new')
     session.times = [(script.WALK, 3.4)]

@@ -1,4 +1,4 @@
-"""Imports flow one way, ROS stays in the node, and the core needs NumPy and SciPy alone."""
+"""Import rules: one direction, ROS in the node only, NumPy and SciPy alone in the core."""
 
 import ast
 from graphlib import TopologicalSorter
@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = 'gravity_comp_ros'
 MODULES = sorted((ROOT / PACKAGE).rglob('*.py'))
 
-# Lowest first. A module may import from its own room and from those below it.
+# Lowest first. A module may import from its own package and from lower ones.
 ROOMS = (
     ('errors', 'printable', 'display', 'atomic'),
     ('data', 'worker'),
@@ -31,15 +31,15 @@ ROOMS = (
 LEVEL_OF = {name: level for level, names in enumerate(ROOMS) for name in names}
 CORE = ({name for names in ROOMS[:7] for name in names}
         - {'recordings', 'simulation', 'description'})
-# Rooms on one level: who must not import whom.
-STRANGERS = {
+# Forbidden imports between packages of a level or of adjacent levels.
+FORBIDDEN = {
     'node': {'commands', 'cli', 'workbench', 'simulation'},
     'commands': {'node'},
     'workbench': {'commands', 'cli'},
     'cli': {'node', 'workbench'},
     'models': {'recordings', 'simulation'},
     'recordings': {'models', 'simulation'},
-    # It makes the truth that effects are tested against, so it must share nothing with them.
+    # Ground truth for tests of effects and models, so it must share no code with them.
     'simulation': {'models', 'recordings'},
 }
 ROS = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'diagnostic_msgs', 'lifecycle_msgs',
@@ -53,7 +53,7 @@ def room(path: Path) -> str:
 
 
 def imported(path: Path) -> set[str]:
-    """Return the dotted names that a file imports, at its top or inside its functions."""
+    """Return the dotted names that a file imports, at module level or inside functions."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -67,10 +67,9 @@ def imported(path: Path) -> set[str]:
 
 
 def rooms_imported(path: Path) -> set[str]:
-    """Return the rooms of this package that a file imports from."""
+    """Return the top-level modules of this package that a file imports from."""
     parts = [name.split('.') for name in imported(path)]
-    found = {part[1] for part in parts if part[0] == PACKAGE and len(part) > 1}
-    return found - {'__version__'}
+    return {part[1] for part in parts if part[0] == PACKAGE and len(part) > 1} - {'__version__'}
 
 
 def each(paths):
@@ -84,7 +83,7 @@ def test_imports_flow_downwards(path):
     assert own in LEVEL_OF, f'give {own} a level in this test'
     for other in rooms_imported(path):
         assert LEVEL_OF[other] <= LEVEL_OF[own], f'{own} must not import {other}'
-        assert other not in STRANGERS.get(own, set()), f'{own} must not import {other}'
+        assert other not in FORBIDDEN.get(own, set()), f'{own} must not import {other}'
 
 
 def test_no_import_cycle():
@@ -102,8 +101,8 @@ def test_only_the_node_imports_ros(path):
 
 @each([path for path in MODULES if room(path) in CORE])
 def test_the_core_needs_numpy_and_scipy_alone(path):
-    known = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
-    assert {name.split('.')[0] for name in imported(path)} <= known
+    allowed = set(sys.stdlib_module_names) | {PACKAGE, 'numpy', 'scipy'}
+    assert {name.split('.')[0] for name in imported(path)} <= allowed
 
 
 def test_package_xml_lists_every_ros_package_that_is_imported():
@@ -115,8 +114,7 @@ def test_package_xml_lists_every_ros_package_that_is_imported():
     assert listed & ROS <= used, 'listed but not used'
 
 
-def test_the_rules_catch_a_breach(tmp_path):
-    # The checks above pass on a clean tree; this shows that they see what they look for.
+def test_the_rules_detect_a_violation(tmp_path):
     file = tmp_path / 'bad.py'
     file.write_text('def f():\n    from gravity_comp_ros.node import messages\n    import rclpy\n')
     assert rooms_imported(file) == {'node'}
@@ -136,8 +134,8 @@ def test_the_core_loads_without_the_rest():
     assert done.stdout == 'loaded\n', done.stderr
 
 
-def test_programs_start_without_the_slow_half_of_scipy():
-    # These three take longer to import than all else together; few runs need them.
+def test_programs_start_without_slow_modules_of_scipy():
+    # The import of these three takes longer than all others together; few runs need them.
     program = ('import sys, gravity_comp_ros.api.loop, gravity_comp_ros.commands.fit, '
                'gravity_comp_ros.node.fit_job, gravity_comp_ros.workbench.jobs\n'
                'print(sorted({"scipy.stats", "scipy.signal", "scipy.optimize"} '
@@ -147,8 +145,8 @@ def test_programs_start_without_the_slow_half_of_scipy():
     assert done.stdout == '[]\n', done.stdout + done.stderr
 
 
-def test_the_process_of_the_node_loads_neither_scipy_nor_the_estimator():
-    # Its fits run in another process; a controller is restarted in the middle of work.
+def test_the_process_of_the_node_imports_neither_scipy_nor_the_estimator():
+    # Its fits run in another process, and a node must restart fast.
     program = ('import sys, gravity_comp_ros.node.node_core\n'
                'print(sorted(name for name in sys.modules if name == "scipy" or name.startswith(('
                '"gravity_comp_ros.estimation.fit", "gravity_comp_ros.diagnosis"))))')
@@ -157,21 +155,21 @@ def test_the_process_of_the_node_loads_neither_scipy_nor_the_estimator():
     assert done.stdout == '[]\n', done.stdout + done.stderr
 
 
-# Of these rooms no dataclass that holds an array may compare by ==, which arrays do not do.
-HOLD_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
+# Packages whose dataclasses with arrays must not define ==, which is ambiguous for arrays.
+WITH_ARRAYS = ('data', 'models', 'recordings', 'simulation', 'node')
 ARRAY = re.compile(r'\b(FloatArray|BoolArray|NDArray)\b')
 
 
-@each([path for path in MODULES if room(path) in HOLD_ARRAYS])
-def test_what_holds_an_array_is_not_compared_by_its_values(path):
-    for made in ast.walk(ast.parse(path.read_text())):
-        if not isinstance(made, ast.ClassDef):
+@each([path for path in MODULES if room(path) in WITH_ARRAYS])
+def test_dataclasses_with_arrays_do_not_compare_by_value(path):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if not isinstance(node, ast.ClassDef):
             continue
-        decorators = [ast.unparse(each) for each in made.decorator_list]
-        fields = [ast.unparse(each.annotation) for each in made.body
-                  if isinstance(each, ast.AnnAssign)]
-        own = any(isinstance(each, ast.FunctionDef) and each.name == '__eq__'
-                  for each in made.body)
-        if not own and any(each.startswith('dataclass') for each in decorators) and any(
-                ARRAY.search(each) and 'Callable' not in each for each in fields):
-            assert any('eq=False' in each for each in decorators), made.name
+        decorators = [ast.unparse(decorator) for decorator in node.decorator_list]
+        fields = [ast.unparse(item.annotation) for item in node.body
+                  if isinstance(item, ast.AnnAssign)]
+        own_eq = any(isinstance(item, ast.FunctionDef) and item.name == '__eq__'
+                     for item in node.body)
+        if not own_eq and any(text.startswith('dataclass') for text in decorators) and any(
+                ARRAY.search(field) and 'Callable' not in field for field in fields):
+            assert any('eq=False' in text for text in decorators), node.name

@@ -1,10 +1,10 @@
 """
 Accuracy on the paper's simulated arm and motions, over four seeds of noise.
 
-Yu 2022, Table 3: 1000 random poses, 1 % relative noise, tested on Eq. (15), where the paper has
-0.43, 0.48 and 0.57 % with 246, 76 and 171 features on J2, J3, J4. And 100 s of the small slow
-motion of Eq. (17) with 0.1 N·m noise, tested later on the same motion and over the whole range
-of the joints. `pytest -rP` prints the worst figures.
+Yu 2022, Table 3: 1000 random poses, 1 % relative noise, tested on Eq. (15). The paper reports
+0.43, 0.48 and 0.57 % with 246, 76 and 171 features on J2, J3, J4. Small motion: 100 s of the slow
+motion of Eq. (17) with 0.1 N·m noise, tested later on the same motion and over the whole joint
+range. `pytest -rP` prints the worst figures.
 """
 
 from bench import accuracy
@@ -17,7 +17,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ARM = arms.iiwa7()
-# bench/accuracy.py takes ten.
+# bench/accuracy.py uses ten.
 SEEDS = range(4)
 FORMULATIONS = ('potential', 'per_joint')
 BOTH = pytest.mark.parametrize('formulation', FORMULATIONS)
@@ -38,12 +38,12 @@ def eq17() -> dict[str, accuracy.Figures]:
     return {name: accuracy.eq17(name, SEEDS) for name in FORMULATIONS}
 
 
-def test_gravity_lies_in_the_dictionary(truth):
+def test_gravity_is_a_sum_over_the_dictionary(truth):
     q = motions.eq15().q
     exact = arms.gravity_torque(ARM, q)
     np.testing.assert_allclose(dictionary.columns(q, np.arange(3 ** 7)) @ truth, exact,
                                atol=1e-9)
-    # From 59 N·m down to the few millinewton metres of a link's skew centre of mass.
+    # From 59 N·m down to the few mN·m of a link's eccentric centre of mass.
     sizes = np.abs(truth[np.abs(truth) > 1e-6])
     assert 58 < sizes.max() < 60 and sizes.min() < 0.01
 
@@ -54,21 +54,21 @@ def test_random_poses_as_in_table_3(table3, formulation):
     worst = 100 * figures.worst('nrmse')[1:4]
     print(f'{formulation}: worst nRMSE of J2, J3, J4 in %:', np.round(worst, 4))
     assert worst.max() <= {'potential': 0.03, 'per_joint': 0.15}[formulation]
-    assert all(one.converged for one in figures.fits)
+    assert all(result.converged for result in figures.fits)
 
 
 @BOTH
-def test_features_are_few_and_the_true_ones_among_them(table3, truth, formulation):
+def test_features_are_few_and_include_the_true_ones(table3, truth, formulation):
     figures = table3[formulation]
-    most = accuracy.most_features(figures)
-    print(f'{formulation}: most features of J1 to J7:', most)
-    assert most.max() <= 20
+    n_features = accuracy.most_features(figures)
+    print(f'{formulation}: largest number of features of J1 to J7:', n_features)
+    assert n_features.max() <= 20
     assert accuracy.missing(figures, truth) == 0
-    for one in figures.fits:
-        for joint, torque in enumerate(one.model.torques):
+    for result in figures.fits:
+        for joint, torque in enumerate(result.model.torques):
             large = np.flatnonzero(np.abs(truth[:, joint]) > 0.1)
-            found = torque.weights[np.searchsorted(torque.indices, large)]
-            np.testing.assert_allclose(found, truth[large, joint], atol=0.2)
+            weights = torque.weights[np.searchsorted(torque.indices, large)]
+            np.testing.assert_allclose(weights, truth[large, joint], atol=0.2)
 
 
 def test_the_small_motion_with_a_potential(eq17):
@@ -80,21 +80,19 @@ def test_the_small_motion_with_a_potential(eq17):
     assert figures.worst('anywhere').max() <= 1.0
 
 
-def test_the_small_motion_joint_by_joint_is_no_guide_outside(eq17):
+def test_per_joint_does_not_generalise_from_the_small_motion(eq17):
     figures, other = eq17['per_joint'], eq17['potential']
     print('per_joint: worst RMSE in N·m of J1 to J7, later:',
           np.round(figures.worst('later'), 3), 'anywhere:',
           np.round(figures.worst('anywhere'), 3))
-    # No promise is made for it; these bounds notice a fit that broke, or the table in the
-    # documentation growing stale.
+    # No accuracy is claimed. These bounds detect a broken fit or a stale table in the docs.
     assert 0.05 < figures.worst('later').max() < 5.0
     assert 3 * other.worst('anywhere').max() < figures.worst('anywhere').max() < 300.0
 
 
 @pytest.mark.parametrize('seed', SEEDS)
-def test_the_small_motion_with_the_inertia_it_really_has(seed):
-    # Trained on the moving arm's torque, and judged on it; what it says of gravity anywhere is
-    # not spoilt by what inertia it took for gravity.
+def test_the_small_motion_with_inertia(seed):
+    # Trained and tested on torque with inertia; the error of gravity must stay small as well.
     result = fit(accuracy.small_motion(seed, static=False))
     assert accuracy.rmse(result, accuracy.LATER, static=False).max() <= 0.05
     assert accuracy.rmse(result, accuracy.ANYWHERE).max() <= 1.0

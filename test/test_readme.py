@@ -1,4 +1,4 @@
-"""What README.md shows of `fit` and `compare` is what a run prints."""
+"""README.md shows the output of `fit` and `compare`."""
 
 from pathlib import Path
 import re
@@ -8,12 +8,12 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 NUMBER = re.compile(r'-?\d+(?:\.\d+)?')
-# By how much figures may differ on another machine; counts of terms follow from them.
+# Tolerances of figures, which differ between machines.
 RELATIVE, ABSOLUTE = 0.05, 0.02
 
 
 def shown(verb):
-    """Return the lines that README.md shows below a command, shortened ones left out."""
+    """Return the output lines of a command in README.md, without shortened ones."""
     text = (ROOT / 'README.md').read_text()
     block = re.search(rf'^\$ gravity_comp {verb} bags/.*\n((?:(?!\$ ).*\n)*?)(?:\n\$ |```)', text,
                       re.MULTILINE)
@@ -29,15 +29,16 @@ def model(tmp_path_factory):
 @pytest.mark.parametrize(('verb', 'call'), [
     ('fit', ['fit', 'bags/eq17_unloaded.mcap', '-o', 'MODEL']),
     ('compare', ['compare', 'bags/eq17_2kg.mcap', '--model', 'MODEL'])])
-def test_the_readme_shows_what_is_printed(model, monkeypatch, capsys, verb, call):
+def test_the_readme_shows_the_output(model, monkeypatch, capsys, verb, call):
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv('COLUMNS', '160')
     assert main([word.replace('MODEL', str(model)) for word in call]) == 0
     printed = [' '.join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert len(shown(verb)) >= 6
     for line in shown(verb):
-        alike = [other for other in printed if NUMBER.sub('#', other) == NUMBER.sub('#', line)]
-        assert any(close(line, other) for other in alike), (line, alike)
+        candidates = [other for other in printed
+                      if NUMBER.sub('#', other) == NUMBER.sub('#', line)]
+        assert any(close(line, other) for other in candidates), (line, candidates)
 
 
 def close(line, other):

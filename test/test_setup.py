@@ -1,4 +1,4 @@
-"""Setting up on a machine that lacks something: one line says what, and nothing is made."""
+"""Setup on an incomplete machine: an error of one line, and no virtual environment."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ TOOLS = ('sh', 'dirname', 'cat', 'cksum', 'tr')
 
 @pytest.fixture
 def machine(tmp_path):
-    """Return a function that makes a machine with the given Pythons and runs the script on it."""
+    """Return a function that runs the script with a PATH of the given Pythons."""
     programs = tmp_path / 'bin'
     programs.mkdir()
     for name in TOOLS:
@@ -22,7 +22,7 @@ def machine(tmp_path):
 
     def run(pythons, **environment):
         for name, (version, modules) in pythons.items():
-            # Enough of a Python to be asked for its version and its modules.
+            # A substitute for Python that answers the queries for version and modules.
             lines = ['#!/bin/sh', 'case "$2" in', f'*version_info*) echo {version} ;;']
             lines += [f'*import*{module}*) exit 0 ;;' for module in modules]
             (programs / name).write_text('\n'.join([*lines, '*) exit 1 ;;', 'esac', '']))
@@ -71,7 +71,7 @@ def test_jazzy_is_sourced_but_does_not_load(machine):
 
 
 def test_sourced_jazzy_is_used_with_its_own_python(machine):
-    # It gets as far as asking for the venv module, with the Python that has rclpy.
+    # The script reaches the check of the venv module, with the Python that has rclpy.
     line = machine({'python3': ('3.12', ('rclpy',))}, ROS_DISTRO='jazzy')
     assert 'sudo apt install python3.12-venv' in line
 
@@ -93,7 +93,7 @@ def test_commands_of_the_readme_exist():
 
 
 @pytest.mark.parametrize('document', ['README.md', 'docs/dependencies.md'])
-def test_links_lead_somewhere(document):
+def test_links_resolve(document):
     path = ROOT / document
     links = re.findall(r'\]\(([^)#:]+)\)', path.read_text())
     assert [link for link in links if not (path.parent / link).exists()] == []

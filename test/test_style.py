@@ -1,4 +1,4 @@
-"""Style as ament's linters ask for it: flake8, and docstrings by PEP 257. And types."""
+"""Style by ament's linters (flake8, and docstrings by PEP 257), and types."""
 
 from pathlib import Path
 import subprocess
@@ -14,7 +14,7 @@ FOLDERS = [name for name in ('gravity_comp_ros', 'test', 'launch', 'examples', '
 
 
 def lint(*command, paths=FOLDERS):
-    """Return exit status and output of a linter, run with the settings in setup.cfg."""
+    """Return exit status and output of a linter with the settings in setup.cfg."""
     done = subprocess.run([sys.executable, '-m', *command, *map(str, paths)], cwd=ROOT,
                           capture_output=True, text=True, timeout=300)
     return done.returncode, done.stdout + done.stderr
@@ -26,7 +26,7 @@ def test_flake8():
 
 
 def test_ruff():
-    # Among much else docstrings, by the rules of ament_pep257.
+    # Includes docstrings by the rules of ament_pep257.
     status, output = lint('ruff', 'check', '--no-cache')
     assert status == 0, output
 
@@ -45,7 +45,7 @@ def test_types():
     (('mypy', '--config-file', 'pyproject.toml'), 'def f(x):\n    return x\n', 'no-untyped-def'),
     (('mypy', '--config-file', 'pyproject.toml'), 'x: int = "text"\n', 'assignment'),
 ])
-def test_linters_see_a_breach(tmp_path, linter, text, code):
+def test_linters_detect_a_violation(tmp_path, linter, text, code):
     file = tmp_path / 'bad.py'
     file.write_text(text)
     status, output = lint(*linter, paths=[file])

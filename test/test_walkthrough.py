@@ -1,4 +1,4 @@
-"""The walk-through, as a user takes it: hidden friction is found, added, and the error falls."""
+"""The commands of the walk-through: hidden friction is identified, added, and the error falls."""
 
 import importlib.util
 import json
@@ -27,7 +27,7 @@ COMMANDS = script().commands()
 
 @pytest.fixture(scope='module')
 def walk(tmp_path_factory):
-    """Run every command of the page, with --json where it has one; return answers and folder."""
+    """Run every command of the page with --json; return the reports and the folder."""
     folder = tmp_path_factory.mktemp('walk')
     answers = []
     with pytest.MonkeyPatch.context() as patch:
@@ -47,8 +47,8 @@ def answers_of(walk, verb):
 
 
 def test_the_page_shows_the_commands_of_the_script():
-    shown = re.findall(r'^\$ (.*)$', (DOCS / 'walkthrough.md').read_text(), flags=re.MULTILINE)
-    assert shown == COMMANDS
+    commands = re.findall(r'^\$ (.*)$', (DOCS / 'walkthrough.md').read_text(), flags=re.MULTILINE)
+    assert commands == COMMANDS
 
 
 def test_compare_shows_the_joint_with_the_friction(walk):
@@ -62,29 +62,29 @@ def test_diagnose_names_the_friction_and_its_size(walk):
     frictions = [f for f in diagnosis['findings'] if 'friction' in (f['effect'] or '')]
     assert [(f['joint'], f['effect'], f['verdict']) for f in frictions] == [
         (JOINT, 'coulomb_friction', 'established')]
-    found = frictions[0]['coefficients']['F_c']
-    low, high = found['ci95']
-    assert found['unit'] == 'N·m' and low < FRICTION < high and high - low < 0.1
+    coefficient = frictions[0]['coefficients']['F_c']
+    low, high = coefficient['ci95']
+    assert coefficient['unit'] == 'N·m' and low < FRICTION < high and high - low < 0.1
     assert 'Coulomb friction on joint iiwa_joint_4' in diagnosis['verdict']
-    wanted = f'gravity_comp add coulomb_friction:{JOINT} --model arm.json run1.mcap run2.mcap'
-    assert frictions[0]['next_step'] == wanted and wanted in COMMANDS
+    command = f'gravity_comp add coulomb_friction:{JOINT} --model arm.json run1.mcap run2.mcap'
+    assert frictions[0]['next_step'] == command and command in COMMANDS
 
 
-def test_adding_it_takes_the_held_out_error_to_the_noise(walk):
+def test_the_added_friction_reduces_the_held_out_error_to_the_noise(walk):
     held_out = answers_of(walk, 'add')[0]['held_out'][JOINT]
     assert held_out['rmse_before'] == pytest.approx(FRICTION, rel=0.1)
-    # Each run is predicted by a model of the other one alone.
+    # Each run is predicted by a model fitted to the other one alone.
     assert held_out['rmse_after'] < 2.0 * NOISE
 
 
-def test_compare_shows_that_the_error_has_fallen(walk):
+def test_compare_shows_the_smaller_error(walk):
     before, after = (answer['joints'] for answer in answers_of(walk, 'compare'))
     assert after[JOINT]['rmse'] < 1.2 * NOISE
     for name, figures in after.items():
         assert figures['rmse'] < 1.05 * before[name]['rmse'], name
 
 
-def test_the_model_file_tells_what_was_done_and_undone(walk):
+def test_the_model_file_records_addition_and_undo(walk):
     folder = walk[1]
     model = load_model(folder / 'with_effect.json')
     assert [effect.target for effect in model.applied.effects] == [f'coulomb_friction:{JOINT}']

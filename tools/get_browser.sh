@@ -1,9 +1,9 @@
 #!/bin/sh
-# Find, or install where that is allowed, the Chromium that the tests of pages run in.
+# Find the Chromium for the tests of pages, or install it as root.
 #
 #   tools/get_browser.sh
 #
-# Prints its path; exits 1 if there is none. Without one those tests are skipped, unless
+# Prints its path; exits 1 if there is none. Then those tests are skipped, unless
 # GRAVITY_COMP_BROWSER=required.
 set -eu
 

@@ -1,11 +1,11 @@
 #!/bin/sh
-# Make the virtual environment that this package is tested and shown in.
+# Make the virtual environment for tests and demo.
 #
 #   tools/make_venv.sh FOLDER newest|oldest
 #
 # Uses the Python in $PYTHON, or the first of python3.12, python3.11, python3 that is 3.11 or
-# 3.12. Where ROS 2 Jazzy is sourced it is used as it is; elsewhere its wheels are installed.
-# A second call with nothing changed returns at once.
+# 3.12. A sourced ROS 2 Jazzy is used as it is; otherwise its wheels are installed.
+# A second call without changes returns at once.
 set -eu
 
 venv=$1
@@ -92,7 +92,7 @@ install() {
     $pip install --no-deps --no-build-isolation --editable . ||
         fail "installing this package failed: pip's message is above"
     "$venv/bin/python" -c 'import rclpy, numpy, scipy, pinocchio' ||
-        fail "what was installed into $venv does not import"
+        fail "the packages installed into $venv do not import"
 }
 
 choose_ros

@@ -1,8 +1,8 @@
 """
-Cases that nothing was tuned to: friction on every joint, effects beside it, poor recordings.
+Test cases, unused for tuning: friction on every joint, further effects, degraded recordings.
 
-A case is drawn from its arm, its kind and its seed. Coulomb friction of every joint is to be
-named; viscous friction beside it is there, named or not.
+Arm, kind and seed determine a case. A diagnosis has to name Coulomb friction of every joint. It
+may name the viscous friction, which is present as well.
 """
 
 from __future__ import annotations
@@ -22,19 +22,21 @@ import numpy as np
 
 KINDS = ('friction', 'one_beside', 'two_beside', 'three_beside', 'lost', 'filtered', 'stepped',
          'no_velocity', 'drift', 'warming', 'one_way')
-_BESIDE = {'one_beside': 1, 'two_beside': 2, 'three_beside': 3, 'lost': 1, 'filtered': 1,
-           'stepped': 1, 'no_velocity': 1}
+# Number of effects in addition to friction.
+_ADDITIONAL = {'one_beside': 1, 'two_beside': 2, 'three_beside': 3, 'lost': 1, 'filtered': 1,
+               'stepped': 1, 'no_velocity': 1}
 _DEGRADED: dict[str, tuple[Degradation, ...]] = {
     'lost': (LostMessages(),), 'filtered': (FilteredTorque(),), 'stepped': (SteppedTorque(),),
     'no_velocity': (NoVelocity(),)}
+# Runs of a session, and the pause between them in s.
 _SESSION_RUNS, _SESSION_PAUSE = 6, 90.0
 
 
 def judging_case(arm: str, kind: str, seed: int) -> Case:
     """
-    Return a case of an arm.
+    Return a test case of an arm.
 
-    :raises OptionError: if there is no such kind or arm.
+    :raises OptionError: if the kind or the arm does not exist.
     """
     if kind not in KINDS or arm not in ARMS:
         raise OptionError(f'no judging case {kind} of arm {arm}; there are {", ".join(KINDS)}')
@@ -45,41 +47,41 @@ def judging_case(arm: str, kind: str, seed: int) -> Case:
         return _warming(arm, rng)
     if kind == 'one_way':
         return _one_way(arm, rng)
-    return _beside(arm, kind, rng)
+    return _friction_and_effects(arm, kind, rng)
 
 
-def _beside(arm: str, kind: str, rng: np.random.Generator) -> Case:
-    """Return friction on every joint, and drawn effects on some of them."""
+def _friction_and_effects(arm: str, kind: str, rng: np.random.Generator) -> Case:
+    """Return a case with friction on every joint, and random effects on some of them."""
     levels = _friction_levels(arm, rng)
     n = len(levels)
-    joints = [int(j) for j in rng.permutation(n)[:_BESIDE.get(kind, 0)]]
-    beside = draws(arm, joints, rng, loads=_loads(arm))
+    joints = [int(j) for j in rng.permutation(n)[:_ADDITIONAL.get(kind, 0)]]
+    effects = draws(arm, joints, rng, loads=_loads(arm))
     allowed = bristles(*range(n)) | {('viscous_friction', j) for j in range(n)}
     if kind == 'filtered':
-        # A filter delays the torque, and friction that is late looks like presliding.
+        # A filter delays the torque; delayed friction is nearly collinear with presliding.
         allowed |= {('time_delay', j) for j in range(n)}
     return Case(
         kind, arm,
         disturbances=(*(Friction(j, LuGre(*level)) for j, level in enumerate(levels)),
-                      *(disturbance for disturbance, _, _ in beside)),
+                      *(disturbance for disturbance, _, _ in effects)),
         truths=(*(coulomb(j, level[0]) for j, level in enumerate(levels)),
-                *(truth for _, truth, _ in beside)),
-        allowed=allowed.union(*(more for _, _, more in beside)),
+                *(truth for _, truth, _ in effects)),
+        allowed=allowed.union(*(more for _, _, more in effects)),
         max_speed=float(rng.uniform(0.25, 0.4)), degraded=_DEGRADED.get(kind, ()))
 
 
 def _friction_levels(arm: str, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Return Coulomb friction in N·m and viscous in N·m·s/rad: 1 to 4 % of gravity's range."""
+    """Return Coulomb (N·m) and viscous friction (N·m·s/rad) of 1 to 4 % of gravity's range."""
     built = ARMS[arm]()
     poses = rng.uniform(built.lower, built.upper, (300, built.n_joints))
     spans = np.ptp(gravity_torque(built, poses), axis=0)
-    least = 5.0 * np.array(noise_levels(built))
-    levels = np.maximum(rng.uniform(0.01, 0.04, len(spans)) * spans, least)
+    minimum = 5.0 * np.array(noise_levels(built))
+    levels = np.maximum(rng.uniform(0.01, 0.04, len(spans)) * spans, minimum)
     return [(float(c), float(c * rng.uniform(0.3, 3.0))) for c in levels]
 
 
 def _loads(arm: str) -> frozenset[int]:
-    """Return the joints whose gravity varies enough for friction that grows with load."""
+    """Return the joints whose gravity varies enough for load-dependent friction."""
     built = ARMS[arm]()
     poses = np.random.default_rng(0).uniform(built.lower, built.upper, (300, built.n_joints))
     spans = np.ptp(gravity_torque(built, poses), axis=0)
@@ -87,7 +89,7 @@ def _loads(arm: str) -> frozenset[int]:
 
 
 def _drift(arm: str, rng: np.random.Generator) -> Case:
-    """Return a sensor whose zero moves over six recordings of twenty minutes."""
+    """Return a case with a torque sensor zero that drifts over six runs in twenty minutes."""
     noise = noise_levels(ARMS[arm]())
     joint = int(rng.integers(len(noise)))
     rise = float(rng.choice([-1.0, 1.0]) * rng.uniform(8.0, 20.0) * noise[joint])
@@ -102,7 +104,7 @@ def _drift(arm: str, rng: np.random.Generator) -> Case:
 
 
 def _warming(arm: str, rng: np.random.Generator) -> Case:
-    """Return a gear that warms over six recordings of twenty minutes."""
+    """Return a case with a gear that warms over six runs in twenty minutes."""
     noise = noise_levels(ARMS[arm]())
     joint = int(rng.integers(len(noise)))
     level = float(rng.uniform(15.0, 30.0) * noise[joint])
@@ -120,7 +122,7 @@ def _warming(arm: str, rng: np.random.Generator) -> Case:
 
 
 def _one_way(arm: str, rng: np.random.Generator) -> Case:
-    """Return friction on a joint that moves one way only, where an offset looks the same."""
+    """Return a case with friction on a joint without reversals, collinear with an offset."""
     levels = _friction_levels(arm, rng)
     joint = int(rng.integers(1, len(levels)))
     level = levels[joint][0]

@@ -1,4 +1,4 @@
-"""Results of single recordings, kept in a folder so that a long campaign can go on."""
+"""Results of single recordings, stored in a folder so that a campaign can resume."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Task:
 
 
 def fingerprint() -> str:
-    """Return a hash of the code that makes recordings and diagnoses them."""
+    """Return a hash of the code that simulates and diagnoses recordings."""
     digest = hashlib.sha256()
     for room in _ROOMS:
         for path in sorted((_ROOT / room).rglob('*.py')):
@@ -40,7 +40,7 @@ def fingerprint() -> str:
 
 
 def load(folder: Path, task: Task, code: str | None) -> dict[str, Any] | None:
-    """Return an earlier result of the same task; of the same code, unless `code` is None."""
+    """Return the stored result of a task, of the same code unless `code` is None; else None."""
     path = folder / task.file
     try:
         result: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))

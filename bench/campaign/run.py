@@ -1,5 +1,5 @@
 """
-Hidden-effect campaign: arms with something wrong, and what the diagnosis makes of them.
+Hidden-effect campaign: diagnoses of arms with known unmodelled effects.
 
 Run from the root of the repository:
 
@@ -8,9 +8,9 @@ Run from the root of the repository:
     python -m bench.campaign.run judged/ --judging --seeds 10 --jobs 2 \
         --arms iiwa7,six_axis,right_seven,right_six,any_six
 
-Every recording's diagnosis is kept in the folder, so that a run that was stopped goes on where
-it was; results of older code are made anew, unless --keep is given. The folder then holds
-`campaign.json` and `campaign.md` as well.
+The folder stores the diagnosis of every recording, so that a stopped campaign resumes. Results of
+older code are recomputed, unless --keep is given. Summaries are `campaign.json` and `campaign.md`
+in the same folder.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from gravity_comp_ros.errors import GravityCompError
 
 
 def main() -> int:
-    """Run what is missing, judge everything that was asked for, and write the table."""
+    """Diagnose recordings without a result, score all requested ones, and write the table."""
     args = parser().parse_args()
     folder = Path(args.folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -53,25 +53,24 @@ def main() -> int:
     missing = [task for task in tasks if load(folder, task, None if args.keep else code) is None]
     print(f'{len(tasks)} recordings, {len(tasks) - len(missing)} done before', flush=True)
     run_all(missing, folder, code, args.jobs, not args.no_floor)
-    results = [(task, load(folder, task, None)) for task in tasks]
-    done = [(task, result) for task, result in results if result is not None]
-    (folder / 'campaign.json').write_text(json.dumps(summary(done), indent=1))
-    (folder / 'campaign.md').write_text(markdown(done))
-    print(markdown(done))
+    results = [(task, result) for task in tasks
+               if (result := load(folder, task, None)) is not None]
+    (folder / 'campaign.json').write_text(json.dumps(summary(results), indent=1))
+    (folder / 'campaign.md').write_text(markdown(results))
+    print(markdown(results))
     return 0
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     out = argparse.ArgumentParser(description='Hidden-effect campaign of the diagnosis.')
-    out.add_argument('folder', help='where results are kept')
+    out.add_argument('folder', help='folder of results')
     out.add_argument('--arms', default=','.join(ROLES), help=f'(default: {",".join(ROLES)})')
     out.add_argument('--cases', help='names, separated by commas (default: all)')
     out.add_argument('--drawn', type=int, default=0, metavar='N',
-                     help='instead of the named cases, N whose effects, joints and sizes are '
-                     'drawn at random')
+                     help='instead of the named cases, N with random effects, joints and sizes')
     out.add_argument('--judging', action='store_true',
-                     help='instead of the named cases, those that nothing was tuned to: '
+                     help='instead of the named cases, test cases unused for tuning: '
                      + ', '.join(KINDS))
     out.add_argument('--seeds', type=int, default=3, help='seeds 0 to N - 1 (default: 3)')
     out.add_argument('--first', type=int, default=0, help='first seed (default: 0)')
@@ -79,12 +78,12 @@ def parser() -> argparse.ArgumentParser:
     out.add_argument('--jobs', type=int, default=1, help='processes (default: 1)')
     out.add_argument('--keep', action='store_true', help='keep results of older code')
     out.add_argument('--no-floor', action='store_true',
-                     help='leave out the fit that knows the truth; takes a third of the time')
+                     help='omit the fit with the true effects; takes a third of the time')
     return out
 
 
 def chosen(args: argparse.Namespace, seed: int = 0) -> list[Case]:
-    """Return the cases that were asked for, on all arms."""
+    """Return the requested cases, on all arms."""
     arms = args.arms.split(',')
     if args.judging:
         chosen_kinds = args.cases.split(',') if args.cases else KINDS
@@ -97,7 +96,7 @@ def chosen(args: argparse.Namespace, seed: int = 0) -> list[Case]:
 
 
 def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) -> None:
-    """Diagnose every task's recordings in processes of their own."""
+    """Diagnose the recordings of every task in parallel processes, and store the results."""
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     start = monotonic()
     with get_context('spawn').Pool(jobs, maxtasksperchild=8) as pool:
@@ -110,10 +109,9 @@ def run_all(tasks: list[Task], folder: Path, code: str, jobs: int, floor: bool) 
 
 def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     """
-    Return a recording's diagnosis, its time, and the error of a fit that knows the truth.
+    Return a recording's diagnosis, its time, and the error of a fit with the true effects.
 
-    That fit is told which effects are there, inertia and Coriolis torque among them, and looks
-    for no others.
+    The candidates of that fit are the effects of the case, and inertia and Coriolis torque.
     """
     samples = recordings(task.case, task.seed, task.rate)
     start = monotonic()
@@ -122,14 +120,15 @@ def run_one(task: Task, floor: bool) -> tuple[Task, dict[str, Any]]:
     result['peak_mb'] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result['joints'] = list(samples.names)
     if floor and task.case.verdict == 'found':
-        known = diagnose(samples, options=DiagnosisOptions(effects=told(task.case))).to_json()
+        oracle = diagnose(samples, options=DiagnosisOptions(
+            effects=true_effects(task.case))).to_json()
         result['floor'] = {name: report['rmse_after']
-                           for name, report in known['joints'].items()}
+                           for name, report in oracle['joints'].items()}
     return task, result
 
 
-def told(case: Case) -> tuple[str, ...]:
-    """Return the names of all effects that are there."""
+def true_effects(case: Case) -> tuple[str, ...]:
+    """Return the names of all effects in a case."""
     names = {name for name, _ in (*case.expected, *case.allowed)}
     return tuple(sorted({*ALWAYS_THERE, *names}))
 

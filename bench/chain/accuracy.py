@@ -1,15 +1,15 @@
 """
-Measure the chain: on the motion, over the whole joint range, after a tool change, on other arms.
+Accuracy of the chain: on the motion, over the joint range, after a tool change, on other arms.
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.chain.accuracy iiwa arms rough tool short [--seeds 10]
 
 Errors are RMSE of the worst joint in N·m against noise-free gravity. `motion` is 100 s of the
 training motion's continuation, `range` 1000 poses over all joint limits. `in` and `out` are the
 shares of torques, measured with the same noise, inside the 95 % band on `motion` and `range`,
-over all joints and seeds; `true` are those of the noise-free torques inside the model's own.
+over all joints and seeds; `true` are those of the noise-free torques inside the model's 95 % band.
 The floor is a fit of all moments with the true axes. `rough` has inertia, Coulomb friction and
-noise of 0.3 N·m, with and without friction as an effect; `tool` weighs 2 kg with a URDF; `short`
-are the generated arms after 20 and 12 s of motion.
+noise of 0.3 N·m, with and without friction as an effect; `tool` estimates a payload of 2 kg with a
+URDF; `short` are the generated arms after 20 and 12 s of motion.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from pathlib import Path
 import time
 
 from bench.cases import generated
+from bench.estimator.builds import fit_on_axes, NOISE, true_axes
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.effects.request import requests
@@ -27,11 +28,10 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.update import update
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
 from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 
-NOISE = 0.1
+# Coulomb friction and noise of `rough`, in N·m.
 ROUGH = 0.3
 URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'
 Row = dict[str, float]
@@ -40,7 +40,7 @@ PAYLOADS = {'on axis': (0.0, 0.0, 0.1), 'off axis': (0.02, 0.03, 0.1)}
 
 @dataclass
 class Case:
-    """An arm with its training motion and the poses that a model is judged on."""
+    """An arm with its training motion and the test poses."""
 
     arm: arms.Arm
     path: object
@@ -58,38 +58,28 @@ class Case:
         return JointSamples.single_run(arm.joints, motion.t, motion.q, np.zeros_like(motion.q),
                                        tau + NOISE * rng.normal(size=tau.shape))
 
-    def judge(self, model: GravityModel, arm: arms.Arm, noise: float = NOISE) -> Row:
-        found = {}
+    def errors(self, model: GravityModel, arm: arms.Arm, noise: float = NOISE) -> Row:
+        row = {}
         for name, q in (('motion', self.motion), ('range', self.range)):
             error = model.predict(q) - arms.gravity_torque(arm, q)
             std = model.predict_std(q)
             measured = error + noise * np.random.default_rng(5).normal(size=error.shape)
-            found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
-            found[f'band_{name}'] = float(
+            row[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
+            row[f'band_{name}'] = float(
                 (np.abs(measured) <= 1.96 * np.hypot(std, model.noise)).mean())
-            found[f'true_{name}'] = float((np.abs(error) <= 1.96 * std + 1e-9).mean())
-        return found
+            row[f'true_{name}'] = float((np.abs(error) <= 1.96 * std + 1e-9).mean())
+        return row
 
-    def floor(self, samples: JointSamples) -> dict[str, float]:
+    def floor(self, samples: JointSamples) -> Row:
         """Return the errors of a least-squares fit of all moments with the true axes."""
-        axes = np.stack([p.rotation for p in list(self.arm.model.jointPlacements)[1:]])
-        up = -self.arm.model.gravity.linear
-        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        columns = ForwardKinematics(axes, samples.q).moment_columns()
-        columns = columns.reshape(2 * len(axes), -1) / NOISE
-        gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
-        moments = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
-        found = {}
-        for name, q in (('motion', self.motion), ('range', self.range)):
-            columns = ForwardKinematics(axes, q).moment_columns()
-            torque = np.tensordot(moments, columns, axes=(0, 0)).T
-            error = torque - arms.gravity_torque(self.arm, q)
-            found[name] = float(np.sqrt((error ** 2).mean(axis=0)).max())
-        return found
+        chain = fit_on_axes(true_axes(self.arm), samples)
+        return {name: float(np.sqrt(((chain.torque(q) - arms.gravity_torque(self.arm, q)) ** 2)
+                                    .mean(axis=0)).max())
+                for name, q in (('motion', self.motion), ('range', self.range))}
 
 
-def show(title: str, rows: list[dict[str, float]]) -> None:
-    """Print the worst and the mean of what was measured."""
+def show(title: str, rows: list[Row]) -> None:
+    """Print the worst and the mean of the errors."""
     def column(key: str) -> np.ndarray:
         return np.array([row[key] for row in rows])
     print(f'{title:26s} motion {column("motion").max():6.3f} (mean {column("motion").mean():.3f})'
@@ -100,24 +90,24 @@ def show(title: str, rows: list[dict[str, float]]) -> None:
 
 
 def fitted(case: Case, samples: JointSamples, formulation: str) -> tuple[GravityModel, Row]:
-    """Return a fit, judged and timed."""
+    """Return a fit with its errors and time."""
     start = time.perf_counter()
     model = fit(samples, FitOptions(formulation)).model
     seconds = time.perf_counter() - start
-    return model, {**case.judge(model, case.arm), 'seconds': seconds}
+    return model, {**case.errors(model, case.arm), 'seconds': seconds}
 
 
 def updated(case: Case, loaded: arms.Arm, model: GravityModel, new: JointSamples) -> Row:
-    """Return how an update of the model fares on the loaded arm."""
+    """Return errors and time of an update of the model on the loaded arm."""
     start = time.perf_counter()
     result = update(model, new).model
     seconds = time.perf_counter() - start
-    return {**case.judge(result, loaded), 'seconds': seconds}
+    return {**case.errors(result, loaded), 'seconds': seconds}
 
 
 def iiwa(seeds: int, formulation: str) -> None:
     """Measure on the iiwa and Yu 2022, Eq. (17), with and without 2 kg."""
-    rows: dict[str, list[dict[str, float]]] = {}
+    rows: dict[str, list[Row]] = {}
     floors = []
     for seed in range(seeds):
         case = Case(arms.iiwa7(), motions.eq17, seed)
@@ -133,14 +123,14 @@ def iiwa(seeds: int, formulation: str) -> None:
                     updated(case, loaded, model, new))
     print(f'iiwa, {formulation}, {seeds} seeds; floor motion '
           f'{max(f["motion"] for f in floors):.3f} range {max(f["range"] for f in floors):.3f}')
-    for title, found in rows.items():
-        show(title, found)
+    for title, group in rows.items():
+        show(title, group)
 
 
-def others(seeds: int, formulation: str) -> None:
-    """Measure on generated arms, against the floor."""
+def generated_arms(seeds: int, formulation: str) -> None:
+    """Measure on generated arms, and compare with the floor."""
     for right in (False, True):
-        rows: dict[str, list[dict[str, float]]] = {}
+        rows: dict[str, list[Row]] = {}
         for seed in range(seeds):
             arm = generated.generated_arm(seed, right_angles=right)
             case = Case(arm, lambda a=arm, s=seed, **when: generated.small_motion(a, s, **when),
@@ -159,8 +149,8 @@ def others(seeds: int, formulation: str) -> None:
                   f'{after["motion"]:.3f} range {after["range"]:.3f} band '
                   f'{after["band_range"]:.2f}', flush=True)
         print(f'generated arms, {"right angles" if right else "any angles"}, {formulation}')
-        for title, found in rows.items():
-            show(title, found)
+        for title, group in rows.items():
+            show(title, group)
 
 
 def rough(seeds: int, formulation: str) -> None:
@@ -173,22 +163,22 @@ def rough(seeds: int, formulation: str) -> None:
         tau += ROUGH * np.tanh(motion.qd / 0.002)
         tau += ROUGH * np.random.default_rng([seed, 7]).normal(size=tau.shape)
         samples = JointSamples.single_run(case.arm.joints, motion.t, motion.q, motion.qd, tau)
-        wanted = requests(['coulomb_friction'], samples.names)
+        effects = requests(['coulomb_friction'], samples.names)
         for name in ('friction unknown', 'friction an effect'):
             start = time.perf_counter()
             options = FitOptions(formulation)
             model = fit(samples, options).model if name.endswith('unknown') else \
-                fit_with_effects(samples, samples, wanted, options).joint.model
+                fit_with_effects(samples, samples, effects, options).joint.model
             seconds = time.perf_counter() - start
             rows.setdefault(name, []).append(
-                {**case.judge(model, case.arm, ROUGH), 'seconds': seconds})
+                {**case.errors(model, case.arm, ROUGH), 'seconds': seconds})
     print(f'iiwa with Coulomb friction and noise of {ROUGH} N·m, {formulation}, {seeds} seeds')
-    for title, found in rows.items():
-        show(title, found)
+    for title, group in rows.items():
+        show(title, group)
 
 
 def tool(seeds: int, formulation: str) -> None:
-    """Weigh 2 kg from 50 and 25 samples; the old model knew no URDF."""
+    """Estimate a payload of 2 kg from 50 and 25 samples, after a fit without a URDF."""
     geometry = read_urdf(URDF, arms.iiwa7().joints)
     rows: dict[str, list[Row]] = {}
     errors: dict[str, list[np.ndarray]] = {}
@@ -202,23 +192,23 @@ def tool(seeds: int, formulation: str) -> None:
                 start = time.perf_counter()
                 result = update(model, new, geometry=geometry)
                 seconds = time.perf_counter() - start
-                title, told = f'2 kg {name}, {count}', result.report.payload
+                title, payload = f'2 kg {name}, {count}', result.report.payload
                 rows.setdefault(title, []).append(
-                    {**case.judge(result.model, loaded), 'seconds': seconds})
-                centre = [told.centre[axis].value for axis in 'xyz']
+                    {**case.errors(result.model, loaded), 'seconds': seconds})
+                centre = [payload.centre[axis].value for axis in 'xyz']
                 errors.setdefault(title, []).append(np.abs(np.array(
-                    [100 * (told.mass.value / 2.0 - 1), *1e3 * (centre - np.array(com))])))
+                    [100 * (payload.mass.value / 2.0 - 1), *1e3 * (centre - np.array(com))])))
     print(f'iiwa, {formulation}, update with a URDF, {seeds} seeds')
-    for title, found in rows.items():
-        show(title, found)
+    for title, group in rows.items():
+        show(title, group)
         worst = np.max(errors[title], axis=0)
         print(f'{"":26s} mass within {worst[0]:.2f} %, centre within {worst[1:].max():.1f} mm')
 
 
 def short(seeds: int, formulation: str) -> None:
-    """Measure on generated arms after too little motion."""
+    """Measure on generated arms after insufficient motion."""
     for duration in (20.0, 12.0):
-        rows, said = [], 0
+        rows, warned = [], 0
         for seed in range(seeds):
             for right in (False, True):
                 arm = generated.generated_arm(seed, right_angles=right)
@@ -227,18 +217,18 @@ def short(seeds: int, formulation: str) -> None:
                 start = time.perf_counter()
                 result = fit(case.samples(arm, 0, duration=duration), FitOptions(formulation))
                 seconds = time.perf_counter() - start
-                rows.append({**case.judge(result.model, arm), 'seconds': seconds})
-                said += any('may be off by' in words for words in result.report.warnings)
-        print(f'generated arms, {duration:.0f} s, {formulation}; {said} of {len(rows)} say that '
-              f'they are unsure; worst band {min(row["band_range"] for row in rows):.2f}')
+                rows.append({**case.errors(result.model, arm), 'seconds': seconds})
+                warned += any('may be off by' in text for text in result.report.warnings)
+        print(f'generated arms, {duration:.0f} s, {formulation}; {warned} of {len(rows)} warn of '
+              f'uncertainty; worst band {min(row["band_range"] for row in rows):.2f}')
         show(f'{duration:.0f} s', rows)
 
 
-PARTS = {'iiwa': iiwa, 'arms': others, 'rough': rough, 'tool': tool, 'short': short}
+PARTS = {'iiwa': iiwa, 'arms': generated_arms, 'rough': rough, 'tool': tool, 'short': short}
 
 
 def main() -> None:
-    """Run the parts that are named."""
+    """Run the named parts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     parser.add_argument('parts', nargs='+', choices=tuple(PARTS))
     parser.add_argument('--seeds', type=int, default=10)

@@ -1,13 +1,13 @@
 """
-Measure the default fit on many builds, against least squares with known kinematics.
+Accuracy of the default fit on many arms, compared with least squares with known kinematics.
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.estimator.arms [--seeds 10] [--friction 0 0.01]
 
 100 s of slow motion at 5 Hz with 0.1 N·m of noise; friction is Coulomb plus viscous, each that
 share of the joint's gravity range. Errors are the worst joint's RMSE over 1000 poses of the whole
-joint range. Builds marked `tuning` were used while the estimator was written. `limit` is the
-Cramer-Rao bound of an arm with unknown axes: the mean square of the errors over many seeds cannot
-be below it, unless the estimate knows more than the samples.
+joint range. The estimator was tuned on the builds marked `tuning`. `limit` is the Cramer-Rao bound
+of an arm with unknown axes: the mean square of the errors over many seeds cannot be below it,
+unless the estimate uses prior knowledge.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def measure(build: Build, friction: float, seed: int, formulation: str) -> dict:
 
 
 def line(title: str, rows: list[dict], ratios: list[float]) -> str:
-    """Return what is printed of the seeds of a build."""
+    """Return the printed line of a build, over all its seeds."""
     error, floor, limit = (float(np.sqrt(np.mean([row[key] ** 2 for row in rows])))
                            for key in ('error', 'floor', 'limit'))
     return (f'{title} error worst {max(row["error"] for row in rows):6.3f} N·m, RMS of seeds '
@@ -45,7 +45,7 @@ def line(title: str, rows: list[dict], ratios: list[float]) -> str:
 
 
 def main() -> None:
-    """Measure and print one line a build."""
+    """Measure and print one line for each build."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=10)
     parser.add_argument('--friction', type=float, nargs='+', default=[0.0, 0.01])
@@ -59,15 +59,15 @@ def main() -> None:
                 continue
             rows = [measure(build, friction, seed, args.formulation)
                     for seed in range(args.seeds)]
-            found = [row['error'] / row['floor'] for row in rows]
-            ratios[build.tuning] += found
+            build_ratios = [row['error'] / row['floor'] for row in rows]
+            ratios[build.tuning] += build_ratios
             print(line(f'friction {friction:5.3f} {"tuning " if build.tuning else "judging"} '
-                       f'{build.name:17s}', rows, found), flush=True)
-        for tuning, found in ratios.items():
-            if found:
+                       f'{build.name:17s}', rows, build_ratios), flush=True)
+        for tuning, group in ratios.items():
+            if group:
                 print(f'friction {friction:5.3f} {"tuning" if tuning else "judging"}: ratio worst '
-                      f'{max(found):.2f}, median {np.median(found):.2f}, above 3: '
-                      f'{np.mean(np.array(found) > 3):.0%}')
+                      f'{max(group):.2f}, median {np.median(group):.2f}, above 3: '
+                      f'{np.mean(np.array(group) > 3):.0%}')
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""Arms and motions that the estimator is measured on: some to tune with, others to judge by."""
+"""Arms and motions for the accuracy of the estimator: a tuning set and a test set."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ from dataclasses import dataclass
 
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.models.kinematic.chain import aligned, ForwardKinematics
+from gravity_comp_ros.models.kinematic.chain import aligned, Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.chain_solver import ChainProblem, solve
 from gravity_comp_ros.simulation import arms, motions
 from gravity_comp_ros.simulation.arms import Arm, with_base_tilt
 import numpy as np
 import pinocchio as pin
 
+# Standard deviation of the torque in N·m, sampling rate in Hz, duration of the motion in s.
 NOISE = 0.1
 RATE = 5.0
 DURATION = 100.0
+# Number of test poses over the whole joint range.
 RANGE_POSES = 1000
 
 
 @dataclass(frozen=True)
 class Build:
-    """An arm, the seed of its slow motion, and whether anything was tuned on it."""
+    """An arm, the seed of its slow motion, and whether it is in the tuning set."""
 
     name: str
     arm: Arm
@@ -31,20 +33,21 @@ class Build:
 
 def shoulder_arm(seed: int) -> Arm:
     """
-    Return a seven-axis arm like those of two-armed robots: a shoulder at any angle.
+    Return a seven-axis arm of a two-armed robot, with a shoulder at a random angle.
 
     Upper arm and forearm are long; wrist axes meet at right angles; every axis is off by up to
-    three degrees, as assembled.
+    three degrees, as in assembly.
     """
     rng = np.random.default_rng([seed, 7])
-    turns = [(rng.uniform(-1.2, 1.2), rng.uniform(-1.2, 1.2)), (np.pi / 2, 0.0), (-np.pi / 2, 0.0),
-             (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0)]
+    angles = [(rng.uniform(-1.2, 1.2), rng.uniform(-1.2, 1.2)), (np.pi / 2, 0.0),
+              (-np.pi / 2, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (np.pi / 2, 0.0),
+              (-np.pi / 2, 0.0)]
     lengths = rng.uniform(0.7, 1.3, 7) * np.array([0.1, 0.07, 0.36, 0.07, 0.37, 0.02, 0.12])
     masses = rng.uniform(0.7, 1.3, 7) * np.array([5.7, 3.2, 4.3, 2.0, 2.2, 1.6, 0.5])
     model, parent = pin.Model(), 0
     names = tuple(f'arm_{k + 1}' for k in range(7))
     for k, name in enumerate(names):
-        roll, pitch = turns[k] + rng.normal(scale=1e-3, size=2)
+        roll, pitch = angles[k] + rng.normal(scale=1e-3, size=2)
         # Long links run along their own axis, short ones across it.
         along = np.array([0.0, 0.0, 1.0]) if k % 2 == 0 else np.array([1.0, 0.0, 0.0])
         place = pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, 0.0), lengths[k] * along)
@@ -57,7 +60,7 @@ def shoulder_arm(seed: int) -> Arm:
 
 
 def builds() -> list[Build]:
-    """Return all builds; those of `tuning` were used while the estimator was written."""
+    """Return all builds: the tuning set, then the test set."""
     tuning = [Build(f'any angle {seed}', generated.generated_arm(seed), seed, True)
               for seed in range(4)]
     tuning += [Build(f'right angles {seed}', generated.generated_arm(seed, right_angles=True),
@@ -73,16 +76,37 @@ def builds() -> list[Build]:
     return tuning + judging
 
 
+def true_axes(arm: Arm) -> np.ndarray:
+    """Return the true axes (N, 3, 3) of an arm, with the tilt of its base."""
+    axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
+    up = -arm.model.gravity.linear
+    axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
+    return axes
+
+
+def fit_on_axes(axes: np.ndarray, samples: JointSamples,
+                nuisance: np.ndarray | None = None) -> Chain:
+    """Return the least-squares chain on known axes, fitted jointly with nuisance columns."""
+    n = samples.n_joints
+    columns = ForwardKinematics(axes, samples.q).moment_columns()
+    if nuisance is not None:
+        columns = np.concatenate([columns, nuisance])
+    columns = columns.reshape(len(columns), -1) / NOISE
+    gram = columns @ columns.T + 1e-4 * np.eye(len(columns))
+    x = np.linalg.solve(gram, columns @ (samples.tau.T.ravel() / NOISE))
+    return Chain(axes, x[:2 * n].reshape(n, 2))
+
+
 @dataclass(frozen=True)
 class Case:
-    """Samples of a build with 100 s of slow motion, poses over its whole range, and the floor."""
+    """A build with friction and noise: its samples, test poses, and bounds of the error."""
 
     build: Build
     friction: float
     noise_seed: int
 
     def motion(self, start: float = 0.0, duration: float = DURATION) -> motions.Motion:
-        """Return the slow motion of Yu 2022's kind, or random sines where nothing is tuned."""
+        """Return slow motion as in Yu 2022, or random sines for even seeds of the test set."""
         build = self.build
         if build.tuning or build.seed % 2:
             return generated.small_motion(build.arm, build.seed, duration, RATE, start)
@@ -93,12 +117,12 @@ class Case:
 
     def sizes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return Coulomb (N,) in N·m and viscous friction (N,) in N·m·s/rad."""
-        rms = np.ptp(arms.gravity_torque(self.build.arm, self.poses()), axis=0)
-        return self.friction * rms, self.friction * rms / 0.15
+        span = np.ptp(arms.gravity_torque(self.build.arm, self.poses()), axis=0)
+        return self.friction * span, self.friction * span / 0.15
 
     def samples(self, start: float = 0.0, duration: float = DURATION, payload=None,
                 arm: Arm | None = None) -> JointSamples:
-        """Return the samples; friction turns over 2 mrad/s, noise is white."""
+        """Return the samples; friction reverses over 2 mrad/s, noise is white."""
         motion = self.motion(start, duration)
         arm = arm or self.build.arm
         rng = np.random.default_rng([self.noise_seed, self.build.seed, int(start)])
@@ -115,19 +139,11 @@ class Case:
 
     def error(self, predict, q: np.ndarray, arm: Arm | None = None) -> np.ndarray:
         """Return each joint's RMSE of gravity in N·m at poses q."""
-        wrong = predict(q) - arms.gravity_torque(arm or self.build.arm, q)
-        return np.sqrt((wrong ** 2).mean(axis=0))
+        residual = predict(q) - arms.gravity_torque(arm or self.build.arm, q)
+        return np.sqrt((residual ** 2).mean(axis=0))
 
-    def axes(self) -> np.ndarray:
-        """Return the true axes (N, 3, 3) of the arm, its base as it stands."""
-        arm = self.build.arm
-        axes = np.stack([p.rotation for p in list(arm.model.jointPlacements)[1:]])
-        up = -arm.model.gravity.linear
-        axes[0] = aligned(up / np.linalg.norm(up)).T @ axes[0]
-        return axes
-
-    def beside(self, samples: JointSamples) -> np.ndarray:
-        """Return the columns (K, N, M) of friction, none where there is none."""
+    def nuisance(self, samples: JointSamples) -> np.ndarray:
+        """Return the nuisance columns (K, N, M) of friction; K is 0 without friction."""
         n, m = samples.n_joints, samples.n_samples
         columns = np.zeros((2 * n if self.friction else 0, n, m))
         for k in range(len(columns)):
@@ -137,29 +153,21 @@ class Case:
 
     def limit(self, samples: JointSamples) -> float:
         """
-        Return the worst joint's RMS error by the Cramer-Rao bound, axes unknown.
+        Return the Cramer-Rao bound of the worst joint's RMS error with unknown axes.
 
-        No unbiased estimate of moments and axes is better over many draws of the noise. (One that
-        takes right angles for granted is biased, and better where they are right.)
+        No unbiased estimate of moments and axes has a smaller error over many noise realisations.
+        (An estimate that assumes right angles is biased, and more accurate if they are right.)
         """
-        beside = self.beside(samples)
+        nuisance = self.nuisance(samples)
         problem = ChainProblem(samples.q, samples.tau, np.full(samples.tau.shape, 1.0 / NOISE),
-                               beside if len(beside) else None)
-        found = solve(problem, self.axes())
-        jacobian = found.chain.jacobian(self.poses())
-        covariance = np.linalg.inv(found.precision)
+                               nuisance if len(nuisance) else None)
+        solution = solve(problem, true_axes(self.build.arm))
+        jacobian = solution.chain.jacobian(self.poses())
+        covariance = np.linalg.inv(solution.precision)
         variance = np.einsum('anm,ab,bnm->nm', jacobian, covariance, jacobian, optimize=True)
         return float(np.sqrt(variance.mean(axis=1)).max())
 
     def floor(self, samples: JointSamples) -> float:
-        """Return the worst joint's error of least squares with known axes, friction beside."""
-        axes, n, m = self.axes(), samples.n_joints, samples.n_samples
-        columns = ForwardKinematics(axes, samples.q).moment_columns()
-        every = np.concatenate([columns, self.beside(samples)]).reshape(-1, n * m) / NOISE
-        gram = every @ every.T + 1e-4 * np.eye(len(every))
-        moments = np.linalg.solve(gram, every @ (samples.tau.T.ravel() / NOISE))[:2 * n]
-
-        def predict(q: np.ndarray) -> np.ndarray:
-            return np.tensordot(moments, ForwardKinematics(axes, q).moment_columns(),
-                                axes=(0, 0)).T
-        return float(self.error(predict, self.poses()).max())
+        """Return the worst joint's error of least squares with known axes and friction."""
+        chain = fit_on_axes(true_axes(self.build.arm), samples, self.nuisance(samples))
+        return float(self.error(chain.torque, self.poses()).max())

@@ -1,18 +1,19 @@
 """
-Gravity of fast motion over the whole joint range, beside rows of inertia and beside dynamics.
+Gravity from fast motion over the joint range, jointly with inertia rows or with dynamics.
 
     python -m bench.estimator.fast_motion --seeds 21,22
 
 Each arm is recorded three times: 60 s at up to 1 rad/s without friction, 60 s at up to 1 rad/s
-with quicker turns and friction, and 30 s at up to 0.6 rad/s with friction. A line has the RMS
-error of the worst joint in N·m: of `fit`, which has a row of inertia for each joint beside
-gravity, and of `fit_gravity`, which has rigid-body dynamics, with the axes known and without.
-Seeds 0 to 7 and 20 were looked at while the fit was made.
+with quicker reversals and friction, and 30 s at up to 0.6 rad/s with friction. A line has the RMS
+error of the worst joint in N·m, with known and with unknown axes: of `fit`, which fits a row of
+inertia for each joint jointly with gravity, and of `fit_gravity`, which fits rigid-body dynamics.
+Seeds 0 to 7 and 20 were used for tuning.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import sys
 import time
 
@@ -29,16 +30,17 @@ from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
-JUDGED = 'iiwa7,six_axis,right_seven,right_six,any_six'
-# Largest speed in rad/s, band in Hz, friction as a share of gravity's range, duration in s.
+TEST_ARMS = 'iiwa7,six_axis,right_seven,right_six,any_six'
+# Maximum speed in rad/s, band in Hz, friction as a share of gravity's range, duration in s.
 RECORDINGS = ((1.0, 0.3, 0.0, 60.0), (1.0, 0.8, 0.02, 60.0), (0.6, 0.3, 0.02, 30.0))
-_RATE, _NOISE, _LEAST_FRICTION = 50.0, 0.1, 0.1
+# Sampling rate in Hz; noise and minimum friction in N·m.
+_RATE, _NOISE, _MIN_FRICTION = 50.0, 0.1, 0.1
 
 
 def main() -> int:
     """Print a line for each recording."""
     parser = argparse.ArgumentParser(description='Gravity of fast motion.')
-    parser.add_argument('--arms', default=JUDGED)
+    parser.add_argument('--arms', default=TEST_ARMS)
     parser.add_argument('--seeds', default='21,22')
     args = parser.parse_args()
     for name in args.arms.split(','):
@@ -50,40 +52,43 @@ def main() -> int:
 
 
 def measured(arm: Arm, samples: JointSamples) -> list[str]:
-    """Return errors in words, with known axes and without, and processor time of the last."""
-    found = []
-    for words, axes in (('known', known_axes(arm)), ('unknown', None)):
+    """Return a text of errors with known and unknown axes, and processor time of the dynamics."""
+    texts = []
+    for title, axes in (('known', known_axes(arm)), ('unknown', None)):
         options = FitOptions(geometry=axes)
         rows = worst(arm, fit(samples, options).model)
         started = time.process_time()
         dynamics = worst(arm, fit_gravity(samples, options).model)
-        found.append(f'{words} {rows:.3f} {dynamics:.3f} ({time.process_time() - started:.1f} s)')
-    return found
+        texts.append(f'{title} {rows:.3f} {dynamics:.3f} ({time.process_time() - started:.1f} s)')
+    return texts
 
 
 def recorded(arm: Arm, seed: int, speed: float, band: float, friction: float,
-             seconds: float) -> JointSamples:
-    """Return motion of all joints in 0.6 of their range."""
-    fast = np.full(arm.n_joints, speed)
-    motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, fast, seed,
-                               motions.MultisineOptions(band, seconds), seconds, _RATE)
+             seconds: float, minimum_friction: float = _MIN_FRICTION) -> JointSamples:
+    """Return motion of all joints over 0.6 of their range, up to `speed` rad/s and `band` Hz."""
+    motion = motions.multisine(0.6 * arm.lower, 0.6 * arm.upper, np.full(arm.n_joints, speed),
+                               seed, motions.MultisineOptions(band, seconds), seconds, _RATE)
     levels = np.maximum(friction * np.ptp(gravity_torque(arm, poses(arm)), axis=0),
-                        _LEAST_FRICTION)
-    rubs = tuple(Friction(n, LuGre(float(level), float(level))) for n, level in enumerate(levels)
-                 if friction)
-    options = SynthesisOptions(NoiseOptions(0.0, _NOISE), seed, disturbances=rubs)
-    return synthesise(arm, motion, options)
+                        minimum_friction)
+    disturbances = tuple(Friction(n, LuGre(float(level), float(level)))
+                         for n, level in enumerate(levels) if friction)
+    return synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, _NOISE), seed,
+                                                    disturbances=disturbances))
 
 
 def worst(arm: Arm, model: GravityModel) -> float:
-    """Return the RMS error of gravity over the joint range, of the worst joint, N·m."""
+    """Return the worst joint's RMS error of gravity over the joint range, in N·m."""
+    return worst_error(arm, model.predict)
+
+
+def worst_error(arm: Arm, predict: Callable[[FloatArray], FloatArray]) -> float:
+    """Return the same of a function of poses (M, N)."""
     q = poses(arm)
-    error = model.predict(q) - gravity_torque(arm, q)
-    return float(np.sqrt((error ** 2).mean(axis=0)).max())
+    return float(np.sqrt(((predict(q) - gravity_torque(arm, q)) ** 2).mean(axis=0)).max())
 
 
 def poses(arm: Arm) -> FloatArray:
-    """Return poses (M, N) of the whole joint range."""
+    """Return poses (M, N) over the whole joint range."""
     return np.random.default_rng(0).uniform(arm.lower, arm.upper, (1000, arm.n_joints))
 
 

@@ -1,13 +1,12 @@
 """
-Gravity of arms whose joints count their angles from elsewhere than their description.
+Gravity of arms with zero-angle offsets between encoders and robot description.
 
     python -m bench.estimator.zero_angles --seeds 11,12
 
-Each arm is recorded for 60 s of slow motion, with and without friction, its zero angles off by an
-angle of a sign drawn at random on every joint. A line has the RMS error of the worst joint in N·m
-over the whole joint range with the description and without, whether the description was kept, and
-how far the zero angles of the inner joints are off that it ends up with, in degrees. Seeds 1 and 2
-were looked at while the search for zero angles was made.
+Each arm is recorded for 60 s of slow motion, with and without friction, with an offset of random
+sign on every joint. A line has the RMS error of the worst joint in N·m over the whole joint range
+with the description and without, whether the description was kept, and the largest error of the
+estimated offsets of the inner joints in degrees. Seeds 1 and 2 were used for tuning.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ import argparse
 from dataclasses import replace
 import sys
 
-from bench.estimator.fast_motion import JUDGED, poses
-from bench.estimator.mounted import recorded
+from bench.estimator.fast_motion import TEST_ARMS, worst_error
+from bench.estimator.mounted import slow_motion
 from bench.planning.scenes import ARMS, known_axes
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import fit_model
@@ -25,14 +24,14 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.zero_angles import zero_angle_differences
-from gravity_comp_ros.simulation.arms import Arm, gravity_torque
+from gravity_comp_ros.simulation.arms import Arm
 import numpy as np
 
 
 def main() -> int:
     """Print a line for each recording."""
-    parser = argparse.ArgumentParser(description='Arms with zero angles of their own.')
-    parser.add_argument('--arms', default=JUDGED)
+    parser = argparse.ArgumentParser(description='Arms with zero-angle offsets.')
+    parser.add_argument('--arms', default=TEST_ARMS)
     parser.add_argument('--seeds', default='11,12')
     parser.add_argument('--angles', default='0,0.3,1,3', help='degrees')
     args = parser.parse_args()
@@ -47,27 +46,25 @@ def main() -> int:
     return 0
 
 
-def measured(arm: Arm, seed: int, friction: float, zero: FloatArray) -> str:
-    """Return the errors of fits with and without the description, in words."""
-    samples = recorded(arm, seed, friction)
-    recording = Recording(replace(samples, q=samples.q - zero))
+def measured(arm: Arm, seed: int, friction: float, offsets: FloatArray) -> str:
+    """Return a text of the errors of fits with and without the description."""
+    samples = slow_motion(arm, seed, friction)
+    recording = Recording(replace(samples, q=samples.q - offsets))
     axes = known_axes(arm)
-    known, free = (fit_model(recording, FitOptions(geometry=each))[0].model
-                   for each in (axes, None))
-    kept = known.geometry is not None
-    off = ''
-    if known.geometry is not None:
-        error = zero_angle_differences(axes.rotations, known.geometry.rotations) - zero
-        off = f'off by {np.degrees(np.abs(error)[1:-1]).max(initial=0.0):.2f}'
-    return (f'{worst(arm, known, zero):.3f} without {worst(arm, free, zero):.3f} '
-            f'{"kept" if kept else "dropped"} {off}')
+    known, free = (fit_model(recording, FitOptions(geometry=geometry))[0].model
+                   for geometry in (axes, None))
+    if known.geometry is None:
+        description = 'dropped '
+    else:
+        error = zero_angle_differences(axes.rotations, known.geometry.rotations) - offsets
+        description = f'kept off by {np.degrees(np.abs(error[1:-1]).max(initial=0.0)):.2f}'
+    return (f'{worst(arm, known, offsets):.3f} without {worst(arm, free, offsets):.3f} '
+            f'{description}')
 
 
-def worst(arm: Arm, model: GravityModel, zero: FloatArray) -> float:
-    """Return the RMS error of the worst joint in N·m over the whole joint range."""
-    q = poses(arm)
-    left = model.predict(q - zero) - gravity_torque(arm, q)
-    return float(np.sqrt((left ** 2).mean(axis=0)).max())
+def worst(arm: Arm, model: GravityModel, offsets: FloatArray) -> float:
+    """Return the worst joint's RMS error in N·m over the whole joint range."""
+    return worst_error(arm, lambda q: model.predict(q - offsets))
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""The figures: torques that were measured and predicted, in time."""
+"""Figures of the paper: measured and predicted torque over time, and the friction test."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ def torques(scene: Scene, methods: dict[str, Fitted], joints: tuple[int, ...],
     panels = []
     for joint in joints:
         lines = [('measured', t, scene.inside.measured[:, joint])]
-        lines += [(name, t, found.predict(scene.inside.q)[:, joint])
-                  for name, found in methods.items()]
+        lines += [(name, t, fitted.predict(scene.inside.q)[:, joint])
+                  for name, fitted in methods.items()]
         panels.append(Panel(f'J{joint + 1}', lines))
     return plot(panels, 'time in s', 'torque in N·m')
 
 
 def sweeps(checks: list[Check]) -> str:
-    """Plot slow motion both ways against torque at rest."""
+    """Plot the torque of slow motion in both directions and the torque at rest."""
     panels = [Panel(f'J{c.joint + 1}', [('at rest', c.q, c.static), ('forward', c.q, c.forward),
                                         ('reverse', c.q, c.reverse)]) for c in checks]
     return plot(panels, 'angle in rad', 'torque in N·m')

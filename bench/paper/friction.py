@@ -1,8 +1,8 @@
 """
-Is friction negligible? Yu 2022, Eq. (18): slow motion, both ways, against torque at rest.
+Friction test of Yu 2022, Eq. (18): slow motion in both directions compared with torque at rest.
 
 RSE is the squared difference over the squared deviation of the static torque from its mean. The
-paper has 0.307 and 0.512 % forward and reverse.
+paper reports 0.307 % forward and 0.512 % reverse.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from bench.paper.scenes import FloatArray, FRICTION, NOISE, real_arm
 from gravity_comp_ros.simulation import arms
 import numpy as np
 
+# Speed of the joint in rad/s.
 _SPEED = 0.1
 
 
@@ -29,19 +30,19 @@ class Check:
 
 
 def check(joint: int, count: int = 200, friction: float = FRICTION) -> Check:
-    """Sweep one joint (from 0) at 0.1 rad/s by a radian each way, the others at an angle."""
+    """Sweep one joint (index from 0) at 0.1 rad/s over ±1 rad, with the other joints fixed."""
     arm = real_arm()
     q = np.tile([0.0, 0.4, 0.0, -0.7, 0.0, 0.5, 0.0], (count, 1))
     q[:, joint] += np.linspace(-1.0, 1.0, count)
     rng = np.random.default_rng(joint)
     static = arms.gravity_torque(arm, q)[:, joint]
     static = static + NOISE * rng.normal(size=count)
-    both = []
-    for way in (1.0, -1.0):
+    moving = []
+    for direction in (1.0, -1.0):
         qd = np.zeros_like(q)
-        qd[:, joint] = way * _SPEED
+        qd[:, joint] = direction * _SPEED
         tau = arms.inverse_dynamics(arm, q, qd, np.zeros_like(q))[:, joint]
-        both.append(tau + way * friction + NOISE * rng.normal(size=count))
+        moving.append(tau + direction * friction + NOISE * rng.normal(size=count))
     spread = ((static - static.mean()) ** 2).sum()
-    forward, reverse = (float(((tau - static) ** 2).sum() / spread) for tau in both)
-    return Check(joint, q[:, joint], static, both[0], both[1], (forward, reverse))
+    forward, reverse = (float(((tau - static) ** 2).sum() / spread) for tau in moving)
+    return Check(joint, q[:, joint], static, moving[0], moving[1], (forward, reverse))

@@ -1,4 +1,4 @@
-"""The formulations of this package, as the bench calls them."""
+"""Methods of this package: fits of each formulation, updates, and the stale model."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ URDF = Path(__file__).resolve().parents[2] / 'bags' / 'iiwa7.urdf'
 @dataclass(frozen=True)
 class Fitted:
     """
-    What a method learned.
+    Result of a method.
 
-    `features` counts the numbers that each joint's torque is made of (for a kernel, its support
-    vectors), None where nothing was fitted; `n_samples` is what it was learned from.
+    `features` is the number of features of each joint's torque (of a kernel method, its support
+    vectors), None without a fit. `n_samples` is the number of training samples.
     """
 
     predict: Callable[[FloatArray], FloatArray]
@@ -38,11 +38,11 @@ class Fitted:
 
 
 Method = Callable[[Scene], Fitted]
-_KNOWN: dict[tuple[bytes, str, bool, bool], GravityModel] = {}
+_CACHE: dict[tuple[bytes, str, bool, bool], GravityModel] = {}
 
 
 def formulation(name: str, friction: bool = False) -> Method:
-    """Return the fit of a formulation, with Coulomb friction as an effect if wanted."""
+    """Return the fit of a formulation, optionally with Coulomb friction as an effect."""
     def method(scene: Scene) -> Fitted:
         start = time.perf_counter()
         model = _learned(scene.train, FitOptions(name), friction)
@@ -53,38 +53,37 @@ def formulation(name: str, friction: bool = False) -> Method:
 def updated(urdf: bool) -> Method:
     """Return the update of a chain from the first seconds with a payload."""
     def method(scene: Scene) -> Fitted:
-        assert scene.before is not None and scene.few is not None
-        geometry = read_urdf(URDF, scene.before.names) if urdf else None
-        old = _before(scene, geometry)
+        samples = scene.first_loaded
+        assert scene.unloaded is not None and samples is not None
+        geometry = read_urdf(URDF, samples.names) if urdf else None
+        old = _unloaded_chain(scene, geometry)
         start = time.perf_counter()
-        gravity = JointSamples.single_run(
-            scene.few.names, scene.few.t, scene.few.q, scene.few.qd,
-            scene.few.tau - effect_torque(old, scene.few))
+        gravity = JointSamples.single_run(samples.names, samples.t, samples.q, samples.qd,
+                                          samples.tau - effect_torque(old, samples))
         model = update(old, gravity, geometry=geometry).model
-        return _fitted(model, scene.few.n_samples, start)
+        return _fitted(model, samples.n_samples, start)
     return method
 
 
 def stale(scene: Scene) -> Fitted:
-    """Return the chain of the arm before it had its payload."""
-    model = _before(scene)
+    """Return the chain of the arm without its payload."""
+    model = _unloaded_chain(scene)
     return Fitted(model.predict, model.n_features().tolist(), 0, 0.0)
 
 
-def _before(scene: Scene, geometry: Geometry | None = None) -> GravityModel:
-    """Return the chain of the arm before its payload."""
-    assert scene.before is not None
-    return _learned(scene.before, FitOptions('chain', geometry=geometry), friction=True)
+def _unloaded_chain(scene: Scene, geometry: Geometry | None = None) -> GravityModel:
+    assert scene.unloaded is not None
+    return _learned(scene.unloaded, FitOptions('chain', geometry=geometry), friction=True)
 
 
 def _learned(samples: JointSamples, options: FitOptions, friction: bool) -> GravityModel:
-    """Return a model, with friction if wanted; several methods and figures start from the same."""
+    """Return a fit from the cache, since several methods and figures use the same one."""
     key = samples.tau.tobytes(), options.formulation, options.geometry is not None, friction
-    if key not in _KNOWN:
-        wanted = requests(['coulomb_friction'], samples.names)
-        _KNOWN[key] = (fit_with_effects(samples, samples, wanted, options).joint.model
+    if key not in _CACHE:
+        effects = requests(['coulomb_friction'], samples.names)
+        _CACHE[key] = (fit_with_effects(samples, samples, effects, options).joint.model
                        if friction else fit(samples, options).model)
-    return _KNOWN[key]
+    return _CACHE[key]
 
 
 def _fitted(model: GravityModel, count: int, start: float) -> Fitted:

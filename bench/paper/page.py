@@ -1,11 +1,11 @@
-"""The page that the bench writes: tables and figures of Yu 2022, and what they show."""
+"""Tables of docs/paper.md in Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 from bench.paper.friction import Check
-from bench.paper.recordings import Judged
+from bench.paper.recordings import RecordingResult
 from bench.paper.score import Row
 from bench.paper.solvers import Solved
 import numpy as np
@@ -23,7 +23,7 @@ PAPER_5 = {
 
 
 def table(head: Sequence[str], rows: Sequence[str]) -> str:
-    """Return a table in Markdown; rows are ready."""
+    """Return a table in Markdown from a head and formatted rows."""
     return '\n'.join([f'| {" | ".join(head)} |', f'|{"---|" * len(head)}', *rows])
 
 
@@ -33,11 +33,11 @@ def row(*cells: object) -> str:
 
 
 def table_3(rows: Sequence[Row]) -> str:
-    """Return features, errors on Eq. (15) and over the whole range, and times of J2 to J4."""
+    """Return Table 3: features, errors on Eq. (15) and over the whole range, times of J2 to J4."""
     joints = (1, 2, 3)
     body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
                 *(_percent(r.nrmse_inside[k]) for k in joints), _torque(r.inside.max()),
-                *_outer(r, joints))
+                *_whole_range(r, joints))
             for r in rows]
     return table(['method', 'samples', 'features J2, J3, J4', 'time s', 'J2 nRMSE %', 'J3', 'J4',
                   'worst joint N·m', 'other poses: nRMSE % J2, J3, J4', 'worst joint N·m'],
@@ -45,20 +45,20 @@ def table_3(rows: Sequence[Row]) -> str:
 
 
 def table_4(rows: Sequence[Row]) -> str:
-    """Return what Tables 4 and 8 have of J1 to J4, and errors against gravity alone."""
+    """Return Tables 4 and 8 for J1 to J4, with errors relative to gravity alone."""
     joints = (0, 1, 2, 3)
     body = [row(r.name, r.n_samples or '–', _features(r, joints), _seconds(r.seconds),
                 *(_percent(r.nrmse[k]) for k in joints), _torque(r.measured.max()),
-                _torque(r.inside.max()), *_outer(r, (1, 2, 3)))
+                _torque(r.inside.max()), *_whole_range(r, (1, 2, 3)))
             for r in rows]
     return table(['method', 'samples', 'features J1 to J4', 'time s', 'J1 nRMSE %', 'J2', 'J3',
-                  'J4', 'RMSE, worst joint', 'against gravity alone',
-                  'anywhere: nRMSE % J2, J3, J4', 'anywhere: worst joint'],
+                  'J4', 'RMSE, worst joint', 'gravity alone: worst joint',
+                  'whole range: nRMSE % J2, J3, J4', 'whole range: worst joint'],
                  [*body, PAPER_4, PAPER_8])
 
 
 def table_5(payload: str, rows: Sequence[Row]) -> str:
-    """Return RMSE of every joint with a payload, as measured, and against gravity alone."""
+    """Return Table 5: RMSE of every joint with a payload, as measured and of gravity alone."""
     body = [row(r.name, r.n_samples or '–', _sum(r), _seconds(r.seconds),
                 *(_torque(x) for x in r.measured), _torque(r.inside.max()),
                 _percent(np.nanmax(r.nrmse_inside[[1, 2, 3, 4, 5]])),
@@ -69,11 +69,11 @@ def table_5(payload: str, rows: Sequence[Row]) -> str:
                     *theirs, '–', '–', '–', '–'))
     return table(['method', 'samples', 'features, all joints', 'time s',
                   *(f'J{n}' for n in range(1, 8)), 'gravity alone: worst', 'nRMSE %, J2 to J6',
-                  'anywhere: worst', 'nRMSE %, J2 to J6'], body)
+                  'whole range: worst', 'nRMSE %, J2 to J6'], body)
 
 
 def friction_table(checks: Sequence[Check]) -> str:
-    """Return Eq. (18) for joints that were swept."""
+    """Return the RSE of Eq. (18) for each swept joint."""
     return table(['joint', 'RSE forward %', 'RSE reverse %'],
                  [row(f'J{c.joint + 1}', *(f'{100 * x:.3f}' for x in c.rse)) for c in checks])
 
@@ -85,8 +85,8 @@ def solver_table(solved: Sequence[Solved]) -> str:
                   for s in solved])
 
 
-def recordings_table(rows: Sequence[Judged]) -> str:
-    """Return every formulation on every recording, held out by blocks."""
+def recordings_table(rows: Sequence[RecordingResult]) -> str:
+    """Return the held-out errors of every formulation on every recording."""
     body = []
     for r in rows:
         share = r.rmse / np.maximum(r.constant, 1e-9)
@@ -101,19 +101,19 @@ def recordings_table(rows: Sequence[Judged]) -> str:
                   'in 95 % band, %'], body)
 
 
-def _features(found: Row, joints: Sequence[int]) -> str:
-    if found.features is None:
+def _features(result: Row, joints: Sequence[int]) -> str:
+    if result.features is None:
         return '–'
-    return ', '.join(str(found.features[k]) for k in joints)
+    return ', '.join(str(result.features[k]) for k in joints)
 
 
-def _sum(found: Row) -> str:
-    return '–' if found.features is None else str(sum(found.features))
+def _sum(result: Row) -> str:
+    return '–' if result.features is None else str(sum(result.features))
 
 
-def _outer(found: Row, joints: Sequence[int]) -> tuple[str, str]:
-    shares = ', '.join(_percent(found.nrmse_anywhere[k]) for k in joints)
-    return shares, _torque(found.anywhere.max())
+def _whole_range(result: Row, joints: Sequence[int]) -> tuple[str, str]:
+    shares = ', '.join(_percent(result.nrmse_anywhere[k]) for k in joints)
+    return shares, _torque(result.anywhere.max())
 
 
 def _percent(share: float) -> str:

@@ -1,8 +1,8 @@
 """
-Public recordings of real arms through every formulation, held out by blocks of time.
+Errors of every formulation on public recordings of real arms, held out by blocks of time.
 
-They are faster than slow motion, so all samples are used, and each formulation is fitted with and
-without the effects that fast motion needs: inertia, Coulomb and viscous friction.
+The recordings are not slow motion, so all samples are used, and each formulation is fitted with
+and without the effects of fast motion: inertia, Coulomb and viscous friction.
 """
 
 from __future__ import annotations
@@ -28,17 +28,23 @@ import numpy as np
 
 FORMULATIONS = ('per_joint', 'potential', 'chain', 'auto')
 EFFECTS = ('coulomb_friction', 'viscous_friction', 'inertia')
-# Path below the folder of recordings, name.
+# Path in the folder of recordings, and title.
 BAGS = (('ur10_excitation/ur10_exciting_trajectory.db3', 'UR10 (motor currents)'),
         ('panda_excitation/panda_exciting_trajectory.db3', 'Franka Panda (torque sensors)'),
         ('lbr_med7/measurements.csv', 'KUKA LBR Med 7 (torque sensors)'))
+# Sampling rate after thinning, in Hz.
 _RATE = 25.0
 _HELD_OUT = HoldoutOptions(fraction=0.25, guard=0.5)
 
 
 @dataclass(frozen=True)
-class Judged:
-    """One formulation on one recording; errors (N,) in N·m and over the torque's range."""
+class RecordingResult:
+    """
+    Held-out errors of one formulation on one recording.
+
+    `rmse` (N,) is in N·m and `nrmse` relative to the torque's range; `constant` is the error of
+    the mean torque; `band` is the coverage of the 95 % band.
+    """
 
     recording: str
     method: str
@@ -53,7 +59,7 @@ class Judged:
 
 
 def read(path: Path) -> JointSamples:
-    """Return a recording, thinned to 25 Hz; a table is the Med 7's, in KUKA's sign."""
+    """Return a recording, thinned to 25 Hz; a CSV is the Med 7's, in KUKA's sign convention."""
     if path.suffix == '.csv':
         topic = read_table(path, TableOptions(rate=100.0, position='q_{i}', effort='tau_{i}',
                                               effort_sign=(-1.0,))).topic
@@ -63,15 +69,15 @@ def read(path: Path) -> JointSamples:
     else:
         samples = read_bag(path).samples
     rate = (samples.n_samples - 1) / float(samples.t[-1] - samples.t[0])
-    every = max(1, int(round(rate / _RATE)))
+    step = max(1, int(round(rate / _RATE)))
     keep = np.zeros(samples.n_samples, dtype=bool)
-    keep[::every] = True
+    keep[::step] = True
     return samples.select(keep)
 
 
-def judge(path: Path, name: str, formulations: tuple[str, ...] = FORMULATIONS,
-          effects: tuple[bool, ...] = (False, True)) -> list[Judged]:
-    """Return every formulation on a recording, without and with effects."""
+def evaluate(path: Path, name: str, formulations: tuple[str, ...] = FORMULATIONS,
+             effects: tuple[bool, ...] = (False, True)) -> list[RecordingResult]:
+    """Return the results of every formulation on a recording, without and with effects."""
     samples = read(path)
     parts = split(samples, _HELD_OUT)
     use = ~within(samples, parts.guarded)
@@ -94,17 +100,17 @@ def judge(path: Path, name: str, formulations: tuple[str, ...] = FORMULATIONS,
                 print(f'  {name}, {method}: {problem}')
                 continue
             seconds = time.perf_counter() - start
-            left = (samples.tau - predict_torque(model, samples))[held]
+            residual = (samples.tau - predict_torque(model, samples))[held]
             tau = samples.tau[held]
-            rmse = np.sqrt((left ** 2).mean(axis=0))
+            rmse = np.sqrt((residual ** 2).mean(axis=0))
             band = None
             if model.uncertainty is not None:
                 spread = np.hypot(model.predict_std(samples.q[held]), model.noise)
-                band = float((np.abs(left) <= 1.96 * spread).mean())
+                band = float((np.abs(residual) <= 1.96 * spread).mean())
             if formulation == 'auto' and model.formulation != 'auto':
-                method = method.replace('auto', f'auto (took {model.formulation})')
-            rows.append(Judged(name, method, int(use.sum()), int(held.sum()),
-                               model.n_features().tolist(), seconds, rmse,
-                               rmse / np.maximum(np.ptp(tau, axis=0), 1e-9),
-                               tau.std(axis=0), band))
+                method = f'auto (selected {model.formulation})'
+            rows.append(RecordingResult(
+                name, method, int(use.sum()), int(held.sum()), model.n_features().tolist(),
+                seconds, rmse, rmse / np.maximum(np.ptp(tau, axis=0), 1e-9), tau.std(axis=0),
+                band))
     return rows

@@ -1,9 +1,9 @@
 """
-What the methods are trained and judged on: the arm of Yu 2022, Table 1, and a "real" one.
+Training and test data: the arm of Yu 2022, Table 1, and a substitute for the paper's real arm.
 
-The paper's real arm is not public and its Table 6 partly illegible. In its place stands the iiwa
+The paper's real arm is not public and its Table 6 partly illegible. The substitute is the iiwa
 with masses and centres that differ from the tables (by up to 3 % and 5 mm), inertia, Coulomb
-friction and noise of 0.3 N·m. Payloads of 1.8, 2 and 4 kg hang on its last link.
+friction and noise of 0.3 N·m. Payloads of 1.8, 2 and 4 kg are attached to its last link.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ import pinocchio as pin
 
 FloatArray = NDArray[np.float64]
 
+# Coulomb friction and standard deviation of the noise, in N·m.
 FRICTION = NOISE = 0.3
-# rad/s: where Coulomb friction turns its sign.
+# Velocity scale, in rad/s, of the sign change of Coulomb friction.
 _WIDTH = 0.002
+# Mass in kg and centre of mass in m.
 PAYLOADS = {'1.8 kg, off the axis (a polishing tool)': (1.8, (0.03, 0.02, 0.12)),
             '2 kg (counterweight)': (2.0, (0.0, 0.0, 0.1)),
             '4 kg (counterweights)': (4.0, (0.0, 0.0, 0.1))}
@@ -28,7 +30,7 @@ PAYLOADS = {'1.8 kg, off the axis (a polishing tool)': (1.8, (0.03, 0.02, 0.12))
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many samples are learned from and judged on; tiny ones for a test of the bench."""
+    """Numbers of training and test samples."""
 
     poses: int = 1000
     motion: int = 500
@@ -37,13 +39,13 @@ class Sizes:
     anywhere: int = 1000
 
 
-# Fewer samples take longer: a chain is not found at the first attempt.
+# Sizes for a test. Smaller ones take longer, because a chain needs more than one start.
 TINY = Sizes(200, 250, 20, 50, 50)
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Poses `q` (M, N) with their exact gravity `truth` and the `measured` torque in N·m."""
+class Reference:
+    """Test poses `q` (M, N) with their exact gravity `truth` and `measured` torque in N·m."""
 
     q: FloatArray
     truth: FloatArray
@@ -53,23 +55,23 @@ class Judged:
 @dataclass(frozen=True)
 class Scene:
     """
-    Samples to learn from, poses `inside` the trained range and `anywhere` to be judged on.
+    Training samples, and test poses `inside` the trained range and `anywhere` within joint limits.
 
-    `nominal` is the arm as its description has it. `before` holds samples of the arm before a
-    payload was attached, `few` the first seconds with it.
+    `nominal` is the arm of the description. `unloaded` are samples without the payload,
+    `first_loaded` those of the first seconds with it.
     """
 
     title: str
     nominal: arms.Arm
     train: JointSamples
-    inside: Judged
-    anywhere: Judged
-    before: JointSamples | None = None
-    few: JointSamples | None = None
+    inside: Reference
+    anywhere: Reference
+    unloaded: JointSamples | None = None
+    first_loaded: JointSamples | None = None
 
 
 def simulated(seed: int, sizes: Sizes = Sizes()) -> Scene:
-    """Return Table 3: random poses with 1 % noise, judged on Eq. (15)."""
+    """Return Table 3: random poses with 1 % noise, tested on Eq. (15)."""
     arm = arms.iiwa7()
     rng = np.random.default_rng([seed, 3])
     q = motions.random_poses(arm.lower, arm.upper, sizes.poses, seed).q
@@ -77,12 +79,12 @@ def simulated(seed: int, sizes: Sizes = Sizes()) -> Scene:
     train = JointSamples.single_run(arm.joints, 2.0 * np.arange(len(q)), q, np.zeros_like(q),
                                     tau * (1.0 + 0.01 * rng.normal(size=tau.shape)))
     test = motions.eq15().q[:sizes.test]
-    return Scene('Table 3: 1000 random poses, 1 % noise; judged on Eq. (15)', arm, train,
+    return Scene('Table 3: 1000 random poses, 1 % noise; tested on Eq. (15)', arm, train,
                  _exact(arm, test), _anywhere(arm, sizes))
 
 
 def real_arm() -> arms.Arm:
-    """Return the iiwa as it was built rather than drawn."""
+    """Return the iiwa with deviations of its masses and centres from the tables."""
     arm = arms.iiwa7()
     rng = np.random.default_rng(2022)
     model = arm.model.copy()
@@ -94,19 +96,19 @@ def real_arm() -> arms.Arm:
 
 
 def real(seed: int, payload: str | None = None, sizes: Sizes = Sizes()) -> Scene:
-    """Return Tables 4 and 8, or with a payload Table 5: 100 s of Eq. (17), later more of it."""
+    """Return Tables 4 and 8, or Table 5 with a payload: 100 s of Eq. (17), tested later on it."""
     bare = real_arm()
     arm = bare if payload is None else arms.with_payload(bare, arms.Payload(*PAYLOADS[payload]))
     train = _recorded(arm, [seed, 4], 0.0, sizes.motion)
     later = motions.eq17(start=300.0, duration=sizes.test / 5)
-    # Of a joint that later turns a little further the trained range is left; those poses count
-    # as elsewhere.
+    # Later poses outside the trained range are not test poses of `inside`.
     low, high = train.q.min(axis=0), train.q.max(axis=0)
     within = ((later.q >= low) & (later.q <= high)).all(axis=1)
-    if within.mean() < 0.5:  # a tiny motion covers no later one
+    if within.mean() < 0.5:  # training motion of TINY, which does not cover the later motion
         within[:] = True
     measured = _recorded(arm, [seed, 5], 300.0, sizes.test).tau
-    inside = Judged(later.q[within], arms.gravity_torque(arm, later.q[within]), measured[within])
+    inside = Reference(later.q[within], arms.gravity_torque(arm, later.q[within]),
+                       measured[within])
     title = 'Tables 4 and 8: 100 s of Eq. (17), no payload' if payload is None else payload
     return Scene(title, arms.iiwa7(), train, inside, _anywhere(arm, sizes),
                  None if payload is None else _recorded(bare, [seed, 6], 0.0, sizes.motion),
@@ -121,11 +123,11 @@ def _recorded(arm: arms.Arm, seed: list[int], start: float, count: int) -> Joint
     return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
 
 
-def _anywhere(arm: arms.Arm, sizes: Sizes) -> Judged:
+def _anywhere(arm: arms.Arm, sizes: Sizes) -> Reference:
     return _exact(arm, np.random.default_rng(1234).uniform(
         arm.lower, arm.upper, (sizes.anywhere, arm.n_joints)))
 
 
-def _exact(arm: arms.Arm, q: FloatArray) -> Judged:
+def _exact(arm: arms.Arm, q: FloatArray) -> Reference:
     truth = arms.gravity_torque(arm, q)
-    return Judged(q, truth, truth)
+    return Reference(q, truth, truth)

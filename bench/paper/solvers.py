@@ -1,4 +1,4 @@
-"""One L1 problem of the paper (Eqs. 8-9), solved by this package's ADMM and through cvxpy."""
+"""One L1 problem of the paper (Eqs. 8-9), solved by this package's ADMM and by cvxpy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Solved:
-    """A solver's objective, features that are not 0, and time in s."""
+    """A solver's objective, number of nonzero features, and time in s."""
 
     name: str
     objective: float
@@ -25,21 +25,21 @@ class Solved:
 
 def compare_solvers(samples: JointSamples, joint: int, sigma: float,
                     with_cvxpy: bool = True) -> list[Solved]:
-    """Return what the solvers make of one joint's torque, at lambda = sqrt(2 ln 3^N)."""
+    """Return the solutions for one joint's torque, at lambda = sqrt(2 ln 3^N)."""
     design = TorqueDesign(samples.q, np.full((samples.n_samples, 1), 1.0 / sigma))
     b = samples.tau[:, joint] / sigma
     usable = usable_for_torque(samples.q)
     lam = float(np.sqrt(2.0 * np.log(design.n_columns)))
     start = time.perf_counter()
-    found = LassoProblem(design, b, usable).solve(lam)
+    solution = LassoProblem(design, b, usable).solve(lam)
     seconds = time.perf_counter() - start
     lengths = column_lengths(design)
     kept = np.flatnonzero(usable & has_length(lengths))
     unit = design.columns(kept) / lengths[kept]
     ours = np.zeros(len(kept))
-    ours[np.searchsorted(kept, found.indices)] = found.x * lengths[found.indices]
+    ours[np.searchsorted(kept, solution.indices)] = solution.x * lengths[solution.indices]
     rows = [Solved('ADMM on a working set (this package)', _objective(unit, b, ours, lam),
-                   len(found.indices), seconds)]
+                   len(solution.indices), seconds)]
     return [*rows, _cvxpy(unit, b, lam)] if with_cvxpy else rows
 
 
@@ -58,5 +58,5 @@ def _cvxpy(unit: FloatArray, b: FloatArray, lam: float) -> Solved:
 
 
 def _objective(unit: FloatArray, b: FloatArray, x: FloatArray, lam: float) -> float:
-    left = unit @ x - b
-    return float(0.5 * left @ left + lam * np.abs(x).sum())
+    residual = unit @ x - b
+    return float(0.5 * residual @ residual + lam * np.abs(x).sum())

@@ -1,4 +1,4 @@
-"""Small line plots as SVG, written by hand: no plotting library, no fonts, a few kB each."""
+"""Line plots as SVG of a few kB, without a plotting library or fonts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Panel:
 
 
 def plot(panels: Sequence[Panel], x_label: str, y_label: str) -> str:
-    """Return a figure of panels under each other."""
+    """Return a figure of stacked panels."""
     total = _TOP + len(panels) * (_HEIGHT + _GAP) + 24
     parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {total}" '
              f'font-family="sans-serif" font-size="11">',

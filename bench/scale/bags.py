@@ -1,12 +1,12 @@
 """
-Measure what an hour of joint states at 1 kHz costs, beside rosbags decoding each message.
+Time and memory for an hour of joint states at 1 kHz, compared with decoding by rosbags.
 
     OPENBLAS_NUM_THREADS=1 python3 bench/scale/bags.py [--minutes 60] [-o bench/scale/results.json]
 
-Writes an MCAP of seven joints (zstd, 0.7 GB an hour; a minute or two) into a temporary folder,
-or takes the one that --bag names. rosbags reads one minute of the
-same, in turns with our reader. Rates are per second of processor time, which is what a busy
-machine leaves comparable; reading takes one core.
+Writes an MCAP of seven joints (zstd, 0.7 GB for an hour; a minute or two) into a temporary folder,
+or uses that of --bag. rosbags and our reader alternate in reading one minute of the same
+recording. Rates are per second of processor time, which stays comparable on a busy machine;
+reading uses one core.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ TOPIC = '/joint_states'
 
 
 def record(path: Path, minutes: float) -> None:
-    """Write slow sines of seven joints, with torques that are gravity-like and noisy."""
+    """Write slow sines of seven joints, with gravity-like torques and noise."""
     t = np.arange(int(60000 * minutes)) / 1000
     w = 2 * np.array([0.011, 0.017, 0.023, 0.029, 0.031, 0.037, 0.041])
     q, qd = np.sin(t[:, None] * w + np.arange(7)), np.cos(t[:, None] * w + np.arange(7)) * w
@@ -96,12 +96,12 @@ def main() -> None:
         results['minute'] = {'rosbags_per_s': theirs, 'decode_per_s': ours,
                              'ratio': float(np.median([b / a for a, b in rates]))}
         started = time.process_time()
-        found = read_gated(bag)
+        gated = read_gated(bag)
         seconds = time.process_time() - started
-        results['read'] = {'messages': found.report.n_messages, 'seconds': seconds,
-                           'per_s': found.report.n_messages / seconds,
+        results['read'] = {'messages': gated.report.n_messages, 'seconds': seconds,
+                           'per_s': gated.report.n_messages / seconds,
                            'decode_per_s': rate(decode, bag),
-                           'kept': len(found.samples)}
+                           'kept': len(gated.samples)}
     args.output.write_text(json.dumps(results, indent=1) + '\n')
     print(json.dumps(results, indent=1))
 

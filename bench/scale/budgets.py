@@ -3,10 +3,10 @@ Processor time and memory of each step of the loop, on recordings of several siz
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.scale.budgets [--folder DIR] [CASE ...]
 
-Recordings are simulated and written first, into a temporary folder or the one given, where they
-stay. Each case then runs a command of the package in a process of its own. Printed are processor
-seconds of that process and its children, those of imports apart, and the peak of its memory;
-reading the recording is part of the command. Without names of cases all are run (a few minutes).
+Recordings are simulated first and written into a temporary folder, or into --folder, which is
+kept. Each case then runs a command of the package in its own process. The table has the processor
+seconds of that process and its children, with imports separate, and its peak memory. Reading the
+recording is part of the command. Without case names all cases run (a few minutes).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import subprocess
 import sys
 import tempfile
 
-# What a command asks for when it runs: imported before, its time is no time of the command.
+# Modules that commands import when they run. They are imported before, to exclude their time.
 _IMPORTS = ('gravity_comp_ros.cli', 'gravity_comp_ros.commands.add',
             'gravity_comp_ros.commands.diagnose', 'gravity_comp_ros.commands.fit',
             'gravity_comp_ros.commands.update', 'gravity_comp_ros.recordings.parallel',
@@ -34,28 +34,28 @@ HOUR = ('--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--dura
 
 
 def _synth(*words: str) -> Callable[[Path], None]:
-    """Return what simulates a recording with a command."""
+    """Return a function that simulates a recording with `synth`."""
     def make(path: Path) -> None:
         _command('synth', '-o', str(path), *words)
     return make
 
 
-def _friction(seconds: float, rate: float, number: int, most: float) -> Callable[[Path], None]:
-    """Return what simulates an iiwa with friction on every joint."""
-    every = [word for k in range(1, 8)
-             for word in ('--hidden', f'coulomb_friction:iiwa_joint_{k}')]
-    return _synth('--motion', 'multisine', '--max-speed', str(most), '--rate', str(rate),
-                  '--duration', str(seconds), '--noise', '0.1', '--seed', str(number), *every)
+def _friction(seconds: float, rate: float, seed: int, max_speed: float) -> Callable[[Path], None]:
+    """Return a function that simulates an iiwa with friction on every joint."""
+    hidden = [word for k in range(1, 8)
+              for word in ('--hidden', f'coulomb_friction:iiwa_joint_{k}')]
+    return _synth('--motion', 'multisine', '--max-speed', str(max_speed), '--rate', str(rate),
+                  '--duration', str(seconds), '--noise', '0.1', '--seed', str(seed), *hidden)
 
 
 def _kilohertz(path: Path) -> None:
-    """Record an hour of seven joints at 1 kHz."""
+    """Write an hour of seven joints at 1 kHz."""
     from bench.scale.bags import record
     record(path, 60.0)
 
 
 def _twelve(seed: int, seconds: float = 100.0, rate: float = 20.0) -> Callable[[Path], None]:
-    """Return what simulates an arm of twelve joints with friction on one of them."""
+    """Return a function that simulates an arm of twelve joints with friction on one of them."""
     def make(path: Path) -> None:
         from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
         from gravity_comp_ros.simulation.disturbances.friction import Friction
@@ -68,9 +68,9 @@ def _twelve(seed: int, seconds: float = 100.0, rate: float = 20.0) -> Callable[[
         arm = generated_arm(4, 12, right_angles=True)
         motion = multisine(arm.lower, arm.upper, np.full(12, 1.5), seed, duration=seconds,
                            rate=rate)
-        how = SynthesisOptions(NoiseOptions(absolute=0.1), seed,
-                               disturbances=(Friction(3, LuGre(2.0)),))
-        write_bag(path, [joint_states(synthesise(arm, motion, how), '/joint_states')])
+        options = SynthesisOptions(NoiseOptions(absolute=0.1), seed,
+                                   disturbances=(Friction(3, LuGre(2.0)),))
+        write_bag(path, [joint_states(synthesise(arm, motion, options), '/joint_states')])
     return make
 
 
@@ -87,8 +87,9 @@ RECORDINGS: dict[str, Callable[[Path], None]] = {
 }
 _FIVE = tuple(f'run{k}.mcap' for k in range(1, 6))
 _THREE = tuple(f'twelve{k}.mcap' for k in range(1, 4))
-# Models that cases start from, and the recordings that they are fitted to.
+# Initial models of cases, and the recordings that they are fitted to.
 MODELS = {'eq17.json': ('eq17.mcap',), 'hour.json': ('hour.mcap',)}
+# Verb, arguments, and limits in s (0: none) and MB of each case.
 CASES: dict[str, tuple[str, tuple[str, ...], float, float]] = {
     'fit of 500 samples': ('fit', ('eq17.mcap', '-o', 'made.json'), 0.5, 500.0),
     'fit of 30 000 samples, fast': (
@@ -119,30 +120,30 @@ def _used() -> float:
 
 
 def _peak() -> float:
-    """Return the largest memory of this process, or of a child, in MB."""
+    """Return the peak memory of this process or of a child in MB."""
     return max(resource.getrusage(who).ru_maxrss for who in (
         resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)) / 1e3
 
 
 def measure(words: Sequence[str]) -> dict[str, float]:
-    """Run a command in this process; return its processor seconds and the peak of memory."""
+    """Run a command in this process; return its processor seconds and peak memory."""
     from importlib import import_module
     for name in _IMPORTS:
         import_module(name)
     from gravity_comp_ros.cli import main as run
     imports = _used()
-    with Path(os.devnull).open('w') as nowhere:
-        with redirect_stdout(nowhere), redirect_stderr(nowhere):
-            status = run(list(words))
+    with (Path(os.devnull).open('w') as devnull, redirect_stdout(devnull),
+          redirect_stderr(devnull)):
+        status = run(list(words))
     return {'status': status or 0, 'imports': imports, 'seconds': _used() - imports,
             'megabytes': _peak()}
 
 
 def _measured(folder: Path, words: Sequence[str]) -> dict[str, float]:
-    """Return the same of a process of its own."""
-    found = subprocess.run([sys.executable, str(Path(__file__).resolve()), '--measure', *words],
+    """Run a command in a new process; return the result of `measure`."""
+    child = subprocess.run([sys.executable, str(Path(__file__).resolve()), '--measure', *words],
                            cwd=folder, stdout=subprocess.PIPE, check=True)
-    return json.loads(found.stdout)
+    return json.loads(child.stdout)
 
 
 def _prepare(folder: Path, needed: set[str]) -> None:
@@ -151,7 +152,7 @@ def _prepare(folder: Path, needed: set[str]) -> None:
             needed |= set(bags)
     for name, make in RECORDINGS.items():
         if name in needed and not (folder / name).exists():
-            # In a process of its own: a child's peak of memory begins at its parent's.
+            # In a separate process, because a child inherits its parent's peak memory.
             maker = Process(target=make, args=(folder / name,))
             maker.start()
             maker.join()
@@ -173,16 +174,16 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as name:
         folder = (args.folder or Path(name)).resolve()
         folder.mkdir(exist_ok=True)
-        print('| | processor time | asked for | imports | memory | asked for |')
+        print('| | processor time | limit | imports | memory | limit |')
         print('|---|---|---|---|---|---|')
         for case in args.cases or CASES:
             verb, words, seconds, megabytes = CASES[case]
             _prepare(folder, set(words))
-            found = _measured(folder, (verb, *words))
-            asked = f'{seconds:g} s' if seconds else ''
-            failed = f' (exit {found["status"]})' if found['status'] else ''
-            print(f'| {case}{failed} | {found["seconds"]:.2f} s | {asked} | '
-                  f'{found["imports"]:.1f} s | {found["megabytes"]:.0f} MB | '
+            used = _measured(folder, (verb, *words))
+            limit = f'{seconds:g} s' if seconds else ''
+            failed = f' (exit {used["status"]})' if used['status'] else ''
+            print(f'| {case}{failed} | {used["seconds"]:.2f} s | {limit} | '
+                  f'{used["imports"]:.1f} s | {used["megabytes"]:.0f} MB | '
                   f'{megabytes:.0f} MB |', flush=True)
     return 0
 

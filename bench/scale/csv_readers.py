@@ -1,10 +1,10 @@
 """
-Compare the package's reader of tables with pandas, each in a process of its own.
+Compare the package's table reader with pandas, each in its own process.
 
     python3 bench/scale/csv_readers.py [--rows 65000] [--python PYTHON_WITH_PANDAS]
 
-A table of 21 columns is written to a temporary folder. Processor time of import and of reading
-are printed apart, and the peak memory of the process.
+A table of 21 columns is written to a temporary folder. The output is the processor time of the
+import and of reading, and the peak memory of the process.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ print(f'{{values.shape[0]}} rows: import {{ready - start:.2f}} s, read {{done - 
 
 
 def main() -> int:
-    """Write a table and let both read it."""
+    """Write a table and time both readers."""
     import numpy as np
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rows', type=int, default=65000)
-    parser.add_argument('--python', default=sys.executable, help='one that has pandas')
+    parser.add_argument('--python', default=sys.executable, help='a Python with pandas')
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'table.csv'
@@ -45,9 +45,9 @@ def main() -> int:
         for name, python, load, read in (('own', sys.executable, _OWN, _OWN_READ),
                                          ('pandas', args.python, _PANDAS, _PANDAS_READ)):
             script = _TIMED.format(load=load, read=read)
-            done = subprocess.run([python, '-c', script, str(path)], text=True,
-                                  capture_output=True, timeout=300, check=False)
-            print(f'{name}: {done.stdout.strip() or done.stderr.splitlines()[-1]}')
+            child = subprocess.run([python, '-c', script, str(path)], text=True,
+                                   capture_output=True, timeout=300, check=False)
+            print(f'{name}: {child.stdout.strip() or child.stderr.splitlines()[-1]}')
     return 0
 
 

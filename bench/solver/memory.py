@@ -1,4 +1,4 @@
-"""How much memory a call takes at its peak, beyond what the process had."""
+"""Peak memory of a call, in addition to that of the process before it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _STATUS, _CLEAR = Path('/proc/self/status'), Path('/proc/self/clear_refs')
 
 
 def peak_megabytes(call: Callable[..., object], *arguments: object) -> float:
-    """Run a call in a copy of this process, whose high-water mark starts at what it has now."""
+    """Run a call in a fork of this process; return the growth of its peak memory in MB."""
     reader, writer = os.pipe()
     child = os.fork()
     if not child:
         try:
-            # What was freed but kept would be taken again without being counted.
+            # Reuse of freed memory that the allocator retains would not be counted.
             ctypes.CDLL(None).malloc_trim(0)
             _CLEAR.write_text('5')
             before = _field('VmHWM')
@@ -26,9 +26,9 @@ def peak_megabytes(call: Callable[..., object], *arguments: object) -> float:
             os._exit(0)
     os.close(writer)
     with os.fdopen(reader) as pipe:
-        told = pipe.read()
+        kilobytes = pipe.read()
     os.waitpid(child, 0)
-    return float(told) / 1e3 if told else float('nan')
+    return float(kilobytes) / 1e3 if kilobytes else float('nan')
 
 
 def _field(name: str) -> float:

@@ -1,4 +1,4 @@
-"""The L1 problems that all solvers get: simulated arms, rows in units of the noise."""
+"""L1 problems of simulated arms, with rows in units of the noise."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Problem:
     lam: float
 
     def matrix(self) -> np.ndarray:
-        """Return A without its columns of zeros, built, in the order that rivals like."""
+        """Return the dense matrix A without its columns of zeros, in Fortran order."""
         full = dictionary.columns(self.q, np.arange(3 ** self.q.shape[1]))
         full *= self.weights[:, None]
         return np.asfortranarray(full / np.linalg.norm(full, axis=0))
 
 
 def relative_gap(a: np.ndarray, problem: Problem, x: np.ndarray) -> float:
-    """Return the duality gap of x relative to its objective, computed here for every solver."""
+    """Return the duality gap of x relative to its objective, independent of the solver."""
     residual = problem.b - a @ x
     primal = 0.5 * residual @ residual + problem.lam * np.abs(x).sum()
     point = residual * min(1.0, problem.lam / np.abs(a.T @ residual).max())
@@ -61,8 +61,8 @@ def long_arm(n_joints: int, own: int = 6, seed: int = 0, count: int = 1000) -> P
     """
     Return the most loaded joint of a drawn arm with right angles, 0.1 N·m noise.
 
-    Joints beyond `own` are those of a hand without weight: they move, and may explain nothing.
-    The gravity of a drawn arm of twelve weighty joints is not sparse in the dictionary.
+    Joints beyond `own` are those of a massless hand: they move without influence on the torque.
+    The gravity of a drawn arm of twelve joints with mass is not sparse in the dictionary.
     """
     own = min(own, n_joints)
     arm = generated.generated_arm(seed, own, right_angles=True)
@@ -75,7 +75,7 @@ def long_arm(n_joints: int, own: int = 6, seed: int = 0, count: int = 1000) -> P
 
 def _loaded(samples, sigma: np.ndarray) -> dict[str, Problem]:
     lam = _universal(samples.n_joints)
-    # The first joint of a level arm and the last bear nothing: there is nothing to solve.
+    # The first joint of a level arm and the last one have no gravity torque.
     return {name: Problem(samples.q, 1.0 / sigma[:, n], samples.tau[:, n] / sigma[:, n], lam)
             for n, name in enumerate(samples.names) if 0 < n < samples.n_joints - 1}
 

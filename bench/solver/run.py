@@ -1,12 +1,12 @@
 """
-Measure the solver against every other L1 solver that a user could pick, in one run.
+Time and memory of this package's L1 solver and of other L1 solvers, in one run.
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.solver.run [--quick] [-o bench/solver/results.json]
 
-Needs requirements/bench.txt. Every solver is brought to a relative duality gap of 1e-6, which is
-computed here from its answer. Repetitions are interleaved, so that whatever else the machine does
-falls on all alike; times are medians. `table.py` makes docs/performance.md's tables of the
-results.
+Needs requirements/bench.txt. Every solver is run to a relative duality gap of 1e-6, which is
+computed from its solution. Repetitions are interleaved, so that other load of the machine affects
+all solvers equally; times are medians. `table.py` writes the tables of docs/performance.md from
+the results.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import time
 
 from bench.solver.memory import peak_megabytes
 from bench.solver.problems import eq17, long_arm, Problem, random_poses, relative_gap
-from bench.solver.rivals import dense_admm, halves, OURS, RIVALS, Solver
+from bench.solver.solvers import dense_admm, factors, OTHERS, OURS, Solver
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
 from gravity_comp_ros.models.sparse.sparse_fit import fit_sparse
@@ -31,105 +31,112 @@ from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
+# Required relative duality gap.
 GAP = 1e-6
-PATIENCE = 15.0  # s for one run of one joint
+# Longest run of one joint, in s, after which no tighter tolerance is tried.
+MAX_SECONDS = 15.0
 
 
 def timed(solver: Solver, problem: Problem, a: np.ndarray, tolerance: float) -> dict:
-    given = halves(problem) if solver is OURS else a
+    matrix = factors(problem) if solver is OURS else a
     started = time.perf_counter()
-    x, iterations = solver.solve(problem, given, tolerance)
+    x, iterations = solver.solve(problem, matrix, tolerance)
     seconds = time.perf_counter() - started
     return {'seconds': seconds, 'iterations': iterations, 'gap': relative_gap(a, problem, x),
             'support': int(np.count_nonzero(np.abs(x) > 1e-6 * np.abs(x).max()))}
 
 
-def good_enough(solver: Solver, problem: Problem, a: np.ndarray) -> tuple[float | None, dict]:
+def loosest(solver: Solver, problem: Problem, a: np.ndarray) -> tuple[float | None, dict]:
     """
     Return the loosest tolerance that reaches the gap, with its run.
 
-    Who has not got there after `PATIENCE` is let off: the tolerance is None, with the best run.
+    The tolerance is None, with the last run, if none reaches it or a run exceeds `MAX_SECONDS`.
     """
     for tolerance in solver.tolerances:
-        found = timed(solver, problem, a, tolerance)
-        print(f'    {solver.name:<20} tolerance {tolerance:.0e}: gap {found["gap"]:.1e} '
-              f'{found["seconds"]:.3f} s', file=sys.stderr, flush=True)
-        if found['gap'] <= GAP:
-            return tolerance, found
-        if found['seconds'] > PATIENCE:
+        run = timed(solver, problem, a, tolerance)
+        print(f'    {solver.name:<20} tolerance {tolerance:.0e}: gap {run["gap"]:.1e} '
+              f'{run["seconds"]:.3f} s', file=sys.stderr, flush=True)
+        if run['gap'] <= GAP:
+            return tolerance, run
+        if run['seconds'] > MAX_SECONDS:
             break
-    return None, found
+    return None, run
 
 
 def compare(name: str, problems: dict[str, Problem], repetitions: int, slow: bool) -> list[dict]:
-    """Return a row a solver, over all joints of a data set; of the slow ones, over one joint."""
+    """Return a row for each solver, over all joints of a data set, or one joint if slow."""
     matrices = {joint: problem.matrix() for joint, problem in problems.items()}
-    solvers = [OURS, *(rival for rival in RIVALS if rival.slow == slow)]
+    solvers = [OURS, *(solver for solver in OTHERS if solver.slow == slow)]
     first = next(iter(problems))
     if slow:
         problems = {first: problems[first]}
     for solver in solvers:
-        if not solver.slow:        # compiles what is compiled on first use
+        if not solver.slow:  # compiles functions on first use
             timed(solver, problems[first], matrices[first], solver.tolerances[0])
     runs: dict[str, dict[str, list[dict]]] = {s.name: {j: [] for j in problems} for s in solvers}
-    chosen: dict[tuple[str, str], float | None] = {}
-    short: dict[str, dict] = {}    # who did not get there
+    tolerances: dict[tuple[str, str], float | None] = {}
+    missed: dict[str, dict] = {}  # the runs of solvers that did not reach the gap
     for joint, problem in problems.items():
         print(f'  {name} {joint}', file=sys.stderr, flush=True)
         for solver in solvers:
-            # The slow ones take minutes: one joint, once, stands for all.
-            if joint != first and (solver.slow or solver.name in short):
+            # The slow ones take minutes, so they solve one joint once.
+            if joint != first and (solver.slow or solver.name in missed):
                 continue
-            tolerance, found = good_enough(solver, problem, matrices[joint])
-            chosen[solver.name, joint] = tolerance
+            tolerance, run = loosest(solver, problem, matrices[joint])
+            tolerances[solver.name, joint] = tolerance
             if tolerance is None:
-                short[solver.name] = {'joint': joint, **found}
+                missed[solver.name] = {'joint': joint, **run}
             elif solver.slow:
-                runs[solver.name][joint].append(found)
+                runs[solver.name][joint].append(run)
     for _ in range(repetitions):
         for joint, problem in problems.items():
             for solver in solvers:
-                tolerance = chosen.get((solver.name, joint))
+                tolerance = tolerances.get((solver.name, joint))
                 if tolerance is not None and not solver.slow:
                     runs[solver.name][joint].append(
                         timed(solver, problem, matrices[joint], tolerance))
-    mine = {joint: median(runs[OURS.name][joint], 'seconds') for joint in problems}
+    ours = {joint: median(runs[OURS.name][joint], 'seconds') for joint in problems}
     rows: list[dict] = [{'build': build(problems[first])}]
     for solver in solvers:
-        done = {joint: found for joint, found in runs[solver.name].items() if found}
-        missed = short.get(solver.name)
-        if missed or not done:
-            rows.append({'solver': solver.name, 'missed': {
-                **(missed or {}), 'ratio': missed['seconds'] / mine[missed['joint']]}})
+        if solver.name in missed:
+            run = missed[solver.name]
+            rows.append({'solver': solver.name,
+                         'missed': {**run, 'ratio': run['seconds'] / ours[run['joint']]}})
             continue
-        seconds = sum(median(found, 'seconds') for found in done.values())
-        # Those behind cvxpy have threads of their own, which do not live on in a copy.
+        # The solvers of cvxpy have their own threads, which do not survive a fork.
         memory = None if solver.slow else peak_megabytes(
-            timed, solver, problems[first], matrices[first], chosen[solver.name, first])
-        rows.append({
-            'solver': solver.name, 'joints': list(done),
-            'repetitions': min(len(found) for found in done.values()),
-            'seconds': seconds, 'ratio': seconds / sum(mine[joint] for joint in done),
-            'iterations': sum(int(median(found, 'iterations')) for found in done.values()),
-            'gap': max(max(run['gap'] for run in found) for found in done.values()),
-            'support': [found[0]['support'] for found in done.values()],
-            'megabytes': memory})
+            timed, solver, problems[first], matrices[first], tolerances[solver.name, first])
+        rows.append(row(solver, runs[solver.name], ours, memory))
     return rows
 
 
+def row(solver: Solver, runs: dict[str, list[dict]], ours: dict[str, float],
+        memory: float | None) -> dict:
+    """Return the row of a solver from its runs of each joint and our times."""
+    runs = {joint: repeated for joint, repeated in runs.items() if repeated}
+    seconds = sum(median(repeated, 'seconds') for repeated in runs.values())
+    return {'solver': solver.name, 'joints': list(runs),
+            'repetitions': min(len(repeated) for repeated in runs.values()),
+            'seconds': seconds, 'ratio': seconds / sum(ours[joint] for joint in runs),
+            'iterations': sum(int(median(repeated, 'iterations')) for repeated in runs.values()),
+            'gap': max(max(run['gap'] for run in repeated) for repeated in runs.values()),
+            'support': [repeated[0]['support'] for repeated in runs.values()],
+            'megabytes': memory}
+
+
 def build(problem: Problem) -> dict:
-    """Return what the rivals' matrix and our halves take to build, in s and MB."""
-    found = {}
-    for name, make in (('matrix', problem.matrix), ('halves', lambda: halves(problem))):
+    """Return time in s and memory in MB for building the dense matrix and our factors."""
+    costs = {}
+    for name, make in (('matrix', problem.matrix), ('halves', lambda: factors(problem))):
         started = time.perf_counter()
         make()
-        found[name] = {'seconds': time.perf_counter() - started,
+        costs[name] = {'seconds': time.perf_counter() - started,
                        'megabytes': peak_megabytes(make)}
-    return found
+    return costs
 
 
-def median(runs: list[dict], what: str) -> float:
-    return float(np.median([run[what] for run in runs]))
+def median(runs: list[dict], key: str) -> float:
+    return float(np.median([run[key] for run in runs]))
 
 
 def refit(repetitions: int) -> dict:
@@ -141,43 +148,44 @@ def refit(repetitions: int) -> dict:
         if not seed:
             fit(samples)
             memory.append(peak_megabytes(fit, samples))
-        before = time.perf_counter(), time.process_time()
+        wall, processor = time.perf_counter(), time.process_time()
         fit(samples, FitOptions('potential'))
-        seconds.append((time.perf_counter() - before[0], time.process_time() - before[1]))
+        seconds.append((time.perf_counter() - wall, time.process_time() - processor))
     wall, processor = np.median(np.array(seconds), axis=0)
     return {'samples': 500, 'wall_seconds': float(wall), 'processor_seconds': float(processor),
             'megabytes': memory[0], 'repetitions': repetitions}
 
 
 def growth(joints: range, repetitions: int) -> list[dict]:
-    """Return time and memory of one joint of ever longer arms, and of the dense solver's."""
+    """Return time and memory of one joint for each number of joints, and of dense ADMM."""
     rows = []
     for n in joints:
         problem = long_arm(n)
         tau = (problem.b / problem.weights)[:, None]
         sparse = SparseProblem(TorqueDesign, problem.q, tau, np.zeros(len(tau), dtype=int),
                                np.ones(3 ** n, dtype=bool))
-        solve, whole = [], []
+        l1_seconds, fit_seconds = [], []
         for _ in range(repetitions):
             started = time.perf_counter()
-            x, _ = OURS.solve(problem, halves(problem), 0.0)
-            solve.append(time.perf_counter() - started)
+            x, _ = OURS.solve(problem, factors(problem), 0.0)
+            l1_seconds.append(time.perf_counter() - started)
             started = time.perf_counter()
-            found = fit_sparse(sparse, SparseOptions())
-            whole.append(time.perf_counter() - started)
-        row = {'joints': n, 'features': 3 ** n, 'seconds': float(np.median(solve)),
-               'fit_seconds': float(np.median(whole)), 'l1_support': int(np.count_nonzero(x)),
-               'support': len(found.indices), 'gap': found.lasso.certificate.gap,
-               'megabytes': peak_megabytes(fit_sparse, sparse, SparseOptions())}
+            result = fit_sparse(sparse, SparseOptions())
+            fit_seconds.append(time.perf_counter() - started)
+        costs = {'joints': n, 'features': 3 ** n, 'seconds': float(np.median(l1_seconds)),
+                 'fit_seconds': float(np.median(fit_seconds)),
+                 'l1_support': int(np.count_nonzero(x)), 'support': len(result.indices),
+                 'gap': result.lasso.certificate.gap,
+                 'megabytes': peak_megabytes(fit_sparse, sparse, SparseOptions())}
         if n <= 7:
             a = problem.matrix()
-            solver = next(r for r in RIVALS if r.solve is dense_admm)
-            dense = good_enough(solver, problem, a)
-            row['dense_seconds'], row['dense_gap'] = dense[1]['seconds'], dense[1]['gap']
-            row['dense_megabytes'] = a.nbytes / 1e6 + peak_megabytes(
+            solver = next(other for other in OTHERS if other.solve is dense_admm)
+            _, dense = loosest(solver, problem, a)
+            costs['dense_seconds'], costs['dense_gap'] = dense['seconds'], dense['gap']
+            costs['dense_megabytes'] = a.nbytes / 1e6 + peak_megabytes(
                 dense_admm, problem, a, 1e-3)
-        print(f'  {row}', file=sys.stderr, flush=True)
-        rows.append(row)
+        print(f'  {costs}', file=sys.stderr, flush=True)
+        rows.append(costs)
     return rows
 
 
@@ -185,7 +193,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--quick', action='store_true', help='without cvxpy and dense ADMM')
     parser.add_argument('--repetitions', type=int, default=5)
-    parser.add_argument('--only', nargs='*', default=None, help='these parts, the rest as it was')
+    parser.add_argument('--only', nargs='*', default=None,
+                        help='run these parts and keep the stored results of the others')
     parser.add_argument('-o', '--output', type=Path,
                         default=Path(__file__).with_name('results.json'))
     args = parser.parse_args()

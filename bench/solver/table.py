@@ -1,5 +1,5 @@
 """
-Write the tables of docs/performance.md from the results of the benches.
+Write the tables of docs/performance.md from the results of the benchmarks.
 
     python3 bench/solver/table.py [--solver FILE] [--scale FILE]
 """
@@ -17,17 +17,17 @@ PAGE = ROOT / 'docs' / 'performance.md'
 
 def solvers(parts: list[list[dict]]) -> str:
     """Return the table of one data set."""
-    lines = ['| solver | joints | time | against ours | iterations | gap | support | memory |',
+    lines = ['| solver | joints | time | relative to ours | iterations | gap | support | memory |',
              '|---|---|---|---|---|---|---|---|']
-    seen = set()
+    listed = set()
     for row in (row for part in parts for row in part if 'solver' in row):
-        if row['solver'] in seen:
+        if row['solver'] in listed:
             continue
-        seen.add(row['solver'])
+        listed.add(row['solver'])
         missed = row.get('missed')
         if missed:
             time = seconds(missed['seconds'])
-            lines.append(f'| {row["solver"]} | one | not there after {time} | '
+            lines.append(f'| {row["solver"]} | one | not reached after {time} | '
                          f'over {number(missed["ratio"])} × | {missed["iterations"]} | '
                          f'{missed["gap"]:.0e} | {missed["support"]} | |')
             continue
@@ -36,9 +36,9 @@ def solvers(parts: list[list[dict]]) -> str:
             f'{number(row["ratio"])} × | {row["iterations"]} | {row["gap"]:.0e} | '
             f'{", ".join(map(str, row["support"]))} | {megabytes(row["megabytes"])} |')
     built = parts[0][0]['build']
-    lines += ['', 'Building comes before: the matrix of the rivals takes '
-              f'{seconds(built["matrix"]["seconds"])} and {built["matrix"]["megabytes"]:.0f} MB a '
-              f'joint, our halves {seconds(built["halves"]["seconds"])} and '
+    lines += ['', 'Times exclude the construction: the dense matrix of the other solvers takes '
+              f'{seconds(built["matrix"]["seconds"])} and {built["matrix"]["megabytes"]:.0f} MB '
+              f'for each joint, our Kronecker factors {seconds(built["halves"]["seconds"])} and '
               f'{built["halves"]["megabytes"]:.0f} MB.']
     return '\n'.join(lines)
 
@@ -64,14 +64,14 @@ def refit(row: dict) -> str:
             f'{seconds(row["processor_seconds"])} | {row["megabytes"]:.0f} MB |')
 
 
-def bags(found: dict) -> str:
-    read, minute, fit = found['read'], found['minute'], found['fit']
+def bags(results: dict) -> str:
+    read, minute, fit = results['read'], results['minute'], results['fit']
     return ('| | |\n|---|---|\n'
             f'| messages | {read["messages"]} |\n'
             f'| decoded, a second of one core | {read["decode_per_s"]:.0f} |\n'
             f'| decoded, checked, gated and hashed, a second of one core | {read["per_s"]:.0f} |\n'
             f'| rosbags, each message, a second of one core | {minute["rosbags_per_s"]:.0f} |\n'
-            f'| ours beside it on the same minute | {minute["decode_per_s"]:.0f}, '
+            f'| ours on the same minute | {minute["decode_per_s"]:.0f}, '
             f'{minute["ratio"]:.0f} × |\n'
             f'| `gravity_comp fit` of the hour | {fit["seconds"]:.0f} s, '
             f'{fit["processor_seconds"]:.0f} s of processor time, {fit["megabytes"]:.0f} MB |')
@@ -96,13 +96,13 @@ def main() -> None:
     args = parser.parse_args()
     tables = {}
     if args.solver.exists():
-        found = json.loads(args.solver.read_text())
+        results = json.loads(args.solver.read_text())
         for name in ('eq17', 'random'):
-            if name in found:
-                tables[name] = solvers([found[name], found.get(f'{name}_slow', [])])
-        if 'growth' in found:
-            tables['growth'] = growth(found['growth'])
-        tables['refit'] = refit(found['refit'])
+            if name in results:
+                tables[name] = solvers([results[name], results.get(f'{name}_slow', [])])
+        if 'growth' in results:
+            tables['growth'] = growth(results['growth'])
+        tables['refit'] = refit(results['refit'])
     if args.scale.exists():
         tables['bags'] = bags(json.loads(args.scale.read_text()))
     text = PAGE.read_text()

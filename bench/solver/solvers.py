@@ -1,9 +1,9 @@
 """
-Every L1 solver a user could pick, on the same matrix, brought to the same duality gap.
+L1 solvers on the same matrix, run to the same duality gap.
 
-Each takes a tolerance in its own terms; `tolerances` are tried from loose to tight, and only the
-run that is first good enough counts. The rivals get the matrix ready built, with columns of unit
-length; ours gets its halves and the lengths.
+Each solver has its own definition of tolerance; `tolerances` are tried from loose to tight, and
+only the first run that reaches the gap counts. The other solvers get the dense matrix, with
+columns of unit length; ours gets its Kronecker factors and the column lengths.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
+from typing import Any
 import warnings
 
 from bench.solver.problems import Problem
@@ -20,14 +21,16 @@ from gravity_comp_ros.models.sparse.sparse_problem import follow_path
 import numpy as np
 from scipy import linalg
 
-TIME_LIMIT = 50.0   # s, for the solvers that take one
+# In s, for the solvers that accept a time limit.
+TIME_LIMIT = 50.0
 
-Answer = tuple[np.ndarray, int]     # x at columns of unit length, iterations
+# Coefficients x of columns of unit length, and iterations.
+Answer = tuple[np.ndarray, int]
 
 
 @dataclass(frozen=True)
 class Solver:
-    """`solve(problem, a, tolerance)`; `slow` ones are repeated less often."""
+    """A solver with its call `solve(problem, a, tolerance)`; a `slow` one runs once."""
 
     name: str
     solve: Callable[[Problem, np.ndarray, float], Answer]
@@ -45,38 +48,35 @@ def ours(problem: Problem, design: TorqueDesign, tolerance: float) -> Answer:
     return x, solution.iterations
 
 
-def halves(problem: Problem) -> TorqueDesign:
-    """Return what stands for the matrix in our solver: its halves and its columns' lengths."""
+def factors(problem: Problem) -> TorqueDesign:
+    """Return the implicit matrix of our solver: its Kronecker factors and column lengths."""
     design = TorqueDesign(problem.q, problem.weights[:, None])
     design.squared_norms()
     return design
 
 
-def scikit_learn(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
-    from sklearn.linear_model import Lasso
+def _lasso(lasso: Any, problem: Problem, a: np.ndarray, tolerance: float, **limits: int) -> Answer:
+    """Solve with a Lasso class of scikit-learn's interface."""
     with warnings.catch_warnings():
         warnings.simplefilter('ignore')
-        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
-                    max_iter=10 ** 6).fit(a, problem.b)
+        fit = lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
+                    **limits).fit(a, problem.b)
     return fit.coef_, int(fit.n_iter_)
+
+
+def scikit_learn(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
+    from sklearn.linear_model import Lasso
+    return _lasso(Lasso, problem, a, tolerance, max_iter=10 ** 6)
 
 
 def celer(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
     from celer import Lasso
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')
-        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
-                    max_iter=1000, max_epochs=10 ** 6).fit(a, problem.b)
-    return fit.coef_, int(fit.n_iter_)
+    return _lasso(Lasso, problem, a, tolerance, max_iter=1000, max_epochs=10 ** 6)
 
 
 def skglm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
     from skglm import Lasso
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore')
-        fit = Lasso(problem.lam / len(problem.b), fit_intercept=False, tol=tolerance,
-                    max_iter=1000, max_epochs=10 ** 6).fit(a, problem.b)
-    return fit.coef_, int(fit.n_iter_)
+    return _lasso(Lasso, problem, a, tolerance, max_iter=1000, max_epochs=10 ** 6)
 
 
 def _cvxpy(name: str, problem: Problem, a: np.ndarray, **options) -> Answer:
@@ -90,7 +90,7 @@ def _cvxpy(name: str, problem: Problem, a: np.ndarray, **options) -> Answer:
         try:
             program.solve(solver=name, **options)
         except cvxpy.SolverError:
-            pass               # out of time
+            pass  # time limit
     if x.value is None:
         return np.zeros(a.shape[1]), 0
     return np.asarray(x.value), int(program.solver_stats.num_iters or 0)
@@ -107,7 +107,7 @@ def clarabel(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
 
 
 def dense_admm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
-    """ADMM as in Boyd et al. (2011), 6.4: rho 1, the factor of I + A A.T, residuals as the end."""
+    """ADMM of Boyd et al. (2011), 6.4: rho 1, factor of I + A A.T, stopping by residuals."""
     m, k = a.shape
     factor = linalg.cho_factor(np.eye(m) + a @ a.T)
     until = time.monotonic() + TIME_LIMIT
@@ -115,9 +115,9 @@ def dense_admm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
     for iteration in range(1, 200001):
         v = c + z - u
         x = v - a.T @ linalg.cho_solve(factor, a @ v)
-        old, moved = z, x + u
-        z = np.sign(moved) * np.maximum(np.abs(moved) - problem.lam, 0.0)
-        u = moved - z
+        old, sum_xu = z, x + u
+        z = np.sign(sum_xu) * np.maximum(np.abs(sum_xu) - problem.lam, 0.0)
+        u = sum_xu - z
         if (np.linalg.norm(x - z) < tolerance * max(np.linalg.norm(z), 1.0)
                 and np.linalg.norm(z - old) < tolerance * max(np.linalg.norm(u), 1.0)):
             break
@@ -127,7 +127,7 @@ def dense_admm(problem: Problem, a: np.ndarray, tolerance: float) -> Answer:
 
 
 OURS = Solver('gravity_comp_ros', ours, (1e-7,))
-RIVALS = (
+OTHERS = (
     Solver('scikit-learn', scikit_learn, (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)),
     Solver('celer', celer, (1e-4, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)),
     Solver('skglm', skglm, (1e-2, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)),

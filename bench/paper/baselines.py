@@ -1,14 +1,14 @@
 """
-What else there is: known kinematics, kernels, explicit formulas, a nominal URDF.
+Other methods: regression with known kinematics, kernels, an explicit formula, a nominal URDF.
 
-- regression: with the kinematics known every torque is linear in the masses and first moments of
-  the links (Yu 2022, Eq. (19)); least squares on Pinocchio's regressor.
+- regression: with known kinematics the torque is linear in the masses and first moments of the
+  links (Yu 2022, Eq. (19)); least squares on Pinocchio's regressor.
 - kernel ridge and SVR: one for each joint, on that joint's row of the same regressor (physical) or
-  on joint angles as they are (raw). Hyper-parameters by cross-validation over blocks of
-  time; the search counts in the time.
-- EFD: the explicit formula from D-H parameters, with lengths off by up to 5 mm, masses by 5 % and
-  centres by 1 cm, as a data sheet and a scale give them.
-- nominal: Pinocchio with the URDF, which knows nothing of a payload.
+  on the joint angles (raw). Hyper-parameters by cross-validation over blocks of time; the search
+  is included in the time.
+- EFD: the explicit formula from D-H parameters, with errors of lengths up to 5 mm, of masses up to
+  5 % and of centres up to 1 cm, as from a data sheet and a scale.
+- nominal: Pinocchio with the URDF, without a payload.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from gravity_comp_ros.simulation import arms
 import numpy as np
 import pinocchio as pin
 
-# Of the ten inertial numbers of a link the first four (m, m c) make gravity.
+# Inertial parameters of a link: the first four (m, m c) determine gravity.
 _STATIC, _ALL = 4, 10
 
 
@@ -38,14 +38,14 @@ def regressors(arm: arms.Arm, q: FloatArray) -> FloatArray:
 
 
 def regression(scene: Scene) -> Fitted:
-    """Fit masses and first moments by least squares; what no torque shows stays small."""
+    """Fit masses and first moments by least squares, of minimum norm if not identifiable."""
     start = time.perf_counter()
     rows = regressors(scene.nominal, scene.train.q)
     x = rows.reshape(-1, rows.shape[-1])
-    found = np.linalg.lstsq(x, scene.train.tau.ravel(), rcond=1e-8)[0]
+    parameters = np.linalg.lstsq(x, scene.train.tau.ravel(), rcond=1e-8)[0]
     seconds = time.perf_counter() - start
     counts = [int(row.any(axis=0).sum()) for row in rows.transpose(1, 0, 2)]
-    return Fitted(lambda q: regressors(scene.nominal, q) @ found, counts,
+    return Fitted(lambda q: regressors(scene.nominal, q) @ parameters, counts,
                   scene.train.n_samples, seconds)
 
 
@@ -58,9 +58,9 @@ def kernel(kind: str, physical: bool, quick: bool = False) -> Method:
         seconds = time.perf_counter() - start
 
         def predict(q: FloatArray) -> FloatArray:
-            return np.column_stack([found.predict(x) for found, x in zip(
+            return np.column_stack([search.predict(x) for search, x in zip(
                 fits, _inputs(scene, q, physical))])
-        counts = [_size(found, scene.train.n_samples) for found in fits]
+        counts = [_size(search, scene.train.n_samples) for search in fits]
         return Fitted(predict, counts, scene.train.n_samples, seconds)
     return method
 
@@ -70,12 +70,8 @@ def _inputs(scene: Scene, q: FloatArray, physical: bool) -> list[FloatArray]:
     if not physical:
         return [q] * q.shape[1]
     rows = regressors(scene.nominal, q)
-    return [rows[:, n][:, _seen(scene, n)] for n in range(q.shape[1])]
-
-
-def _seen(scene: Scene, joint: int) -> FloatArray:
-    """Return which of the regressor's columns a joint's torque has: links beyond it."""
-    return np.arange(scene.nominal.n_joints * _STATIC) >= joint * _STATIC
+    # The torque of a joint depends on the links after it only.
+    return [rows[:, n, n * _STATIC:] for n in range(q.shape[1])]
 
 
 def _search(kind: str, quick: bool) -> Any:
@@ -94,18 +90,18 @@ def _search(kind: str, quick: bool) -> Any:
         grid = {'C': [10.0] if quick else [1.0, 10.0], 'gamma': gammas}
     scaled = TransformedTargetRegressor(make_pipeline(StandardScaler(), model),
                                         transformer=StandardScaler())
-    # Blocks of time: neighbouring samples are alike and would flatter a narrow kernel.
+    # Blocks of time: neighbouring samples are autocorrelated, which favours a narrow kernel.
     return GridSearchCV(scaled, {f'regressor__{name}__{key}': values
                                  for key, values in grid.items()}, cv=KFold(3))
 
 
-def _size(found: Any, n_samples: int) -> int:
-    last = found.best_estimator_.regressor_[-1]
+def _size(search: Any, n_samples: int) -> int:
+    last = search.best_estimator_.regressor_[-1]
     return int(len(last.support_)) if hasattr(last, 'support_') else n_samples
 
 
 def explicit(scene: Scene) -> Fitted:
-    """Return the sum over links with wrong lengths, masses and centres."""
+    """Return the explicit sum over links with errors of lengths, masses and centres."""
     rng = np.random.default_rng(18)
     model = scene.nominal.model
     n = scene.nominal.n_joints
@@ -116,8 +112,8 @@ def explicit(scene: Scene) -> Fitted:
     masses = masses * (1.0 + rng.uniform(-0.05, 0.05, n))
     centres = np.array([body.lever for body in list(model.inertias)[1:]])
     moments = masses[:, None] * (centres + rng.uniform(-0.01, 0.01, centres.shape))
-    carried = np.cumsum(masses[::-1])[::-1]
-    moments[:-1] += carried[1:, None] * origins[1:]
+    outer_masses = np.cumsum(masses[::-1])[::-1]
+    moments[:-1] += outer_masses[1:, None] * origins[1:]
     for i in range(n - 1, 0, -1):
         moments[i - 1] += moments[i, 2] * axes[i][:, 2]
     chain = Chain(axes, STANDARD_GRAVITY * moments[:, :2])
@@ -127,5 +123,5 @@ def explicit(scene: Scene) -> Fitted:
 
 
 def nominal(scene: Scene) -> Fitted:
-    """Return Pinocchio's gravity of the arm as described."""
+    """Return Pinocchio's gravity of the nominal arm."""
     return Fitted(lambda q: arms.gravity_torque(scene.nominal, q), None, 0, 0.0)
