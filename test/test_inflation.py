@@ -4,7 +4,8 @@ from gravity_comp_ros.data.folds import folds
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import variance_inflation
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import Settled, SparseOptions, SparseProblem
+from gravity_comp_ros.models.sparse.sparse_problem import (
+    SparseOptions, SparseProblem, SupportFit)
 from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -28,7 +29,7 @@ def test_of_one_run_blocks_of_time_are_held_out():
         list(range(k, k + 4)) for k in range(0, 20, 4)]
 
 
-def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, Settled]:
+def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFit]:
     """Return a problem whose residual is an autoregression, over a support of nothing."""
     rng, keep = np.random.default_rng(0), (time - 1) / (time + 1)
     residual = rng.normal(size=count)
@@ -37,7 +38,7 @@ def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, Settled]:
     tau = residual[:, None]
     problem = SparseProblem(TorqueDesign, rng.uniform(-1, 1, (count, 1)), tau,
                             np.zeros(count, dtype=int), np.ones(3, dtype=bool))
-    return problem, Settled(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
+    return problem, SupportFit(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
 
 
 @pytest.mark.parametrize('errors, taken', [

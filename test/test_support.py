@@ -48,7 +48,7 @@ def test_a_feature_stays_if_and_only_if_it_pays_its_price(feature, factor, margi
     others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
     design, b = orthonormal(x + others)
     given_start = np.arange(3) if start == 'inside' else np.flatnonzero(others)
-    found = support.settle(design, b, given_start, 1, ALL_OF_ONE)
+    found = support.select_support(design, b, given_start, 1, ALL_OF_ONE)
     assert (feature in found.indices) == stays
     assert set(np.flatnonzero(others)) <= set(found.indices)
 
@@ -120,7 +120,7 @@ def problems(draw):
 @given(problems())
 def test_no_single_step_from_a_settled_support_pays(problem):
     design, b, n_joints, usable, start = problem
-    found = support.settle(design, b, start, n_joints, usable)
+    found = support.select_support(design, b, start, n_joints, usable)
     assert usable[found.indices].all()
     score = support.score(found, n_joints, design.n_rows)
     for other in every_single_step(found.indices, usable, n_joints):
@@ -134,8 +134,8 @@ def test_no_single_step_from_a_settled_support_pays(problem):
 def test_settling_lowers_the_score_and_has_an_end(problem):
     design, b, n_joints, usable, start = problem
     before = support.refit(design, b, start[usable[start]])
-    found = support.settle(design, b, start, n_joints, usable)
-    again = support.settle(design, b, found.indices, n_joints, usable)
+    found = support.select_support(design, b, start, n_joints, usable)
+    again = support.select_support(design, b, found.indices, n_joints, usable)
     scores = [support.score(r, n_joints, design.n_rows) for r in (before, found)]
     assert scores[1] <= scores[0] + 1e-6
     np.testing.assert_array_equal(again.indices, found.indices)
@@ -167,8 +167,8 @@ def test_rounding_makes_no_step_pay_for_ever(samples):
     search = support._Search(b, 5, support.gram_of(design, np.ones(243, dtype=bool)),
                              np.arange(0, 243, 20))
     assert not all(search.step() for _ in range(100))
-    average, _ = support.average_ties(design, b, support.refit(design, b, search.support), 5,
-                                      np.ones(243, dtype=bool))
+    best = support.refit(design, b, search.support)
+    average, _ = support.average_equivalents(design, b, best, 5, np.ones(243, dtype=bool))
     assert np.isfinite(average.x).all() and np.isfinite(average.covariance).all()
 
 
@@ -191,7 +191,7 @@ def test_of_many_features_none_that_pays_is_overlooked():
     true = rng.choice(3 ** 10, 12, replace=False)
     b = dictionary.columns(q, true) @ rng.choice([-15.0, 12.0], 12) + rng.normal(size=400)
     design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
-    found = support.settle(design, b, np.zeros(0, dtype=np.int64), 10, usable)
+    found = support.select_support(design, b, np.zeros(0, dtype=np.int64), 10, usable)
     assert set(true) <= set(found.indices.tolist())
     left = b - design.columns(found.indices) @ found.x
     promise = design.correlate(left) ** 2 / design.squared_norms() - support.costs(10, 400)
@@ -204,7 +204,7 @@ def test_of_dependent_columns_the_simple_ones_stay():
     q = np.column_stack([rng.uniform(-2, 2, 50), np.full(50, 0.5)])
     design = TorqueDesign(q, np.full((50, 1), 10.0))
     b = 10 * (7 * np.sin(q[:, 0]) + 0.1 * rng.normal(size=50))
-    found = support.settle(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
+    found = support.select_support(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
     np.testing.assert_array_equal(found.indices, [3])
     assert found.x[0] == pytest.approx(7.0, abs=0.1)
 
@@ -219,7 +219,7 @@ def test_a_true_small_support_is_found(kind, seed):
     design = kind(q, np.full((200, 4 if kind is EnergyDesign else 1), 10.0))
     b = design.columns(truth) @ x + rng.normal(size=design.n_rows)
     start = rng.choice(81, 12, replace=False)
-    found = support.settle(design, b, start, 4, np.ones(81, dtype=bool))
+    found = support.select_support(design, b, start, 4, np.ones(81, dtype=bool))
     np.testing.assert_array_equal(found.indices, truth)
     assert (np.abs(found.x - x) < 5 * np.sqrt(np.diag(found.covariance))).all()
 
@@ -228,8 +228,8 @@ def test_a_tie_of_equals_is_shared_evenly():
     # The columns of s1 and c1 are the same vector: the data cannot tell them apart.
     a = np.eye(20)[:, [0, 1, 1]]
     design, b = DenseDesign(a), a @ [0.0, 8.0, 0.0]
-    best = support.settle(design, b, np.array([1]), 1, ALL_OF_ONE)
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    best = support.select_support(design, b, np.array([1]), 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     assert ties == 1
     np.testing.assert_array_equal(average.indices, [1, 2])
     np.testing.assert_allclose(average.x, [4.0, 4.0])
@@ -241,7 +241,7 @@ def test_models_weigh_by_their_scores():
     # s1 alone leaves 18, c1 alone 20: the better weighs e times the other.
     design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(18.0)])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     share = 1 / (1 + np.exp(-1.0))
     assert ties == 1
     np.testing.assert_allclose(average.x, [share * np.sqrt(20), (1 - share) * np.sqrt(18)])
@@ -250,7 +250,7 @@ def test_models_weigh_by_their_scores():
 def test_what_is_clearly_worse_is_not_averaged():
     design, b = orthonormal([0.0, 10.0, 1.0])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     assert ties == 0
     np.testing.assert_array_equal(average.x, best.x)
 
@@ -259,6 +259,6 @@ def test_an_empty_support_stays_empty_on_noise():
     rng = np.random.default_rng(0)
     q = rng.uniform(-2, 2, (300, 4))
     design = TorqueDesign(q, np.ones((300, 1)))
-    found = [support.settle(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
-                            np.ones(81, dtype=bool)).indices.size for _ in range(20)]
-    assert sum(found) <= 2
+    sizes = [support.select_support(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
+                                    np.ones(81, dtype=bool)).indices.size for _ in range(20)]
+    assert sum(sizes) <= 2
