@@ -24,7 +24,7 @@ from gravity_comp_ros.models.sparse.regressor import Design, EnergyDesign, Torqu
 import numpy as np
 
 _PRECISIONS = ('float64', 'float32')
-PlainDesign = TorqueDesign | EnergyDesign
+NumpyDesign = TorqueDesign | EnergyDesign
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class Arrays:
             raise OptionError(f'arrays: dtype is {self.dtype}; choose from '
                               f'{", ".join(_PRECISIONS)}')
 
-    def design_type(self, plain: type[PlainDesign]) -> Callable[[FloatArray, FloatArray], Design]:
+    def design_type(self, design: type[NumpyDesign]) -> Callable[[FloatArray, FloatArray], Design]:
         """
-        Return a constructor of designs of type `plain` whose products use these arrays.
+        Return a constructor of designs of type `design` whose products use these arrays.
 
         :raises OptionError: if the namespace cannot be loaded.
         """
         if self == Arrays():
-            return plain
+            return design
         device = _Device(self)
-        return lambda q, weights: DeviceDesign(plain(q, weights), device)
+        return lambda q, weights: DeviceDesign(design(q, weights), device)
 
 
 class _Device:
@@ -89,28 +89,28 @@ class DeviceDesign:
     """
     A design whose products with all columns are computed on the device, all else in NumPy.
 
-    :param plain: the design in NumPy.
+    :param design: the design in NumPy.
     """
 
-    def __init__(self, plain: PlainDesign, device: _Device,
+    def __init__(self, design: NumpyDesign, device: _Device,
                  halves: tuple[Any, Any] | None = None) -> None:
-        self.n_rows, self.n_columns = plain.n_rows, plain.n_columns
-        self._plain, self._device = plain, device
-        self._halves = halves or (device.to_device(plain.halves.left),
-                                  device.to_device(plain.halves.right.T))
+        self.n_rows, self.n_columns = design.n_rows, design.n_columns
+        self._design, self._device = design, device
+        self._halves = halves or (device.to_device(design.halves.left),
+                                  device.to_device(design.halves.right.T))
 
     @property
     def precise(self) -> Design:
-        return self if self._device.dtype == 'float64' else self._plain
+        return self if self._device.dtype == 'float64' else self._design
 
     def reweighted(self, row_weights: FloatArray) -> DeviceDesign:
-        return DeviceDesign(self._plain.reweighted(row_weights), self._device, self._halves)
+        return DeviceDesign(self._design.reweighted(row_weights), self._device, self._halves)
 
     def columns(self, indices: IntArray) -> FloatArray:
-        return self._plain.columns(indices)
+        return self._design.columns(indices)
 
     def squared_norms(self) -> FloatArray:
-        return self._plain.squared_norms()
+        return self._design.squared_norms()
 
     def correlate(self, r: FloatArray) -> FloatArray:
         return self.correlate_many(r[:, None])[0]
@@ -123,12 +123,12 @@ class DeviceDesign:
     def _correlate(self, r: FloatArray) -> Any:
         """Return A.T r over all columns: one batched product for all torques."""
         xp, (left, right) = self._device.xp, self._halves
-        weighted = self._device.to_device(self._plain.weighted_rows(r))
+        weighted = self._device.to_device(self._design.weighted_rows(r))
         parts = xp.matmul(left, weighted[:, :, None] * right[None, :, :])
-        if isinstance(self._plain, TorqueDesign):
+        if isinstance(self._design, TorqueDesign):
             return xp.reshape(parts, (-1,))
         total = xp.zeros_like(xp.reshape(parts[0, ...], (-1,)))
-        for n in range(self._plain.n_joints):
+        for n in range(self._design.n_joints):
             features = xp.reshape(parts[n, ...], (3 ** n, 3, -1))
             sine, cosine = features[:, dictionary.SIN, :], features[:, dictionary.COS, :]
             # d sin = cos, d cos = -sin: products with cos belong to sin, and vice versa.

@@ -131,9 +131,9 @@ class SparseProblem:
         """Return the torques (M, J) of a weight vector."""
         return (self.unweighted.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
 
-    def thinned(self, most: int) -> SparseProblem:
-        """Return at most `most` samples, evenly spread; itself if it has no more."""
-        step = -(-len(self.q) // most)
+    def thinned(self, limit: int) -> SparseProblem:
+        """Return at most `limit` samples, evenly spread."""
+        step = -(-len(self.q) // limit)
         return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
 
     def merged(self, travel: float) -> SparseProblem:
