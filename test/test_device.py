@@ -1,4 +1,4 @@
-"""Products on another processor or in another precision: the same fits, certified in float64."""
+"""Products on another device or in another precision: the same fits, certified in float64."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
@@ -15,7 +15,7 @@ NAMESPACES = ('numpy', 'array_api_strict', 'torch')
 KINDS = pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
 
 
-def made(kind, arrays: Arrays, n_joints: int = 4):
+def designs_of(kind, arrays: Arrays, n_joints: int = 4):
     rng = np.random.default_rng(0)
     q = rng.uniform(-3, 3, (30, n_joints))
     weights = rng.uniform(0.5, 2.0, (30, n_joints if kind is EnergyDesign else 1))
@@ -27,14 +27,15 @@ def made(kind, arrays: Arrays, n_joints: int = 4):
 @pytest.mark.parametrize('dtype, close', [('float64', 1e-12), ('float32', 1e-5)])
 def test_products_are_those_of_numpy(kind, namespace, dtype, close):
     pytest.importorskip(namespace)
-    plain, other = made(kind, Arrays(namespace, dtype, 'cpu' if namespace == 'torch' else None))
-    r = np.random.default_rng(1).normal(size=(plain.n_rows, 3))
-    expected = plain.correlate_many(r)
-    for found in (other.correlate_many(r), other.reweighted(plain.row_weights.reshape(
+    device = 'cpu' if namespace == 'torch' else None
+    reference, other = designs_of(kind, Arrays(namespace, dtype, device))
+    r = np.random.default_rng(1).normal(size=(reference.n_rows, 3))
+    expected = reference.correlate_many(r)
+    for found in (other.correlate_many(r), other.reweighted(reference.row_weights.reshape(
             30, -1)).correlate_many(r)):
         assert found.dtype == np.float64
         np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
-    np.testing.assert_array_equal(other.squared_norms(), plain.squared_norms())
+    np.testing.assert_array_equal(other.squared_norms(), reference.squared_norms())
     np.testing.assert_allclose(other.precise.correlate(r[:, 0]), expected[0],
                                atol=1e-12 * np.abs(expected).max())
 
@@ -43,10 +44,10 @@ def test_products_are_those_of_numpy(kind, namespace, dtype, close):
 @pytest.mark.parametrize('namespace', NAMESPACES)
 def test_a_solution_in_float32_is_optimal_in_float64(kind, namespace):
     pytest.importorskip(namespace)
-    plain, other = made(kind, Arrays(namespace, 'float32'))
-    b = 10 * plain.columns(np.array([5, 40, 61])).sum(axis=1)
+    reference, other = designs_of(kind, Arrays(namespace, 'float32'))
+    b = 10 * reference.columns(np.array([5, 40, 61])).sum(axis=1)
     b += np.random.default_rng(2).normal(size=len(b))
-    one, two = (LassoProblem(design, b, np.ones(81, dtype=bool)) for design in (plain, other))
+    one, two = (LassoProblem(design, b, np.ones(81, dtype=bool)) for design in (reference, other))
     first, second = one.solve(0.1 * one.lambda_max), two.solve(0.1 * two.lambda_max)
     assert second.converged and second.certificate.violation < 1e-6
     assert second.certificate.gap < 1e-9
@@ -61,16 +62,16 @@ def test_whole_fits_agree(formulation, arrays):
     pytest.importorskip(arrays.namespace)
     q = poses(150, 4)
     samples = samples_of(q, gravity_torque(serial_arm(4), q), 0.1)
-    usual = fit(samples, FitOptions(formulation))
+    default = fit(samples, FitOptions(formulation))
     other = fit(samples, FitOptions(formulation, SparseOptions(arrays=arrays)))
     assert other.converged
-    for a, b in zip(usual.model.torques, other.model.torques):
+    for a, b in zip(default.model.torques, other.model.torques):
         np.testing.assert_array_equal(a.indices, b.indices)
         np.testing.assert_allclose(a.weights, b.weights, atol=1e-6)
     assert other.model.provenance['options']['sparse']['arrays']['dtype'] == arrays.dtype
 
 
-def test_what_is_not_there_is_one_line():
+def test_a_missing_namespace_is_reported_in_one_line():
     with pytest.raises(OptionError, match='dtype is float16; choose from'):
         Arrays(dtype='float16')
     with pytest.raises(OptionError, match='the namespace no_such_thing does not load') as error:
