@@ -80,13 +80,6 @@ def test_products_are_those_of_the_dense_matrix(n_joints):
                                atol=1e-12)
 
 
-@pytest.mark.parametrize('n_joints', [1, 2, 5])
-def test_kernel_is_the_product_of_all_features(n_joints):
-    q, other = poses(9, n_joints), poses(6, n_joints, seed=3)
-    np.testing.assert_allclose(dictionary.kernel(q, other), dense(q) @ dense(other).T,
-                               rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize('n_joints', [1, 2, 4])
 def test_derivative_against_finite_differences(n_joints):
     q, features, h = poses(7, n_joints), np.arange(3 ** n_joints), 1e-6

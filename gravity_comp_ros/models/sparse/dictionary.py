@@ -8,7 +8,7 @@ of the index, joint 1 first, are the factors of the joints: 0 is 1, 1 is sin, 2 
 The 3^N columns are never built. A feature row is the Kronecker product of the factors of the
 first joints with those of the last, so with the halves L and R (Yu 2022, Eq. 6)
 
-    F.T r = vec(L.T diag(r) R)                 and    F F'.T = prod_n (1 + cos(q_n - q'_n)).
+    F.T r = vec(L.T diag(r) R).
 """
 
 from __future__ import annotations
@@ -98,14 +98,6 @@ def combined(q: FloatArray, indices: IntArray, weights: FloatArray) -> FloatArra
         rows = slice(start, start + _AT_ONCE)
         sums[rows] = (weights.T @ Halves(q[rows]).columns(indices)).T
     return sums
-
-
-def kernel(q: FloatArray, other: FloatArray) -> FloatArray:
-    """Return F F'.T for two sets of poses (M, N), (M', N): prod_n (1 + cos(q_n - q'_n))."""
-    product = np.ones((q.shape[0], other.shape[0]))
-    for n in range(q.shape[1]):
-        product *= 1.0 + np.cos(q[:, n, None] - other[None, :, n])
-    return product
 
 
 class Halves:
