@@ -31,10 +31,10 @@ def test_products_are_those_of_numpy(kind, namespace, dtype, close):
     reference, other = designs_of(kind, Arrays(namespace, dtype, device))
     r = np.random.default_rng(1).normal(size=(reference.n_rows, 3))
     expected = reference.correlate_many(r)
-    for found in (other.correlate_many(r), other.reweighted(reference.row_weights.reshape(
+    for products in (other.correlate_many(r), other.reweighted(reference.row_weights.reshape(
             30, -1)).correlate_many(r)):
-        assert found.dtype == np.float64
-        np.testing.assert_allclose(found, expected, atol=close * np.abs(expected).max())
+        assert products.dtype == np.float64
+        np.testing.assert_allclose(products, expected, atol=close * np.abs(expected).max())
     np.testing.assert_array_equal(other.squared_norms(), reference.squared_norms())
     np.testing.assert_allclose(other.precise.correlate(r[:, 0]), expected[0],
                                atol=1e-12 * np.abs(expected).max())

@@ -134,15 +134,15 @@ def test_the_loop_adds_it_and_the_error_on_another_path_falls(arm, seed):
     train, later = two_runs(arm, seed), two_runs(arm, seed + 100)
     options = FitOptions('chain', geometry=geometry_of(arm))
     model = gc.Model(fit(train.samples, options).model)
-    found = gc.diagnose(train, model).findings
-    named = {(f.effect, f.joint) for f in found if f.verdict in ('established', 'likely')}
-    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in found]
+    findings = gc.diagnose(train, model).findings
+    named = {(f.effect, f.joint) for f in findings if f.verdict in ('established', 'likely')}
+    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in findings]
     assert not {name for name, _ in named} & {'inertia', 'coriolis'}
-    scale = next(f for f in found if f.effect == 'rigid_body_dynamics').coefficients['s']
+    scale = next(f for f in findings if f.effect == 'rigid_body_dynamics').coefficients['s']
     assert 0.7 < scale.value < 1.4
-    added = gc.add_effects(model, train, found, all_samples=True)
+    added = gc.add_effects(model, train, findings, all_samples=True)
     assert added.gravity.geometry is not None
-    without = gc.add_effects(model, train, [f for f in found if f.effect
+    without = gc.add_effects(model, train, [f for f in findings if f.effect
                                             != 'rigid_body_dynamics'], all_samples=True)
     worst = [max(j.rmse / j.torque_std for j in gc.compare(m, later).joints.values())
              for m in (model, without, added)]
@@ -159,8 +159,8 @@ def test_half_a_minute_of_motion_identifies_it_with_friction_on_one_joint(seed):
     samples = synthesise(arm, motion, SynthesisOptions(
         NoiseOptions(absolute=0.1), seed, disturbances=[Friction(3, LuGre(1.0))]))
     model = fit(samples, FitOptions('chain', geometry=geometry_of(arm))).model
-    found = diagnose(samples, model).findings
-    named = {(f.effect, f.joint): f.coefficients for f in found
+    findings = diagnose(samples, model).findings
+    named = {(f.effect, f.joint): f.coefficients for f in findings
              if f.verdict in ('established', 'likely')}
     assert set(named) == {('rigid_body_dynamics', None), ('coulomb_friction', 'iiwa_joint_4')}
     for coefficients, truth in zip((named['rigid_body_dynamics', None]['s'],

@@ -42,8 +42,8 @@ def test_lengths_and_inertias_determine_the_torque_of_motion(seed, n):
     columns = motion_columns(chain_of(arm), np.ones(n), q, qd, qdd)[:, :, 1:]
     truth = of_motion(arm, q, qd, qdd)
     flat = columns.reshape(truth.size, -1)
-    found = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
-    assert np.linalg.norm(truth.ravel() - flat @ found) < 1e-8 * np.linalg.norm(truth)
+    parameters = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
+    assert np.linalg.norm(truth.ravel() - flat @ parameters) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_a_planar_arm_by_hand():
@@ -123,7 +123,7 @@ def test_a_horizontal_second_axis_has_no_unknown_sign():
 
 
 def mirrored(chain):
-    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
+    """Return the mirror image of a chain, with inverted vertical and negated moments."""
     axes = chain.axes.copy()
     axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
     return Chain(axes, -chain.moments)
@@ -180,11 +180,11 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    names = {f.effect for f in sure}
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    names = {f.effect for f in accepted}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
-    better = gc.add_effects(model, data, sure, all_samples=True)
+    better = gc.add_effects(model, data, accepted, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:
