@@ -31,7 +31,7 @@ def counted(number: int, thing: str) -> str:
     return f'{number} {thing if number == 1 else thing + "s"}'
 
 
-def shown_names(names: Sequence[str], most: int = 12) -> str:
-    """Return the first `most` names in one line, and the number of further ones."""
-    more = f' and {len(names) - most} more' if len(names) > most else ''
-    return ', '.join(names[:most]) + more
+def shown_names(names: Sequence[str], limit: int = 12) -> str:
+    """Return the first `limit` names in one line, and the number of further ones."""
+    more = f' and {len(names) - limit} more' if len(names) > limit else ''
+    return ', '.join(names[:limit]) + more

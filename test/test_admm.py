@@ -1,4 +1,4 @@
-"""ADMM on few columns: known answers, optimality of every answer, and honest failure."""
+"""ADMM on a few columns: known solutions, optimality, and reported failure."""
 
 from dense import breach, coordinate_descent, objective
 from gravity_comp_ros.errors import FitError, OptionError
@@ -28,9 +28,9 @@ def test_soft_threshold(v, threshold, expected):
     assert admm.soft_threshold(np.array([v]), threshold)[0] == expected
 
 
-def test_soft_threshold_with_a_threshold_each():
-    found = admm.soft_threshold(np.array([3.0, -3.0, 0.1]), np.array([0.5, 4.0, 0.0]))
-    np.testing.assert_array_equal(found, [2.5, 0.0, 0.1])
+def test_soft_threshold_with_individual_thresholds():
+    result = admm.soft_threshold(np.array([3.0, -3.0, 0.1]), np.array([0.5, 4.0, 0.0]))
+    np.testing.assert_array_equal(result, [2.5, 0.0, 0.1])
 
 
 @pytest.mark.parametrize('c, lam, x', [(5.0, 2.0, 3.0), (-5.0, 2.0, -3.0), (1.0, 2.0, 0.0)])
@@ -63,16 +63,16 @@ def test_no_columns():
 
 @st.composite
 def problems(draw):
-    """Draw A with unit columns, maybe copied or nearly equal ones, b, and a share of lambda."""
+    """Draw A with unit columns, possibly copies or nearly equal, b, and a share of lambda."""
     rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
     rows, k = draw(st.integers(3, 25)), draw(st.integers(1, 12))
     a = rng.normal(size=(rows, k))
-    likeness = draw(st.sampled_from(['none', 'copy', 'mirror', 'near', 'all alike']))
-    if k > 1 and likeness in ('copy', 'mirror'):
-        a[:, 1] = a[:, 0] * (1 if likeness == 'copy' else -1)
-    if k > 1 and likeness == 'near':
+    collinearity = draw(st.sampled_from(['none', 'copy', 'mirror', 'near', 'all near']))
+    if k > 1 and collinearity in ('copy', 'mirror'):
+        a[:, 1] = a[:, 0] * (1 if collinearity == 'copy' else -1)
+    if k > 1 and collinearity == 'near':
         a[:, 1] = a[:, 0] + 1e-4 * rng.normal(size=rows)
-    if likeness == 'all alike':
+    if collinearity == 'all near':
         a = a[:, :1] + 0.03 * a
     b = rng.normal(size=rows) * draw(st.sampled_from([1e-3, 1.0, 1e3]))
     return unit_columns(a), b, draw(st.floats(0.01, 0.95))
@@ -80,7 +80,7 @@ def problems(draw):
 
 @settings(max_examples=120, deadline=None)
 @given(problems())
-def test_every_solution_is_optimal_and_as_good_as_the_textbooks(problem):
+def test_every_solution_is_optimal_and_as_good_as_coordinate_descent(problem):
     a, b, share = problem
     lam = share * np.abs(a.T @ b).max()
     penalties = np.full(a.shape[1], lam)
@@ -88,8 +88,8 @@ def test_every_solution_is_optimal_and_as_good_as_the_textbooks(problem):
     x = result.state.z
     assert result.converged
     assert breach(a, b, penalties, x) <= 1.1e-7
-    # Coefficients may differ where columns are alike, and the textbook's way is then slow; but
-    # what is predicted differs by no more than sqrt(2 (theirs - ours)).
+    # For nearly collinear columns coefficients may differ and coordinate descent is slow, but the
+    # predictions differ by at most sqrt(2 (theirs - ours)).
     reference = coordinate_descent(a, b, penalties, sweeps=500)
     ours, theirs = (objective(a, b, penalties, v) for v in (x, reference))
     assert ours <= theirs * (1 + 1e-9)
@@ -110,7 +110,7 @@ def test_penalties_may_differ(problem, seed):
 
 @settings(max_examples=40, deadline=None)
 @given(problems(), st.floats(0.01, 0.9))
-def test_a_warm_start_leads_to_the_same_answer_and_is_no_slower(problem, other_share):
+def test_a_warm_start_has_the_same_solution_and_is_not_slower(problem, other_share):
     a, b, share = problem
     top, k = np.abs(a.T @ b).max(), a.shape[1]
     gram, c, penalties = a.T @ a, a.T @ b, np.full(a.shape[1], share * top)
@@ -125,7 +125,7 @@ def test_a_warm_start_leads_to_the_same_answer_and_is_no_slower(problem, other_s
 
 
 @pytest.mark.parametrize('rho, relaxation', [(1e-3, 1.0), (0.1, 1.6), (100.0, 1.9)])
-def test_rho_and_relaxation_change_the_way_and_not_the_answer(rho, relaxation):
+def test_rho_and_relaxation_do_not_change_the_solution(rho, relaxation):
     rng = np.random.default_rng(4)
     a, b = unit_columns(rng.normal(size=(20, 10))), rng.normal(size=20)
     lam = 0.1 * np.abs(a.T @ b).max()
@@ -141,8 +141,8 @@ def hard() -> tuple[np.ndarray, np.ndarray, float]:
     return a, b, 1e-4 * np.abs(a.T @ b).max()
 
 
-def test_what_did_not_converge_says_so(monkeypatch):
-    # With a polish that yields nothing, three iterations are plain ADMM's, and not enough.
+def test_failure_to_converge_is_reported(monkeypatch):
+    # Three iterations without a polish are not sufficient.
     monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
     a, b, lam = hard()
     result = solve(a, b, lam, max_iterations=3)
@@ -153,7 +153,7 @@ def test_what_did_not_converge_says_so(monkeypatch):
     assert max(result.primal_residual, result.dual_residual) > 1e-3
 
 
-def test_plain_admm_converges_without_the_polish(monkeypatch):
+def test_admm_converges_without_the_polish(monkeypatch):
     monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
     rng = np.random.default_rng(7)
     a, b = unit_columns(rng.normal(size=(30, 12))), rng.normal(size=30)
@@ -169,7 +169,7 @@ def test_the_polish_solves_a_hard_problem_early():
     a, b, lam = hard()
     result = solve(a, b, lam)
     assert result.converged and result.iterations <= 2000
-    # The residuals are the polished point's, not those of the iteration before the polish.
+    # The residuals are those of the polished point.
     assert result.polished
     assert result.primal_residual <= 1e-6 and result.dual_residual <= 1e-6
     assert breach(a, b, np.full(60, lam), result.state.z) <= 1.1e-7
@@ -190,7 +190,7 @@ def test_more_columns_than_rows_and_a_tiny_lambda(seed):
 
 
 @pytest.mark.parametrize('value', [np.nan, np.inf])
-def test_numbers_that_are_not_finite_are_refused(value):
+def test_input_that_is_not_finite_is_refused(value):
     with pytest.raises(FitError, match='not finite'):
         admm.solve(np.eye(2), np.array([1.0, value]), np.ones(2), fresh(2))
     with pytest.raises(FitError, match='not finite'):
@@ -214,5 +214,5 @@ def test_violation_by_hand():
 
 def test_the_polish_of_an_empty_support_stays_empty():
     # Older releases of SciPy refuse to factorise an empty matrix.
-    found = admm.polish(np.eye(2), np.array([0.5, -0.5]), np.ones(2), np.zeros(2), 1e-9)
-    assert found.tolist() == [0.0, 0.0]
+    z = admm.polish(np.eye(2), np.array([0.5, -0.5]), np.ones(2), np.zeros(2), 1e-9)
+    assert z.tolist() == [0.0, 0.0]

@@ -1,4 +1,4 @@
-"""Files are old or new, never half, and no temporary file stays behind."""
+"""Atomic replacement of files, without remaining temporary files."""
 
 import errno
 import os
@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 def failing(number: int):
-    """Return a function that fails as the operating system does."""
+    """Return a function that raises an operating-system error."""
     def fail(*args, **kwargs):
         raise OSError(number, os.strerror(number))
     return fail
@@ -48,7 +48,7 @@ def test_a_reader_that_has_the_old_file_open_keeps_it(old):
     assert old.read_bytes() == b'new'
 
 
-def test_until_the_block_ends_the_old_file_is_there(old):
+def test_the_old_file_remains_until_the_block_ends(old):
     with replacing(old, ModelFileError) as temporary:
         temporary.write_bytes(b'ne')
         assert old.read_bytes() == b'old'
@@ -80,7 +80,7 @@ def test_a_failing_disk_leaves_the_old_file(old, monkeypatch, function, number, 
     assert old.read_bytes() == b'old' and os.listdir(old.parent) == ['file.json']
 
 
-def test_a_folder_that_cannot_be_flushed_is_no_error(old, monkeypatch):
+def test_a_folder_that_cannot_be_flushed_is_not_an_error(old, monkeypatch):
     flush, calls = os.fsync, []
 
     def flush_only_the_file(handle):
@@ -121,14 +121,14 @@ def test_a_folder_that_cannot_be_written_to(old, place, words):
 
 
 def test_a_read_only_folder(old, monkeypatch):
-    # A superuser writes anywhere, so the refusal is the one that mkstemp would get.
+    # A superuser may write anywhere, so the refusal of mkstemp is simulated.
     monkeypatch.setattr('tempfile.mkstemp', failing(errno.EACCES))
     with pytest.raises(ModelFileError, match='permission denied'):
         write_atomically(old, b'new', ModelFileError)
     assert old.read_bytes() == b'old'
 
 
-def test_a_folder_in_the_place_of_the_file(tmp_path):
+def test_a_folder_at_the_path_of_the_file(tmp_path):
     (tmp_path / 'folder').mkdir()
     with pytest.raises(ModelFileError, match='directory'):
         write_atomically(tmp_path / 'folder', b'new', ModelFileError)

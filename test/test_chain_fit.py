@@ -1,4 +1,4 @@
-"""Fits of the chain: accuracy outside the motion, every kind of arm, bad starts, folds."""
+"""Fits of the chain: accuracy outside the motion, kinds of arms, wrong minima, alternatives."""
 
 from bench.cases import generated
 from gravity_comp_ros.errors import OptionError
@@ -35,9 +35,9 @@ def parallel_arm(n: int, level: bool) -> arms.Arm:
     """Return an arm whose axes are all parallel, upright or level."""
     model, parent = pin.Model(), 0
     for k in range(n):
-        turn = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0) if level and not k else np.eye(3)
+        rotation = pin.rpy.rpyToMatrix(np.pi / 2, 0, 0) if level and not k else np.eye(3)
         parent = model.addJoint(parent, pin.JointModelRZ(),
-                                pin.SE3(turn, np.array([0.3, 0, 0])), f'j{k}')
+                                pin.SE3(rotation, np.array([0.3, 0, 0])), f'j{k}')
         model.appendBodyToJoint(parent, pin.Inertia(2.0, np.array([0.15, 0.02, 0.01]),
                                                     0.01 * np.eye(3)), pin.SE3.Identity())
     limit = np.full(n, 2.6)
@@ -46,13 +46,13 @@ def parallel_arm(n: int, level: bool) -> arms.Arm:
 
 @pytest.fixture(scope='module')
 def iiwa():
-    """Return the arm, what 500 samples of Yu 2022, Eq. (17) give, and the samples."""
+    """Return the arm, the fit of 500 samples of Yu 2022, Eq. (17), and the samples."""
     arm, q = arms.iiwa7(), motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 3, arm.joints)
     return arm, fit(samples, CHAIN), samples
 
 
-def test_right_over_the_whole_joint_range_from_a_small_motion(iiwa):
+def test_a_small_motion_yields_accuracy_over_the_whole_joint_range(iiwa):
     arm, result, _ = iiwa
     assert worst(result.model, arm, motions.eq17(start=100.0).q) <= 0.03
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
@@ -61,14 +61,14 @@ def test_right_over_the_whole_joint_range_from_a_small_motion(iiwa):
     assert result.report.warnings == ()
 
 
-def test_right_angles_of_the_iiwa_are_found(iiwa):
+def test_right_angles_of_the_iiwa_are_adopted(iiwa):
     chain = iiwa[1].model.chain
-    # Joint 7 of the iiwa carries no moment, so that nothing shows its axis.
+    # Joint 7 of the iiwa has no moment, so its axis is not identifiable.
     assert np.abs(np.abs(chain.axes[:6]).round() - np.abs(chain.axes[:6])).max() < 1e-9
     assert iiwa[1].model.n_features().max() < 40
 
 
-def test_band_holds_what_it_promises(iiwa):
+def test_the_band_covers_95_percent(iiwa):
     arm, result, _ = iiwa
     model = result.model
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
@@ -79,7 +79,7 @@ def test_band_holds_what_it_promises(iiwa):
         assert 0.92 <= inside.mean() <= 0.98
 
 
-def test_warm_start_needs_no_search(iiwa):
+def test_a_warm_start_requires_no_search(iiwa):
     _, result, samples = iiwa
     again = fit_chain(samples, start=result.model.chain)
     assert again.starts == 1
@@ -87,7 +87,7 @@ def test_warm_start_needs_no_search(iiwa):
                                result.model.predict(samples.q), atol=0.02)
 
 
-def test_model_file_keeps_chain_and_uncertainty(iiwa, tmp_path):
+def test_the_model_file_includes_chain_and_uncertainty(iiwa, tmp_path):
     model = iiwa[1].model
     save_model(tmp_path / 'm.json', model)
     loaded = load_model(tmp_path / 'm.json')
@@ -99,7 +99,7 @@ def test_model_file_keeps_chain_and_uncertainty(iiwa, tmp_path):
 
 @pytest.mark.parametrize('seed', [0, 3, 6])
 @pytest.mark.parametrize('right_angles', [False, True])
-def test_arms_that_nobody_built(seed, right_angles):
+def test_generated_arms(seed, right_angles):
     # Six and seven axes, level and tilted. The floor with true axes is 0.01 and 0.02 to 0.03.
     arm = generated.generated_arm(seed, right_angles=right_angles)
     q = generated.small_motion(arm, seed).q
@@ -130,7 +130,7 @@ def test_parallel_axes(level):
 
 @pytest.mark.parametrize('tilt', [(0.0, 0.0), (0.4, -0.3), (np.pi, 0.0), (np.pi / 2, 0.0)])
 def test_six_axes_three_of_them_parallel(tilt):
-    # Standing, leaning, hanging from a ceiling, on a wall.
+    # Upright, tilted, on a ceiling, on a wall.
     arm = arms.with_base_tilt(six_axes_with_parallel_ones(), *tilt)
     q = generated.small_motion(arm, 2).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
@@ -139,7 +139,7 @@ def test_six_axes_three_of_them_parallel(tilt):
     assert worst(model, arm, poses(300, 6, reach=2.6)) <= 0.15
 
 
-def test_upright_axes_carry_no_gravity():
+def test_vertical_axes_have_no_gravity_torque():
     arm = parallel_arm(3, level=False)
     q = generated.small_motion(arm, 1, duration=60.0).q
     model = fit(samples_of(q, np.zeros_like(q), 0.05, 0, arm.joints), CHAIN).model
@@ -158,33 +158,33 @@ def test_joints_at_rest():
     assert result.model.predict_std(elsewhere).max() > 5 * result.model.predict_std(q).max()
 
 
-def test_a_wrong_minimum_shows():
+def test_a_wrong_minimum_is_detected():
     arm = generated.generated_arm(3)
     q = generated.small_motion(arm, 3).q
     problem = ChainProblem(q, arms.gravity_torque(arm, q) + NOISE * np.random.default_rng(
         0).normal(size=q.shape), np.full(q.shape, 1.0 / NOISE))
-    found = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
-    best = min(found, key=lambda s: s.cost)
+    minima = [solve(problem, random_chain(7, seed).axes) for seed in range(8)]
+    best = min(minima, key=lambda s: s.cost)
     assert structure(problem, best) <= STRUCTURE_LIMIT
-    wrong = [s for s in found if s.cost > 2.0 * best.cost]
+    wrong = [s for s in minima if s.cost > 2.0 * best.cost]
     assert wrong and all(structure(problem, s) > STRUCTURE_LIMIT for s in wrong)
 
 
-def test_one_start_that_goes_wrong_is_noticed_and_mended():
+def test_a_single_wrong_start_is_detected_and_corrected():
     arm = arms.iiwa7()
     q = motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     problem = ChainProblem(q, samples.tau, np.full(q.shape, 1.0 / NOISE))
-    found = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
-    right = [each.solution.cost < 1.3 * q.size for each in found]
-    assert not all(right) and [each.clean for each in found] == right
+    results = [search(problem, SearchOptions(starts=1, seed=seed)) for seed in range(4)]
+    right = [each.solution.cost < 1.3 * q.size for each in results]
+    assert not all(right) and [each.clean for each in results] == right
     for seed in range(4):
         result = fit_chain(samples, SearchOptions(starts=1, seed=seed))
         assert result.clean and result.noise.absolute.max() < 1.3 * NOISE
 
 
 def error_and_band(seed: int, right_angles: bool, duration: float):
-    """Return errors in N·m anywhere, their standard deviations, and the report of a fit."""
+    """Return errors in N·m over the joint range, their standard deviations, and the report."""
     arm = generated.generated_arm(seed, right_angles=right_angles)
     q = generated.small_motion(arm, seed, duration=duration).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, seed, arm.joints)
@@ -194,22 +194,22 @@ def error_and_band(seed: int, right_angles: bool, duration: float):
             result.model.predict_std(wide), result.report)
 
 
-def test_too_little_motion_is_said_and_known():
-    # 20 s of motion: several chains explain them, and the first that is found may be wrong.
+def test_insufficient_motion_is_reported_and_covered():
+    # 20 s of motion are consistent with several chains, and the first one may be wrong.
     for seed, right_angles in ((0, True), (4, True), (6, False)):
         error, std, report = error_and_band(seed, right_angles, 20.0)
         assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.85
-        assert any('may be off by' in words for words in report.warnings)
+        assert any('may be off by' in line for line in report.warnings)
         assert report.chain.rivals >= 1
 
 
-def test_an_unsure_arm_says_so():
-    # Of ten generated arms the one that is off by more than five times the floor.
+def test_an_uncertain_arm_is_reported():
+    # The one of ten generated arms with an error of more than five times the floor.
     error, std, report = error_and_band(8, False, 100.0)
-    assert any('may be off by' in words for words in report.warnings)
+    assert any('may be off by' in line for line in report.warnings)
     assert (np.abs(error) <= 1.96 * np.hypot(std, NOISE)).mean() >= 0.92
-    sure = error_and_band(7, False, 100.0)[2]
-    assert sure.warnings == () and sure.chain.rivals == 0
+    certain = error_and_band(7, False, 100.0)[2]
+    assert certain.warnings == () and certain.chain.rivals == 0
 
 
 def test_search_options_are_checked():
@@ -240,14 +240,14 @@ def energy_samples(features: dict[str, float], n: int, noise: float):
     return samples_of(q, tau, noise, 0)
 
 
-def test_auto_takes_the_chain_where_nothing_is_left(iiwa):
+def test_auto_selects_the_chain_if_its_residual_is_white(iiwa):
     result = fit(iiwa[2], FitOptions('auto'))
     assert result.model.formulation == 'chain'
     assert 'of white noise' in result.report.choice.why
 
 
-def test_auto_falls_back_where_the_arm_is_no_chain():
-    # No serial arm has these together: a chain's c1 comes with what the other links add to it.
+def test_auto_selects_the_potential_if_the_arm_is_not_a_chain():
+    # No serial arm has this combination of features.
     samples = energy_samples({'s1 s2 s3': 5.0, 'c1 c2 c3': 3.0, 's2': 4.0, 'c1 s3': 2.0}, 3, 0.05)
     result = fit(samples, FitOptions('auto'))
     assert result.model.formulation == 'potential'
@@ -257,13 +257,13 @@ def test_auto_falls_back_where_the_arm_is_no_chain():
     assert result.model.chain is None
 
 
-def test_zero_moments_make_a_model_of_zero():
+def test_zero_moments_have_zero_torque():
     chain = Chain(np.eye(3)[None], np.zeros((1, 2)))
     assert not chain.torque(poses(3, 1)).any()
 
 
-def test_few_poses_with_relative_noise_do_not_hide_a_wrong_chain():
-    # Of these the first minimum that leaves what looks like noise is off by 2.4 N·m.
+def test_few_poses_with_relative_noise_do_not_yield_a_wrong_chain():
+    # The first minimum with a white residual has an error of 2.4 N·m.
     arm = arms.iiwa7()
     q = motions.random_poses(arm.lower, arm.upper, 60, 0).q
     tau = arms.gravity_torque(arm, q)
@@ -273,9 +273,9 @@ def test_few_poses_with_relative_noise_do_not_hide_a_wrong_chain():
     assert worst(model, arm, wide) < 0.2
 
 
-def test_normal_equations_that_are_singular_have_the_shortest_solution():
+def test_singular_normal_equations_have_the_minimum_norm_solution():
     right = np.array([3.0, 4.0])
     np.testing.assert_allclose(_solved(np.diag([2.0, 4.0]), right), [1.5, 1.0])
-    # What rounding has made indefinite is no excuse for any numbers.
+    # Also where rounding has made them indefinite.
     np.testing.assert_allclose(_solved(np.diag([2.0, -1e-20]), right), [1.5, 0.0])
     assert _solved(np.zeros((0, 0)), np.zeros(0)).shape == (0,)

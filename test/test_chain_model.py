@@ -12,7 +12,7 @@ from serial_arms import planar_2r
 
 
 def random_chain(n: int, seed: int) -> Chain:
-    """Return a chain with axes anywhere."""
+    """Return a chain with random axes."""
     rng = np.random.default_rng(seed)
     directions = rng.normal(size=(n, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -20,8 +20,8 @@ def random_chain(n: int, seed: int) -> Chain:
 
 
 def test_planar_arm_by_hand():
-    # Both axes level: A_1 turns z to the horizontal, A_2 leaves it parallel. With x of frame 1
-    # level and gravity's opposite along its y, a moment m along x at q = 0 gives m cos q.
+    # Both axes level: A_1 rotates z to the horizontal, A_2 keeps it parallel. With x of frame 1
+    # level and the vertical along its y, a moment m along x at q = 0 gives m cos q.
     g, m1, m2, l1, c1, c2 = 9.81, 3.0, 2.0, 0.5, 0.25, 0.2
     level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     chain = Chain(np.stack([level, np.eye(3)]),
@@ -38,7 +38,7 @@ def test_tilt_is_the_matrix_exponential():
 
 
 @pytest.mark.parametrize('z', [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0.6, 0.0, -0.8)])
-def test_aligned_turns_z_into_the_direction(z):
+def test_aligned_rotates_z_to_the_direction(z):
     rotation = aligned(np.array(z, dtype=float))
     np.testing.assert_allclose(rotation[:, 2], z, atol=1e-12)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
@@ -67,7 +67,7 @@ def test_expansion_is_exact(n, seed):
     np.testing.assert_allclose(model.predict(q), chain.torque(q), atol=1e-7)
 
 
-def test_expansion_drops_rounding_alone():
+def test_expansion_drops_only_rounding_errors():
     level = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     chain = Chain(np.stack([np.eye(3), level]), np.array([[0.0, 0.0], [2.0, 0.0]]))
     energy = expand(chain)
@@ -75,14 +75,14 @@ def test_expansion_drops_rounding_alone():
     assert names == ['s2'] and energy.weights == pytest.approx([2.0])
 
 
-def test_a_turn_of_a_link_frame_is_no_difference():
-    # What module `chain` fixes: frame i may be turned about its own axis.
+def test_the_rotation_of_a_link_frame_has_no_effect():
+    # The rotation of frame i about its own axis, which module `chain` fixes.
     chain, angle = random_chain(4, 3), 0.8
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
-                     [0.0, 0.0, 1.0]])
+    rotation = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0],
+                         [0.0, 0.0, 1.0]])
     axes, moments = chain.axes.copy(), chain.moments.copy()
-    axes[1], axes[2] = axes[1] @ turn, turn.T @ axes[2]
-    moments[1] = turn[:2, :2].T @ moments[1]
+    axes[1], axes[2] = axes[1] @ rotation, rotation.T @ axes[2]
+    moments[1] = rotation[:2, :2].T @ moments[1]
     q = np.random.default_rng(0).uniform(-3, 3, (6, 4))
     np.testing.assert_allclose(Chain(axes, moments).torque(q), chain.torque(q), atol=1e-12)
 
@@ -90,6 +90,6 @@ def test_a_turn_of_a_link_frame_is_no_difference():
 @pytest.mark.parametrize('axes, moments', [
     (np.zeros((2, 3, 3)), np.zeros((2, 2))), (np.eye(3)[None], np.zeros((2, 2))),
     (-np.eye(3)[None], np.zeros((1, 2))), (np.eye(3)[None], np.full((1, 2), np.nan))])
-def test_what_is_no_chain_is_refused(axes, moments):
+def test_invalid_chains_are_refused(axes, moments):
     with pytest.raises(DataError, match='chain'):
         Chain(axes, moments)

@@ -1,4 +1,4 @@
-"""The chain on an arm like a real one: inertia, Coulomb friction on every joint, much noise."""
+"""The chain on a realistic arm: inertia, Coulomb friction on every joint, large noise."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.request import requests
@@ -12,16 +12,16 @@ NOISE = FRICTION = 0.3
 
 
 @pytest.mark.parametrize('seed', [0, 1])
-def test_friction_found_as_an_effect_leaves_gravity_right(seed):
+def test_gravity_is_accurate_with_friction_fitted_as_an_effect(seed):
     arm, motion = arms.iiwa7(), motions.eq17()
     tau = arms.inverse_dynamics(arm, motion.q, motion.qd, motion.qdd)
     tau += FRICTION * np.tanh(motion.qd / 0.002)
     tau += NOISE * np.random.default_rng([seed, 7]).normal(size=tau.shape)
     samples = JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau)
-    wanted = requests(['coulomb_friction'], samples.names)
-    model = fit_with_effects(samples, samples, wanted, FitOptions('chain')).joint.model
-    found = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
-    assert len(found) == 7 and found == pytest.approx([FRICTION] * 7, abs=0.08)
+    requested = requests(['coulomb_friction'], samples.names)
+    model = fit_with_effects(samples, samples, requested, FitOptions('chain')).joint.model
+    values = [next(iter(e.coefficients.values())).value for e in model.applied.effects]
+    assert len(values) == 7 and values == pytest.approx([FRICTION] * 7, abs=0.08)
     wide = np.random.default_rng(1).uniform(arm.lower, arm.upper, (500, 7))
     for q, bound in ((motions.eq17(start=100.0).q, 0.15), (wide, 0.6)):
         error = model.predict(q) - arms.gravity_torque(arm, q)

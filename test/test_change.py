@@ -1,4 +1,4 @@
-"""Sparse change of Gaussian numbers: evidence, search, averages."""
+"""Sparse change of parameters under a Gaussian prior: evidence, search, averages."""
 
 from dataclasses import replace
 from itertools import product
@@ -14,7 +14,7 @@ from scipy import stats
 
 def problem(jumps: FloatArray, seed: int = 0, rows: int = 60, spread: float = 0.05
             ) -> ChangeProblem:
-    """Return data in which the numbers moved by `jumps`, beside their old uncertainty."""
+    """Return data after a change of `jumps`, in addition to the prior uncertainty."""
     rng = np.random.default_rng(seed)
     count = len(jumps)
     columns = rng.normal(size=(count, rows))
@@ -23,7 +23,7 @@ def problem(jumps: FloatArray, seed: int = 0, rows: int = 60, spread: float = 0.
 
 
 def log_evidence(given: ChangeProblem, support: np.ndarray, share: float) -> float:
-    """Return ln p(r, S | s) from the dense covariance of r, as the textbook has it."""
+    """Return ln p(r, S | s) from the dense covariance of r."""
     variance = given.covariance + np.diag(support * (share * given.size) ** 2.0)
     covariance = np.eye(len(given.residual)) + given.columns.T @ variance @ given.columns
     count, k = len(support), int(support.sum())
@@ -37,7 +37,7 @@ def small() -> ChangeProblem:
     return problem(np.array([3.0, 0.0, 0.0, -0.4, 0.0]), seed=2)
 
 
-def test_score_is_the_textbook_evidence(small):
+def test_the_score_is_the_dense_evidence(small):
     evidence = sparse_change._Evidence(small, 0.3)
     constant = -0.5 * small.residual @ small.residual - 0.5 * len(small.residual) * np.log(
         2 * np.pi)
@@ -56,7 +56,7 @@ def test_gains_are_differences_of_scores(small):
         np.testing.assert_allclose(evidence.gains(mask), expected, atol=1e-8)
 
 
-def test_the_likeliest_support_is_found(small):
+def test_the_most_probable_support_is_selected(small):
     supports = list(product([False, True], repeat=5))
     best = max((log_evidence(small, np.array(support), share), support)
                for share in sparse_change._SIZES for support in supports)
@@ -77,71 +77,71 @@ def test_average_is_the_sum_over_all_supports_and_sizes(small):
     mean = weights @ np.array(means)
     off = np.array(means) - mean
     exact = np.tensordot(weights, np.array(covariances), axes=(0, 0)) + (off.T * weights) @ off
-    found = average_change(small)
-    np.testing.assert_allclose(found.mean, mean, atol=0.03)
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(exact)),
+    change = average_change(small)
+    np.testing.assert_allclose(change.mean, mean, atol=0.03)
+    np.testing.assert_allclose(np.sqrt(np.diag(change.covariance)), np.sqrt(np.diag(exact)),
                                rtol=0.3)
 
 
-def test_l1_proposes_what_jumped():
+def test_l1_proposes_the_jumps():
     jumps = np.zeros(30)
     jumps[[4, 17]] = 5.0, -3.0
-    found, moved = propose(problem(jumps, rows=25))
-    assert found.converged and moved[[4, 17]].all() and moved.sum() <= 8
+    result, support = propose(problem(jumps, rows=25))
+    assert result.converged and support[[4, 17]].all() and support.sum() <= 8
 
 
-def test_few_of_many_are_found_from_fewer_rows_than_numbers():
+def test_few_jumps_are_estimated_from_fewer_rows_than_parameters():
     jumps = np.zeros(30)
     jumps[[4, 17]] = 5.0, -3.0
-    found = find_change(problem(jumps, rows=25, spread=0.01))
-    np.testing.assert_array_equal(found.support, [4, 17])
-    assert found.mean == pytest.approx(jumps, abs=0.5)
+    change = find_change(problem(jumps, rows=25, spread=0.01))
+    np.testing.assert_array_equal(change.support, [4, 17])
+    assert change.mean == pytest.approx(jumps, abs=0.5)
 
 
-def test_nothing_changed():
-    found = average_change(problem(np.zeros(12)))
-    assert found.support.size == 0
-    assert np.abs(found.mean).max() < 0.2
+def test_no_change():
+    change = average_change(problem(np.zeros(12)))
+    assert change.support.size == 0
+    assert np.abs(change.mean).max() < 0.2
 
 
-def test_intervals_hold_what_they_promise():
+def test_the_intervals_cover_95_percent():
     inside = []
     for seed in range(40):
         rng = np.random.default_rng(1000 + seed)
         jumps = np.where(rng.random(8) < 0.4, rng.normal(scale=2.0, size=8), 0.0)
         given = problem(jumps, seed, rows=16)
-        found = average_change(given, seed=seed)
-        # `problem` moved the numbers by their old uncertainty too; regenerate what it drew.
+        change = average_change(given, seed=seed)
+        # Repeat the draws of `problem` to obtain its change by the prior uncertainty.
         again = np.random.default_rng(seed)
         again.normal(size=given.columns.shape)
         truth = jumps + 0.05 * again.normal(size=8)
-        inside.append(np.abs(truth - found.mean) <= 1.96 * np.sqrt(np.diag(found.covariance)))
+        inside.append(np.abs(truth - change.mean) <= 1.96 * np.sqrt(np.diag(change.covariance)))
     assert 0.91 <= np.mean(inside) <= 0.99
 
 
-def test_numbers_known_exactly_stay():
+def test_exactly_known_parameters_do_not_change():
     given = problem(np.array([2.0, 0.0, 0.0]))
     fixed = ChangeProblem(given.columns, given.residual, np.zeros((3, 3)), np.array([0]), 10.0)
-    found = average_change(fixed)
-    assert found.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
-    assert found.mean[0] == pytest.approx(2.0, abs=0.4)
+    change = average_change(fixed)
+    assert change.mean[1:] == pytest.approx([0.0, 0.0], abs=1e-15)
+    assert change.mean[0] == pytest.approx(2.0, abs=0.4)
 
 
-def test_a_search_goes_on_where_other_numbers_may_change(small):
-    # Which moments act changes as a chain moves.
+def test_a_search_continues_with_other_parameters(small):
+    # The set of identifiable moments changes while the axes of a chain change.
     near = find_change(small)
     fewer = replace(small, may_change=np.array([0, 3, 4]))
     assert set(find_change(fewer, near).support) == {0, 3}
     assert set(find_change(small, find_change(fewer)).support) == {0, 3}
 
 
-def test_numbers_may_jump_together():
+def test_parameters_may_jump_together():
     together = np.array([4.0, -2.0, 0.0, 3.0, 0.0, 0.0])
     given = problem(together, seed=3, rows=12)
     path = (together / 4.0)[None]
-    found = find_change(replace(given, along=path))
-    np.testing.assert_array_equal(found.along, [True])
-    assert set(found.support) >= {0, 1, 3} and not found.single.size
+    change = find_change(replace(given, along=path))
+    np.testing.assert_array_equal(change.along, [True])
+    assert set(change.support) >= {0, 1, 3} and not change.single.size
     alone = find_change(given)
-    assert np.abs(found.mean - together).max() < np.abs(alone.mean - together).max() + 0.05
-    assert found.log_evidence > alone.log_evidence
+    assert np.abs(change.mean - together).max() < np.abs(alone.mean - together).max() + 0.05
+    assert change.log_evidence > alone.log_evidence

@@ -1,7 +1,6 @@
-"""Design matrices: what they yield without being built is what the built matrix yields."""
+"""Design matrices: products without the matrix agree with those of the built matrix."""
 
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
-
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign, TorqueDesign
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 
 
-def made(kind, n_joints: int, count: int = 11, seed: int = 0):
+def design_of(kind, n_joints: int, count: int = 11, seed: int = 0):
     """Return a design with uneven weights, its poses and its weights."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-3, 3, (count, n_joints))
@@ -21,7 +20,7 @@ def made(kind, n_joints: int, count: int = 11, seed: int = 0):
 @pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
 @pytest.mark.parametrize('n_joints', [1, 2, 3, 5])
 def test_columns_products_and_lengths_agree(kind, n_joints):
-    design, q, weights = made(kind, n_joints)
+    design, q, weights = design_of(kind, n_joints)
     full = design.columns(np.arange(3 ** n_joints))
     r = np.random.default_rng(5).normal(size=design.n_rows)
     assert full.shape == (design.n_rows, design.n_columns)
@@ -31,13 +30,13 @@ def test_columns_products_and_lengths_agree(kind, n_joints):
 
 
 def test_torque_columns_are_weighted_features():
-    design, q, weights = made(TorqueDesign, 3)
-    some = np.array([0, 4, 20])
-    np.testing.assert_allclose(design.columns(some), weights * dictionary.columns(q, some))
+    design, q, weights = design_of(TorqueDesign, 3)
+    selected = np.array([0, 4, 20])
+    np.testing.assert_allclose(design.columns(selected), weights * dictionary.columns(q, selected))
 
 
 def test_energy_columns_by_hand():
-    # U = s1 c2: tau_1 = c1 c2 for every sample, then tau_2 = -s1 s2 for every sample.
+    # U = s1 c2: tau_1 = c1 c2 for features sample, then tau_2 = -s1 s2 for features sample.
     q = np.array([[0.3, 0.7], [-1.0, 2.0]])
     weights = np.array([[1.0, 10.0], [2.0, 20.0]])
     column = EnergyDesign(q, weights).columns(np.array([5]))[:, 0]
@@ -48,19 +47,19 @@ def test_energy_columns_by_hand():
 
 @pytest.mark.parametrize('n_joints', [1, 3])
 def test_energy_columns_are_gradients(n_joints):
-    design, q, weights = made(EnergyDesign, n_joints)
-    every, h = np.arange(3 ** n_joints), 1e-6
-    blocks = design.columns(every).reshape(n_joints, len(q), -1)
+    design, q, weights = design_of(EnergyDesign, n_joints)
+    features, h = np.arange(3 ** n_joints), 1e-6
+    blocks = design.columns(features).reshape(n_joints, len(q), -1)
     for joint in range(n_joints):
         step = np.zeros(n_joints)
         step[joint] = h
-        numeric = (dictionary.columns(q + step, every)
-                   - dictionary.columns(q - step, every)) / (2 * h)
+        numeric = (dictionary.columns(q + step, features)
+                   - dictionary.columns(q - step, features)) / (2 * h)
         np.testing.assert_allclose(blocks[joint], weights[:, [joint]] * numeric, atol=1e-8)
 
 
-def test_the_constant_energy_makes_no_torque():
-    design, _, _ = made(EnergyDesign, 2)
+def test_the_constant_energy_has_no_torque():
+    design, _, _ = design_of(EnergyDesign, 2)
     assert design.squared_norms()[0] == 0.0
     assert not design.columns(np.array([0])).any()
 
@@ -98,11 +97,11 @@ def test_torque_of_an_energy_is_the_design_times_its_weights(seed):
 @pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
 def test_reordered_joints_reorder_the_columns(kind):
     order = np.array([2, 0, 1])
-    design, q, weights = made(kind, 3)
+    design, q, weights = design_of(kind, 3)
     other = kind(q[:, order], weights[:, order] if kind is EnergyDesign else weights)
-    every = np.arange(27)
-    renamed = dictionary.index_of(dictionary.digits(every, 3)[:, order])
-    a, b = design.columns(every), other.columns(renamed)
+    features = np.arange(27)
+    renamed = dictionary.index_of(dictionary.digits(features, 3)[:, order])
+    a, b = design.columns(features), other.columns(renamed)
     if kind is EnergyDesign:
         a = a.reshape(3, -1, 27)[order].reshape(-1, 27)
     np.testing.assert_allclose(a, b, atol=1e-14)

@@ -15,8 +15,7 @@ NAMESPACES = ('numpy', 'array_api_strict', 'torch')
 KINDS = pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
 
 
-def designs(kind, arrays: Arrays, n_joints: int = 4):
-    """Return a design in NumPy and the same one on a device."""
+def designs_of(kind, arrays: Arrays, n_joints: int = 4):
     rng = np.random.default_rng(0)
     q = rng.uniform(-3, 3, (30, n_joints))
     weights = rng.uniform(0.5, 2.0, (30, n_joints if kind is EnergyDesign else 1))
@@ -29,13 +28,13 @@ def designs(kind, arrays: Arrays, n_joints: int = 4):
 def test_products_are_those_of_numpy(kind, namespace, dtype, close):
     pytest.importorskip(namespace)
     device = 'cpu' if namespace == 'torch' else None
-    reference, other = designs(kind, Arrays(namespace, dtype, device))
+    reference, other = designs_of(kind, Arrays(namespace, dtype, device))
     r = np.random.default_rng(1).normal(size=(reference.n_rows, 3))
     expected = reference.correlate_many(r)
-    for product in (other.correlate_many(r), other.reweighted(reference.row_weights.reshape(
+    for products in (other.correlate_many(r), other.reweighted(reference.row_weights.reshape(
             30, -1)).correlate_many(r)):
-        assert product.dtype == np.float64
-        np.testing.assert_allclose(product, expected, atol=close * np.abs(expected).max())
+        assert products.dtype == np.float64
+        np.testing.assert_allclose(products, expected, atol=close * np.abs(expected).max())
     np.testing.assert_array_equal(other.squared_norms(), reference.squared_norms())
     np.testing.assert_allclose(other.precise.correlate(r[:, 0]), expected[0],
                                atol=1e-12 * np.abs(expected).max())
@@ -45,7 +44,7 @@ def test_products_are_those_of_numpy(kind, namespace, dtype, close):
 @pytest.mark.parametrize('namespace', NAMESPACES)
 def test_a_solution_in_float32_is_optimal_in_float64(kind, namespace):
     pytest.importorskip(namespace)
-    reference, other = designs(kind, Arrays(namespace, 'float32'))
+    reference, other = designs_of(kind, Arrays(namespace, 'float32'))
     b = 10 * reference.columns(np.array([5, 40, 61])).sum(axis=1)
     b += np.random.default_rng(2).normal(size=len(b))
     one, two = (LassoProblem(design, b, np.ones(81, dtype=bool)) for design in (reference, other))
@@ -72,7 +71,7 @@ def test_whole_fits_agree(formulation, arrays):
     assert other.model.provenance['options']['sparse']['arrays']['dtype'] == arrays.dtype
 
 
-def test_an_unknown_device_is_an_error_of_one_line():
+def test_a_missing_namespace_is_reported_in_one_line():
     with pytest.raises(OptionError, match='dtype is float16; choose from'):
         Arrays(dtype='float16')
     with pytest.raises(OptionError, match='the namespace no_such_thing does not load') as error:

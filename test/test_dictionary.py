@@ -1,4 +1,4 @@
-"""The dictionary of 3^N products: indices, names, hand-worked features, products, gradients."""
+"""The dictionary of 3^N products: indices, names, features by hand, products, gradients."""
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.sparse import dictionary
@@ -25,7 +25,7 @@ def dense(q: np.ndarray) -> np.ndarray:
 @settings(max_examples=100, deadline=None)
 @given(st.integers(1, 12).flatmap(lambda n: st.tuples(
     st.just(n), st.lists(st.integers(0, 3 ** n - 1), min_size=1, max_size=8))))
-def test_digits_and_index_undo_each_other(case):
+def test_digits_and_index_are_inverse(case):
     n_joints, indices = case
     factors = dictionary.digits(np.array(indices), n_joints)
     assert factors.shape == (len(indices), n_joints)
@@ -40,7 +40,7 @@ def test_digits_and_index_undo_each_other(case):
     (7, 2, 'c1 s2'), (8, 2, 'c1 c2'), (int('0120010', 3), 7, 's2 c3 s6'),
     (3 ** 7 - 1, 7, 'c1 c2 c3 c4 c5 c6 c7'), (int('1000000002', 3), 10, 's1 c10'),
 ])
-def test_names_are_the_papers(index, n_joints, name):
+def test_names_are_those_of_the_paper(index, n_joints, name):
     assert dictionary.feature_name(index, n_joints) == name
 
 
@@ -49,11 +49,11 @@ def test_two_joints_by_hand():
     a, b = 0.3, -1.1
     s1, c1, s2, c2 = np.sin(a), np.cos(a), np.sin(b), np.cos(b)
     expected = [1, s2, c2, s1, s1 * s2, s1 * c2, c1, c1 * s2, c1 * c2]
-    found = dictionary.columns(np.array([[a, b]]), np.arange(9))
-    np.testing.assert_allclose(found, [expected], rtol=1e-15)
+    columns = dictionary.columns(np.array([[a, b]]), np.arange(9))
+    np.testing.assert_allclose(columns, [expected], rtol=1e-15)
 
 
-def test_quarter_turns_by_hand():
+def test_right_angles_by_hand():
     q = np.array([[np.pi / 2, 0.0], [0.0, np.pi / 2]])
     np.testing.assert_allclose(dictionary.columns(q, np.array([5, 7])), [[1, 0], [0, 1]],
                                atol=1e-15)
@@ -80,22 +80,15 @@ def test_products_are_those_of_the_dense_matrix(n_joints):
                                atol=1e-12)
 
 
-@pytest.mark.parametrize('n_joints', [1, 2, 5])
-def test_kernel_is_the_product_of_all_features(n_joints):
-    q, other = poses(9, n_joints), poses(6, n_joints, seed=3)
-    np.testing.assert_allclose(dictionary.kernel(q, other), dense(q) @ dense(other).T,
-                               rtol=1e-12, atol=1e-12)
-
-
 @pytest.mark.parametrize('n_joints', [1, 2, 4])
 def test_derivative_against_finite_differences(n_joints):
-    q, every, h = poses(7, n_joints), np.arange(3 ** n_joints), 1e-6
+    q, features, h = poses(7, n_joints), np.arange(3 ** n_joints), 1e-6
     for joint in range(n_joints):
         step = np.zeros(n_joints)
         step[joint] = h
         numeric = (dense(q + step) - dense(q - step)) / (2 * h)
-        features, signs = dictionary.derivative(every, n_joints, joint)
-        analytic = dictionary.columns(q, features) * signs
+        derivatives, signs = dictionary.derivative(features, n_joints, joint)
+        analytic = dictionary.columns(q, derivatives) * signs
         np.testing.assert_allclose(analytic, numeric, atol=1e-9)
 
 
@@ -108,11 +101,11 @@ def test_derivative_by_hand():
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 1000), turns=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
-def test_a_full_turn_changes_nothing(seed, turns):
+@given(seed=st.integers(0, 1000), revolutions=st.lists(st.integers(-3, 3), min_size=3, max_size=3))
+def test_features_are_periodic(seed, revolutions):
     q = poses(3, 3, seed)
-    turned = q + 2 * np.pi * np.array(turns)
-    np.testing.assert_allclose(dictionary.columns(turned, np.arange(27)),
+    shifted = q + 2 * np.pi * np.array(revolutions)
+    np.testing.assert_allclose(dictionary.columns(shifted, np.arange(27)),
                                dictionary.columns(q, np.arange(27)), atol=1e-13)
 
 

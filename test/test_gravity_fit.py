@@ -1,4 +1,4 @@
-"""Fits of arms whose torque is known: by hand, of every length, tilted, and at rest in part."""
+"""Fits of arms with known torque: by hand, of any length, tilted, with joints at rest."""
 
 import json
 
@@ -79,11 +79,11 @@ def test_arms_of_any_length(formulation, n_joints):
     assert (error < 0.1).all()
     assert (result.model.noise < 0.12).all()
     if n_joints > 1:
-        assert not result.model.predict(unseen)[:, 0].any()   # an upright axis bears nothing
+        assert not result.model.predict(unseen)[:, 0].any()   # a vertical axis
 
 
 @pytest.mark.parametrize('n_joints', [9, 10])
-def test_many_joints_of_which_the_last_bear_nothing(n_joints):
+def test_many_joints_of_which_the_last_have_no_gravity_torque(n_joints):
     short = serial_arm(4)
     q = poses(200, n_joints)
     tau = np.zeros_like(q)
@@ -105,23 +105,23 @@ def test_thirteen_joints_are_refused(formulation):
 
 
 @BOTH
-def test_a_tilted_base_shows_in_the_first_joint(formulation):
+def test_a_tilted_base_requires_features_of_the_first_joint(formulation):
     q = poses(300, 4)
-    found = {}
+    uses_first = {}
     for tilt in (0.0, 0.1):
         arm = with_base_tilt(serial_arm(4), tilt, 0.0)
         model = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation)).model
-        found[tilt] = [uses(model, 0, of) for of in range(4)]
+        uses_first[tilt] = [uses(model, 0, of) for of in range(4)]
         unseen = poses(200, 4, seed=1)
         assert rms(model.predict(unseen) - gravity_torque(arm, unseen)).max() < 0.05
-    assert found[0.0] == [False] * 4
-    assert found[0.1][:2] == [True, True]
+    assert uses_first[0.0] == [False] * 4
+    assert uses_first[0.1][:2] == [True, True]
 
 
 @BOTH
 @pytest.mark.parametrize('still', [1, 2])
 @pytest.mark.parametrize('jitter', [0.0, 2e-4])
-def test_a_joint_that_never_moves(formulation, still, jitter):
+def test_a_joint_at_rest(formulation, still, jitter):
     arm, rng = serial_arm(4), np.random.default_rng(0)
     q = poses(250, 4)
     q[:, still] = 0.7 + jitter * rng.uniform(-1, 1, 250)
@@ -133,15 +133,15 @@ def test_a_joint_that_never_moves(formulation, still, jitter):
     unseen = poses(200, 4, seed=1)
     unseen[:, still] = 0.7
     truth = gravity_torque(arm, unseen)
-    assert np.abs(truth[:, still]).max() > 1.0    # what it bears is not nothing,
-    assert rms(result.model.predict(unseen) - truth).max() < 0.05     # and it is right
+    assert np.abs(truth[:, still]).max() > 1.0    # its own torque is not 0
+    assert rms(result.model.predict(unseen) - truth).max() < 0.05
     if formulation == 'per_joint':
         assert not any(uses(result.model, still, of) for of in range(4))
     assert result.model.extrapolation(unseen[0] + 0.1 * np.eye(4)[still]) > 0.09
 
 
 @BOTH
-def test_several_joints_that_never_move(formulation):
+def test_several_joints_at_rest(formulation):
     arm, q = serial_arm(5), poses(200, 5)
     q[:, [2, 4]] = [0.4, -1.0]
     result = fit(samples_of(q, gravity_torque(arm, q), 0.05), FitOptions(formulation))
@@ -163,7 +163,7 @@ def test_too_few_samples_are_refused(formulation):
 
 @BOTH
 @pytest.mark.parametrize('jitter', [0.0, 5e-4])
-def test_an_arm_that_does_not_move_is_refused(formulation, jitter):
+def test_an_arm_at_rest_is_refused(formulation, jitter):
     q = 0.5 + jitter * poses(50, 2, reach=1.0)
     with pytest.raises(FitError, match='no joint moves'):
         fit(samples_of(q, planar_2r(q), 0.1), FitOptions(formulation))
@@ -177,7 +177,7 @@ def test_effort_of_zero_is_refused(formulation):
 
 
 @BOTH
-def test_noise_alone_gives_a_model_of_zero_and_says_so(formulation):
+def test_noise_alone_gives_a_model_of_zero_and_a_warning(formulation):
     q = poses(100, 3)
     result = fit(samples_of(q, np.zeros_like(q), 1.0), FitOptions(formulation))
     assert not result.model.predict(q).any()
@@ -202,18 +202,18 @@ def test_reordered_joints_give_the_same_model_reordered(formulation, order):
     arm, q = serial_arm(4), poses(200, 4)
     samples = samples_of(q, gravity_torque(arm, q), 0.1)
     names = [samples.names[k] for k in order]
-    here = fit(samples, FitOptions(formulation)).model
-    there = fit(samples.joints(names), FitOptions(formulation)).model
-    assert there.joints == tuple(names)
-    np.testing.assert_array_equal(there.n_features(), here.n_features()[order])
+    original = fit(samples, FitOptions(formulation)).model
+    reordered = fit(samples.joints(names), FitOptions(formulation)).model
+    assert reordered.joints == tuple(names)
+    np.testing.assert_array_equal(reordered.n_features(), original.n_features()[order])
     unseen = poses(50, 4, seed=1)
-    np.testing.assert_allclose(there.predict(unseen[:, order]), here.predict(unseen)[:, order],
-                               atol=1e-6)
+    np.testing.assert_allclose(reordered.predict(unseen[:, order]),
+                               original.predict(unseen)[:, order], atol=1e-6)
 
 
-def test_an_offset_stays_beside_gravity():
-    # A constant torque on joint 1 is no gradient of a periodic energy; seen over whole turns,
-    # it does not even resemble one.
+def test_an_offset_is_a_nuisance_term():
+    # A constant torque on joint 1 is not the gradient of a periodic energy, and over full
+    # revolutions it is not collinear with one.
     q = poses(300, 2, reach=np.pi)
     tau = planar_2r(q) + [1.5, 0.0]
     samples = samples_of(q, tau, 0.05)
@@ -221,18 +221,18 @@ def test_an_offset_stays_beside_gravity():
         model = fit(samples, FitOptions(formulation)).model
         residual = samples.tau - model.predict(q)
         assert residual.mean(axis=0) == pytest.approx([1.5, 0.0], abs=0.1)
-        # It is reported beside gravity, with its size, and not predicted.
+        # It is reported with its size, and not predicted.
         offsets = model.nuisance.of('torque_offset')
         assert list(offsets) == ['axis0']
         assert offsets['axis0'].value == pytest.approx(1.5, abs=4 * offsets['axis0'].std)
-    # Joint by joint, the dictionary has the constant itself.
+    # In `per_joint` the dictionary includes the constant.
     other = fit(samples, FitOptions('per_joint')).model
     assert uses(other, 0, 0) and 0 in other.torques[0].indices
     assert rms(samples.tau - other.predict(q)).max() < 0.1
 
 
 @BOTH
-def test_several_runs_count(formulation):
+def test_several_runs_are_counted(formulation):
     arm = serial_arm(3)
     runs = []
     for seed in range(3):
@@ -244,7 +244,7 @@ def test_several_runs_count(formulation):
 
 
 @BOTH
-def test_long_recordings_are_settled_on_a_part_and_fitted_on_all(formulation):
+def test_the_support_is_selected_on_a_part_of_long_recordings(formulation):
     arm, q = serial_arm(3), poses(6000, 3)
     result = fit(samples_of(q, gravity_torque(arm, q), 0.5), FitOptions(formulation))
     unseen = poses(200, 3, seed=1)
@@ -254,7 +254,7 @@ def test_long_recordings_are_settled_on_a_part_and_fitted_on_all(formulation):
     assert result.report.n_samples == 6000
 
 
-def test_the_report_is_json_and_its_certificate_good():
+def test_the_report_is_json_and_the_certificate_within_tolerance():
     q = poses(120, 2)
     samples = samples_of(q, planar_2r(q), 0.05)
     steps = []
@@ -273,14 +273,14 @@ def test_the_report_is_json_and_its_certificate_good():
     assert result.model.provenance['report']['features'] == result.report.features
 
 
-def test_relative_noise_is_recognised():
+def test_relative_noise_is_estimated():
     q, rng = poses(500, 2), np.random.default_rng(0)
     tau = add_noise(np.arange(500.0), planar_2r(q), NoiseOptions(relative=0.02), rng)
     report = fit(samples_of(q, tau)).report
     assert report.relative_noise['axis0'] == pytest.approx(0.02, rel=0.15)
 
 
-def test_what_did_not_converge_is_reported(monkeypatch):
+def test_failure_to_converge_is_reported(monkeypatch):
     monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
     q = poses(100, 3, reach=0.3)
     tau = gravity_torque(serial_arm(3), q)
@@ -298,18 +298,18 @@ def slow_motion(count: int) -> np.ndarray:
                             0.9 * np.sin(0.11 * t + 2), 0.6 * np.sin(0.23 * t)])
 
 
-def test_correlated_noise_counts_for_less_and_the_model_stays_small():
+def test_autocorrelated_noise_inflates_the_variance_and_keeps_the_model_small():
     arm, q = serial_arm(4), slow_motion(500)
     t, rng = 0.2 * np.arange(500), np.random.default_rng(0)
     tau = add_noise(t, gravity_torque(arm, q), NoiseOptions(absolute=0.5, correlation=2.0), rng)
     samples = samples_of(q, tau)
-    careful = fit(samples, FitOptions('potential'))
+    inflated = fit(samples, FitOptions('potential'))
     naive = fit(samples, FitOptions('potential', SparseOptions(inflation=1.0)))
-    assert careful.report.solver[0].inflation > 1.0
-    assert careful.model.n_features().sum() < naive.model.n_features().sum()
+    assert inflated.report.solver[0].inflation > 1.0
+    assert inflated.model.n_features().sum() < naive.model.n_features().sum()
 
 
-def test_white_noise_counts_every_sample():
+def test_white_noise_has_no_inflation():
     q = slow_motion(300)
     tau = gravity_torque(serial_arm(4), q)
     report = fit(samples_of(q, tau, 0.3), FitOptions('potential')).report
@@ -328,7 +328,7 @@ def test_options_out_of_range(make, words):
 
 
 @BOTH
-def test_a_torque_that_is_exactly_zero_now_and_then_is_no_fault(formulation):
+def test_torques_of_exactly_zero_are_accepted(formulation):
     q = poses(60, 2)
     q[:5] = [np.pi / 2, 0.0]
     tau = planar_2r(q)

@@ -1,4 +1,4 @@
-"""The model itself: torques by hand, equations as the paper prints them, the trained range."""
+"""The gravity model: torques by hand, equations in the paper's notation, the trained range."""
 
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -18,7 +18,7 @@ def model_of(*torques: dict[int, float], q_min=None, q_max=None) -> GravityModel
                                               np.ones(n) if q_max is None else q_max, 10))
 
 
-def test_equations_as_the_paper_prints_them():
+def test_equations_in_the_notation_of_the_paper():
     model = model_of({5: -20.81, 1: 3.1, 0: -0.5}, {})
     assert model.equation('j0') == '-20.81 s1 c2 + 3.10 s2 - 0.50 1'
     assert model.equation('j0', digits=0) == '-21 s1 c2 + 3 s2 - 0 1'
@@ -39,7 +39,7 @@ def test_torques_by_hand():
 
 @settings(max_examples=40, deadline=None)
 @given(n_joints=st.integers(1, 7), seed=st.integers(0, 10 ** 6))
-def test_one_pose_at_a_time_gives_the_same(n_joints, seed):
+def test_predict_one_agrees_with_predict(n_joints, seed):
     rng = np.random.default_rng(seed)
     model = model_of(*({int(k): float(rng.normal()) for k in rng.choice(3 ** n_joints, 3)}
                        for _ in range(n_joints)))
@@ -59,7 +59,7 @@ def test_another_number_of_joints_is_refused():
         model_of({}, {}).predict(np.zeros((5, 3)))
 
 
-def test_how_far_outside_the_trained_range():
+def test_distance_from_the_trained_range():
     model = model_of({}, {}, q_min=[-1.0, 0.0], q_max=[1.0, 0.5])
     assert model.extrapolation(np.array([0.0, 0.2])) == 0.0
     assert model.extrapolation(np.array([1.0, 0.5])) == 0.0
@@ -72,20 +72,20 @@ def test_how_far_outside_the_trained_range():
 def test_the_gradient_of_an_expansion_by_hand():
     # d/dq2 of 3 s1 c2 + 2 s2 + 5: -3 s1 s2 + 2 c2.
     energy = Expansion(np.array([0, 1, 5]), np.array([5.0, 2.0, 3.0]))
-    slope = energy.gradient(2, 1)
-    assert dict(zip(slope.indices.tolist(), slope.weights)) == {2: 2.0, 4: -3.0}
+    gradient = energy.gradient(2, 1)
+    assert dict(zip(gradient.indices.tolist(), gradient.weights)) == {2: 2.0, 4: -3.0}
 
 
 @pytest.mark.parametrize('indices, weights, words', [
-    ([1, 1], [1.0, 1.0], 'rise and not repeat'), ([2, 1], [1.0, 1.0], 'rise'),
-    ([-1], [1.0], 'rise'), ([1], [], 'weights'), ([[1]], [[1.0]], 'weights'),
+    ([1, 1], [1.0, 1.0], 'ascending and unique'), ([2, 1], [1.0, 1.0], 'ascending'),
+    ([-1], [1.0], 'ascending'), ([1], [], 'weights'), ([[1]], [[1.0]], 'weights'),
     ([1], [np.nan], 'not finite'), ([1], [np.inf], 'not finite')])
-def test_expansions_that_make_no_sense(indices, weights, words):
+def test_invalid_expansions_are_refused(indices, weights, words):
     with pytest.raises(DataError, match=words):
         Expansion(np.array(indices), np.array(weights))
 
 
-def test_models_whose_parts_disagree():
+def test_models_with_inconsistent_parts_are_refused():
     good, one = model_of({1: 1.0}, {}), Expansion(np.array([9]), np.array([1.0]))
     with pytest.raises(DataError, match='outside the dictionary of 2 joints'):
         GravityModel(good.joints, 'per_joint', (one, one), None, good.noise, good.coverage)

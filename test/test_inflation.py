@@ -1,10 +1,11 @@
-"""How many samples count as one: held-out parts, and the largest choice that is as good."""
+"""Variance inflation factor: held-out parts, and the largest factor of similar error."""
 
 from gravity_comp_ros.data.folds import folds
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.sparse import variance_inflation
 from gravity_comp_ros.models.sparse.regressor import TorqueDesign
-from gravity_comp_ros.models.sparse.sparse_problem import Settled, SparseOptions, SparseProblem
+from gravity_comp_ros.models.sparse.sparse_problem import (
+    SparseOptions, SparseProblem, SupportFit)
 from gravity_comp_ros.models.sparse.support import Refit
 from hypothesis import given, settings, strategies as st
 import numpy as np
@@ -22,42 +23,42 @@ def test_every_sample_is_tested_once_and_runs_stay_whole(counts):
         assert all(not set(runs[mask]) & set(runs[~mask]) for mask in masks)
 
 
-def test_of_one_run_blocks_of_time_are_held_out():
+def test_blocks_of_time_are_held_out_of_a_single_run():
     masks = folds(np.zeros(20, dtype=int))
     assert [np.flatnonzero(mask).tolist() for mask in masks] == [
         list(range(k, k + 4)) for k in range(0, 20, 4)]
 
 
-def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, Settled]:
-    """Return a problem whose residual is an autoregression, over a support of nothing."""
-    rng, keep = np.random.default_rng(0), (time - 1) / (time + 1)
+def correlated(time: float, count: int = 1000) -> tuple[SparseProblem, SupportFit]:
+    """Return a problem with an autoregressive residual and an empty support."""
+    rng, phi = np.random.default_rng(0), (time - 1) / (time + 1)
     residual = rng.normal(size=count)
     for k in range(1, count):
-        residual[k] += keep * residual[k - 1]
+        residual[k] += phi * residual[k - 1]
     tau = residual[:, None]
     problem = SparseProblem(TorqueDesign, rng.uniform(-1, 1, (count, 1)), tau,
                             np.zeros(count, dtype=int), np.ones(3, dtype=bool))
-    return problem, Settled(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
+    return problem, SupportFit(Refit.empty(), noise.first_guess(tau), np.zeros_like(tau), 1)
 
 
-@pytest.mark.parametrize('errors, taken', [
-    ([[5, 2, 3], [5, 2, 3], [5, 2, 3], [5, 2, 3.1], [5, 2, 3]], 3.0),      # the least
-    ([[5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2]], 10.0),       # as good, and more
+@pytest.mark.parametrize('errors, selected', [
+    ([[5, 2, 3], [5, 2, 3], [5, 2, 3], [5, 2, 3.1], [5, 2, 3]], 3.0),      # the lowest
+    ([[5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2], [5, 2, 2]], 10.0),       # equal, and larger
     ([[1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2, 3], [1, 2, 3.1]], 1.0),
     ([[5, 2, 1], [5, 2, 1], [5, 2, 1], [5, 2, 1], [5, 2, 1]], 10.0),
-    # 10 is worse by 0.2 on average, with a standard error of 0.37: not clearly.
+    # The error of 10 is larger by 0.2 with a standard error of 0.37: not significant.
     ([[5, 2, 3], [5, 2, 1], [5, 2, 3], [5, 2, 2], [5, 2, 2]], 10.0)])
-def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, taken):
-    left = [np.array(row, dtype=float) for row in errors]
-    monkeypatch.setattr(variance_inflation, '_held_out', lambda *args: left.pop(0))
+def test_the_largest_within_a_standard_error_of_the_best(monkeypatch, errors, selected):
+    remaining = [np.array(row, dtype=float) for row in errors]
+    monkeypatch.setattr(variance_inflation, '_held_out', lambda *args: remaining.pop(0))
     choice = variance_inflation.choose_inflation(*correlated(9.0), SparseOptions())
     assert choice.tried == (1.0, 3.0, 10.0)
     assert choice.correlation_time == pytest.approx(9.0, rel=0.4)
-    assert choice.inflation == taken
+    assert choice.inflation == selected
     assert choice.errors == pytest.approx(np.mean(errors, axis=0).tolist())
 
 
-def test_white_residuals_are_not_tried_at_all(monkeypatch):
+def test_no_factors_are_tried_for_white_residuals(monkeypatch):
     monkeypatch.setattr(variance_inflation, '_held_out', None)
     choice = variance_inflation.choose_inflation(*correlated(1.0), SparseOptions())
     assert (choice.inflation, choice.tried, choice.errors) == (1.0, (1.0,), ())

@@ -1,4 +1,4 @@
-"""The L1 problem on a working set: optimal over ALL columns, and certified by itself."""
+"""The L1 problem on a working set: optimality over all columns, and the certificate."""
 
 from dense import breach, coordinate_descent, DenseDesign, objective
 from gravity_comp_ros.models.sparse import admm
@@ -25,7 +25,7 @@ def dense_x(solution: LassoSolution, n_columns: int) -> np.ndarray:
 
 
 def check_certificate(a: np.ndarray, b: np.ndarray, solution: LassoSolution) -> None:
-    """Compute objective, dual objective and gap by dense algebra, and compare."""
+    """Compare objective, dual objective and gap with dense algebra."""
     x, lengths = dense_x(solution, a.shape[1]), np.linalg.norm(a, axis=0)
     unit = a[:, lengths > 1e-9 * lengths.max()] / lengths[lengths > 1e-9 * lengths.max()]
     primal = objective(a, b, solution.lam * lengths, x)
@@ -70,16 +70,16 @@ def test_every_solution_is_optimal_over_all_columns(problem):
     a, problem = full_matrix(design), lasso(design, b)
     solution = problem.solve(share * problem.lambda_max)
     lengths = np.linalg.norm(a, axis=0)
-    real = lengths > 1e-9 * lengths.max()
+    nonzero = lengths > 1e-9 * lengths.max()
     assert solution.converged
-    assert real[solution.indices].all()
+    assert nonzero[solution.indices].all()
     x = dense_x(solution, design.n_columns)
-    assert breach(a[:, real], b, solution.lam * lengths[real], x[real]) <= 1e-6
+    assert breach(a[:, nonzero], b, solution.lam * lengths[nonzero], x[nonzero]) <= 1e-6
     check_certificate(a, b, solution)
     assert -1e-9 <= solution.certificate.gap <= 1e-6
     assert solution.certificate.violation <= 1e-6
     assert solution.certificate.dual_residual <= 1e-6 * solution.lam
-    # A 2-norm over all columns, so that many small breaches add up.
+    # A 2-norm over all columns, in which many small violations add up.
     assert solution.certificate.primal_residual <= 1e-6 * solution.lam * np.sqrt(a.shape[1])
 
 
@@ -100,7 +100,7 @@ def test_residuals_of_one_column_by_hand():
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10 ** 6), st.floats(0.05, 0.8))
-def test_the_answer_is_the_textbooks(seed, share):
+def test_the_solution_is_that_of_coordinate_descent(seed, share):
     rng = np.random.default_rng(seed)
     a, b = rng.normal(size=(25, 40)) * rng.uniform(0.1, 10.0, 40), rng.normal(size=25)
     problem = lasso(DenseDesign(a), b)
@@ -136,12 +136,12 @@ def test_lambda_of_lambda_max_and_more_gives_zero(share):
     assert solution.certificate.gap == pytest.approx(0.0, abs=1e-12)
 
 
-def test_lambda_just_under_lambda_max_gives_something():
+def test_lambda_just_under_lambda_max_gives_a_nonzero_solution():
     problem = lasso(*pendulum())
     assert problem.solve(0.99 * problem.lambda_max).indices.size >= 1
 
 
-def test_a_path_ends_where_a_single_solve_does():
+def test_a_path_ends_at_the_solution_of_a_single_solve():
     design, b = pendulum()
     path, single = lasso(design, b), lasso(design, b)
     for lam in np.geomspace(0.5 * path.lambda_max, 4.0, 8)[:-1]:
@@ -164,7 +164,7 @@ def test_the_working_set_stays_small():
     assert (np.abs(correlation) <= 4.0 * np.sqrt(design.squared_norms()) * (1 + 1e-6)).all()
 
 
-def test_columns_that_may_not_be_used_stay_zero():
+def test_unusable_columns_stay_zero():
     design, b = pendulum()
     usable = np.ones(27, dtype=bool)
     free = lasso(design, b).solve(4.0)
@@ -176,7 +176,7 @@ def test_columns_that_may_not_be_used_stay_zero():
                   dense_x(solution, 27)[usable]) <= 1e-6
 
 
-def test_columns_of_zeros_are_left_alone():
+def test_columns_of_zeros_are_not_selected():
     a = np.zeros((10, 3))
     a[:, 1] = 1.0
     solution = lasso(DenseDesign(a), np.full(10, 2.0)).solve(1.0)
@@ -185,13 +185,13 @@ def test_columns_of_zeros_are_left_alone():
     assert solution.x[0] == pytest.approx(2 - np.sqrt(10) / 10, abs=1e-8)
 
 
-def test_no_torque_at_all():
+def test_zero_torque():
     design, b = pendulum()
     solution = lasso(design, np.zeros_like(b)).solve(1.0)
     assert solution.indices.size == 0 and solution.converged
 
 
-def test_what_did_not_converge_says_so(monkeypatch):
+def test_failure_to_converge_is_reported(monkeypatch):
     monkeypatch.setattr(admm, 'polish', lambda gram, c, penalties, z, tolerance: 0 * z)
     rng = np.random.default_rng(2)
     a = rng.normal(size=(40, 1)) + 0.01 * rng.normal(size=(40, 60))

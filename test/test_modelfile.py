@@ -1,4 +1,4 @@
-"""Model files: what is written is read, and a damaged file moves no arm."""
+"""Model files: a round trip is exact, and a damaged file is refused."""
 
 import errno
 import hashlib
@@ -49,21 +49,21 @@ def check_same(a: GravityModel, b: GravityModel) -> None:
 
 
 def refused(path: Path, words: str) -> None:
-    """Check that a file is refused in one line that names it."""
+    """Check that a file is refused with a message of one line that names it."""
     with pytest.raises(ModelFileError, match=words) as caught:
         load_model(path)
     assert str(path) in str(caught.value) and '\n' not in str(caught.value)
 
 
 def signed(body: dict, **envelope) -> str:
-    """Return the text of a file with this body and the checksum that belongs to it."""
+    """Return the text of a file with this body and its checksum."""
     canonical = json.dumps(body, sort_keys=True, separators=(',', ':'))
     return json.dumps({'format': 'gravity_comp_ros model', 'version': 1, 'model': body,
                        'sha256': hashlib.sha256(canonical.encode()).hexdigest(), **envelope})
 
 
 @pytest.mark.parametrize('formulation', ['potential', 'per_joint'])
-def test_a_fitted_model_comes_back_to_the_last_bit(tmp_path, formulation):
+def test_the_round_trip_of_a_fitted_model_is_exact(tmp_path, formulation):
     model = some_model(formulation)
     save_model(tmp_path / 'model.json', model)
     again = load_model(tmp_path / 'model.json')
@@ -101,7 +101,7 @@ def models(draw):
 
 @settings(max_examples=60, deadline=None)
 @given(model=models())
-def test_any_model_comes_back_to_the_last_bit(tmp_path_factory, model):
+def test_the_round_trip_of_any_model_is_exact(tmp_path_factory, model):
     path = tmp_path_factory.mktemp('model') / 'model.json'
     save_model(path, model)
     again = load_model(path)
@@ -117,19 +117,19 @@ def test_the_file_is_json_with_format_version_and_checksum(saved):
     assert saved.read_text().endswith('}\n') and saved.read_text().isascii()
 
 
-def test_every_way_of_cutting_it_short_is_refused(saved):
+def test_truncated_files_are_refused(saved):
     data = saved.read_bytes()
     for length in [*range(0, len(data) - 1, 37), len(data) - 2, len(data) - 3]:
         saved.write_bytes(data[:length])
         refused(saved, 'truncated|not a model file')
 
 
-def test_without_its_last_line_break_it_is_whole(saved):
+def test_the_last_line_break_is_optional(saved):
     saved.write_bytes(saved.read_bytes()[:-1])
     check_same(load_model(saved), MODEL)
 
 
-def test_no_flipped_bit_changes_the_model_unseen(saved):
+def test_a_flipped_bit_does_not_change_the_model_silently(saved):
     data, rng = saved.read_bytes(), np.random.default_rng(0)
     outcomes = {'refused': 0, 'same': 0}
     for place, bit in zip(rng.integers(len(data), size=400), rng.integers(8, size=400)):
@@ -174,7 +174,7 @@ def test_other_files_are_refused(saved, text):
 
 
 @pytest.mark.parametrize('body', [None, [], 'x', 3])
-def test_a_body_that_is_no_object_is_refused(saved, body):
+def test_a_body_that_is_not_an_object_is_refused(saved, body):
     saved.write_text(signed(body))
     refused(saved, 'damaged')
 
@@ -186,12 +186,12 @@ def test_binary_files_are_refused(saved, data):
     refused(saved, 'not a model file')
 
 
-def test_huge_files_are_refused_without_being_read(saved):
+def test_large_files_are_refused_without_being_read(saved):
     os.truncate(saved, 2 ** 40)
     refused(saved, 'too large')
 
 
-def test_a_device_without_end_is_refused():
+def test_an_endless_device_is_refused():
     refused(Path('/dev/zero'), 'too large')
 
 
@@ -204,7 +204,7 @@ def test_deep_nesting_is_refused(saved, depth):
 
 
 @pytest.mark.parametrize('token', ['NaN', 'Infinity', '-Infinity', '1e999'])
-def test_numbers_that_are_none_are_refused(saved, token):
+def test_nan_and_infinity_are_refused(saved, token):
     text = saved.read_text()
     weight = repr(float(MODEL.energy.weights[0]))
     assert weight in text
@@ -212,31 +212,31 @@ def test_numbers_that_are_none_are_refused(saved, token):
     refused(saved, 'damaged|not a model file')
 
 
-def change(**changes):
+def replacing(**changes):
     """Return an edit that replaces parts of the body."""
     return lambda body: body.update(changes)
 
 
 @pytest.mark.parametrize('edit', [
-    change(joints=['axis0']), change(joints=['axis0', 'axis0']), change(joints=3),
-    change(joints=[]), change(joints=[f'j{k}' for k in range(13)]),
-    change(formulation='magic'), change(formulation=['potential']),
-    change(noise=[0.1]), change(noise='loud'), change(noise=[[0.1], [0.1]]),
-    change(coverage={}), change(coverage=None),
-    change(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
-    change(energy={'features': [1, 1], 'weights': [1.0, 1.0]}),
-    change(energy={'features': [9], 'weights': [1.0]}),
-    change(energy={'features': [-1], 'weights': [1.0]}),
-    change(energy={'features': [1], 'weights': []}),
-    change(energy={'features': [10 ** 30], 'weights': [1.0]}),
-    change(energy={'features': [1], 'weights': ['x']}),
-    change(energy={'features': [1], 'weights': [None]}),
-    change(energy={'features': [1.5], 'weights': [1.0]}),
-    change(energy=None), change(energy={}),
-    change(provenance=3), change(joints='ab'), change(noise=['0.1', '0.1']),
+    replacing(joints=['axis0']), replacing(joints=['axis0', 'axis0']), replacing(joints=3),
+    replacing(joints=[]), replacing(joints=[f'j{k}' for k in range(13)]),
+    replacing(formulation='magic'), replacing(formulation=['potential']),
+    replacing(noise=[0.1]), replacing(noise='loud'), replacing(noise=[[0.1], [0.1]]),
+    replacing(coverage={}), replacing(coverage=None),
+    replacing(coverage={'q_min': [0.0], 'q_max': [1.0], 'n_samples': 3, 'n_runs': 1}),
+    replacing(energy={'features': [1, 1], 'weights': [1.0, 1.0]}),
+    replacing(energy={'features': [9], 'weights': [1.0]}),
+    replacing(energy={'features': [-1], 'weights': [1.0]}),
+    replacing(energy={'features': [1], 'weights': []}),
+    replacing(energy={'features': [10 ** 30], 'weights': [1.0]}),
+    replacing(energy={'features': [1], 'weights': ['x']}),
+    replacing(energy={'features': [1], 'weights': [None]}),
+    replacing(energy={'features': [1.5], 'weights': [1.0]}),
+    replacing(energy=None), replacing(energy={}),
+    replacing(provenance=3), replacing(joints='ab'), replacing(noise=['0.1', '0.1']),
     lambda body: body.pop('energy'), lambda body: body.pop('noise'),
 ])
-def test_a_signed_file_that_makes_no_sense_is_refused(saved, edit):
+def test_an_invalid_file_with_a_valid_checksum_is_refused(saved, edit):
     body = json.loads(saved.read_text())['model']
     edit(body)
     saved.write_text(signed(body))
@@ -270,7 +270,7 @@ def test_a_model_that_is_not_finite_is_not_written(saved, value):
     check_same(load_model(saved), MODEL)
 
 
-def test_provenance_that_json_cannot_hold_is_not_written(saved):
+def test_provenance_without_json_form_is_not_written(saved):
     broken = GravityModel.from_energy(MODEL.joints, 'potential', MODEL.energy, MODEL.noise,
                                       MODEL.coverage, {'when': object()})
     with pytest.raises(ModelFileError, match='cannot write'):
@@ -282,7 +282,7 @@ def test_files_are_small(saved):
     assert saved.stat().st_size < 20000 < model_file._MAX_BYTES
 
 
-def test_a_joint_that_carries_nothing_is_kept(tmp_path):
+def test_the_round_trip_of_a_model_without_terms(tmp_path):
     rng = np.random.default_rng(0)
     t = np.arange(200) * 0.2
     q = np.sin(0.1 * t)[:, None]

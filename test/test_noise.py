@@ -1,4 +1,4 @@
-"""Noise: its size absolute and relative, and over how many samples it is one."""
+"""Noise: absolute and relative standard deviation, and the correlation time."""
 
 from gravity_comp_ros.models import noise
 from hypothesis import given, settings, strategies as st
@@ -9,8 +9,8 @@ NONE_USED = np.zeros(1)
 
 
 def estimate(residual: np.ndarray, load: np.ndarray, used=NONE_USED) -> tuple[float, float]:
-    found = noise.estimate(residual[:, None], load[:, None], 1e-6, used)
-    return float(found.absolute[0]), float(found.relative[0])
+    model = noise.estimate(residual[:, None], load[:, None], 1e-6, used)
+    return float(model.absolute[0]), float(model.relative[0])
 
 
 def loads(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -52,9 +52,9 @@ def test_both_kinds_of_noise(seed):
     assert relative == pytest.approx(0.02, rel=0.1)
 
 
-def test_an_error_as_large_as_the_load_is_no_sensors():
-    # What a model misses of a moving arm grows with the load, too; no sample without load may
-    # get all the weight for that.
+def test_an_error_as_large_as_the_load_is_not_attributed_to_the_sensor():
+    # The model error of a moving arm also grows with the load. It must not give samples without
+    # load all the weight.
     rng = np.random.default_rng(0)
     load = loads(1000, rng)
     residual = 0.8 * load * rng.normal(size=1000)
@@ -65,15 +65,15 @@ def test_an_error_as_large_as_the_load_is_no_sensors():
     assert relative == pytest.approx(0.2, rel=0.1)
 
 
-def test_joints_are_estimated_by_themselves():
+def test_joints_are_estimated_separately():
     rng = np.random.default_rng(0)
     residual = rng.normal(size=(800, 3)) * [0.1, 1.0, 5.0]
-    found = noise.estimate(residual, np.zeros((800, 3)), 1e-6, np.zeros(3))
-    np.testing.assert_allclose(found.absolute, [0.1, 1.0, 5.0], rtol=0.1)
-    np.testing.assert_array_equal(found.relative, 0.0)
+    model = noise.estimate(residual, np.zeros((800, 3)), 1e-6, np.zeros(3))
+    np.testing.assert_allclose(model.absolute, [0.1, 1.0, 5.0], rtol=0.1)
+    np.testing.assert_array_equal(model.relative, 0.0)
 
 
-def test_what_a_fit_spent_is_given_back():
+def test_degrees_of_freedom_are_corrected():
     rng = np.random.default_rng(1)
     sizes = []
     for _ in range(200):
@@ -83,25 +83,25 @@ def test_what_a_fit_spent_is_given_back():
     assert np.mean(sizes) == pytest.approx(1.0, abs=0.05)
 
 
-def test_no_joint_is_believed_to_be_perfect():
+def test_the_noise_has_a_floor():
     tau = np.zeros((50, 2))
     tau[:, 1] = 100.0
-    least = noise.floor(tau)
-    assert least == pytest.approx(0.01)
-    found = noise.estimate(np.zeros((50, 2)), tau, least, np.zeros(2))
-    assert (found.absolute >= least).all()
+    floor = noise.floor(tau)
+    assert floor == pytest.approx(0.01)
+    model = noise.estimate(np.zeros((50, 2)), tau, floor, np.zeros(2))
+    assert (model.absolute >= floor).all()
 
 
-def test_no_torque_at_all_has_a_floor():
+def test_zero_torque_has_a_floor():
     assert noise.floor(np.zeros((10, 2))) > 0.0
     assert (noise.first_guess(np.zeros((10, 2))).absolute > 0.0).all()
 
 
 def test_the_first_guess_is_the_torque_itself():
-    found = noise.first_guess(np.array([[3.0, 0.0], [-4.0, 0.0]]))
-    assert found.absolute[0] == pytest.approx(np.sqrt(12.5))
-    assert 0.0 < found.absolute[1] < 1e-2
-    np.testing.assert_array_equal(found.relative, 0.0)
+    model = noise.first_guess(np.array([[3.0, 0.0], [-4.0, 0.0]]))
+    assert model.absolute[0] == pytest.approx(np.sqrt(12.5))
+    assert 0.0 < model.absolute[1] < 1e-2
+    np.testing.assert_array_equal(model.relative, 0.0)
 
 
 def test_close_estimates():
@@ -121,7 +121,7 @@ def autoregressive(phi: float, count: int, rng: np.random.Generator) -> np.ndarr
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_white_noise_counts_every_sample(seed):
+def test_white_noise_has_a_correlation_time_of_one(seed):
     residual = np.random.default_rng(seed).normal(size=500)
     time = noise.correlation_time(residual, np.zeros(500, dtype=int))
     assert 1.0 <= time < 1.5
@@ -138,10 +138,10 @@ def test_correlation_time_of_an_autoregression(phi, expected):
 def test_samples_of_different_runs_are_independent():
     rng = np.random.default_rng(0)
     pairs = np.repeat(rng.normal(size=300), 2)
-    together = noise.correlation_time(pairs, np.zeros(600, dtype=int))
-    apart = noise.correlation_time(pairs, np.arange(600))
-    # Of pairs of equal values half of all neighbours are alike: 1 + 2 * 0.5.
-    assert together == pytest.approx(2.0, abs=0.3) and apart == 1.0
+    one_run = noise.correlation_time(pairs, np.zeros(600, dtype=int))
+    own_runs = noise.correlation_time(pairs, np.arange(600))
+    # The lag-1 autocorrelation of pairs of equal values is 0.5: 1 + 2 * 0.5.
+    assert one_run == pytest.approx(2.0, abs=0.3) and own_runs == 1.0
 
 
 @settings(max_examples=40, deadline=None)
@@ -151,5 +151,5 @@ def test_correlation_time_is_at_least_one(values):
     assert 1.0 <= noise.correlation_time(residual, np.zeros(len(values), dtype=int)) < np.inf
 
 
-def test_a_residual_of_zeros_counts_every_sample():
+def test_a_residual_of_zeros_has_a_correlation_time_of_one():
     assert noise.correlation_time(np.zeros(100), np.zeros(100, dtype=int)) == 1.0

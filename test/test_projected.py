@@ -1,4 +1,4 @@
-"""Designs beside nuisance columns: the same optimum as with the columns written out."""
+"""Projected designs: the same optimum as with explicit nuisance columns."""
 
 from gravity_comp_ros.models.sparse.lasso import LassoProblem
 from gravity_comp_ros.models.sparse.projected import (
@@ -22,13 +22,13 @@ def problem(seed, kind, n=3, m=40):
 @given(st.integers(0, 10 ** 6), st.sampled_from([EnergyDesign, TorqueDesign]))
 def test_products_are_those_of_the_projected_matrix(seed, kind):
     design, nuisance, rng = problem(seed, kind)
-    every = np.arange(design.n_columns)
+    features = np.arange(design.n_columns)
     q, _ = np.linalg.qr(nuisance[:, :3])
-    dense = design.columns(every)
+    dense = design.columns(features)
     dense = dense - q @ (q.T @ dense)
     projected = ProjectedDesign(design, NuisanceBasis.of(nuisance))
     r = rng.normal(size=design.n_rows)
-    np.testing.assert_allclose(projected.columns(every), dense, atol=1e-9)
+    np.testing.assert_allclose(projected.columns(features), dense, atol=1e-9)
     np.testing.assert_allclose(projected.correlate(r), dense.T @ r, atol=1e-8)
     np.testing.assert_allclose(projected.squared_norms(), (dense ** 2).sum(axis=0), atol=1e-7)
     assert orthonormal_basis(nuisance).shape[1] == 3
@@ -44,27 +44,27 @@ def test_l1_solutions_are_optimal_with_free_nuisance_coefficients(seed):
     b = b + 0.1 * rng.normal(size=len(b))
     projected = ProjectedDesign(design, NuisanceBasis.of(nuisance))
     lam = 2.0
-    found = LassoProblem(projected, projected.project(b),
-                         np.ones(design.n_columns, dtype=bool)).solve(lam)
-    assert found.converged and found.certificate.violation < 1e-6
-    # The optimality conditions of the whole problem, nuisance coefficients written out.
+    solution = LassoProblem(projected, projected.project(b),
+                            np.ones(design.n_columns, dtype=bool)).solve(lam)
+    assert solution.converged and solution.certificate.violation < 1e-6
+    # The optimality conditions of the whole problem with explicit nuisance coefficients.
     columns = design.columns(np.arange(design.n_columns))
     weights = np.zeros(design.n_columns)
-    weights[found.indices] = found.x
+    weights[solution.indices] = solution.x
     c = np.linalg.lstsq(nuisance[:, :3], b - columns @ weights, rcond=None)[0]
     residual = b - columns @ weights - nuisance[:, :3] @ c
     lengths = np.sqrt(projected.squared_norms())
     score = columns.T @ residual
-    used = lengths > 1e-6 * lengths.max()
-    assert (np.abs(score[used]) <= lam * lengths[used] * (1 + 1e-4) + 1e-6).all()
-    np.testing.assert_allclose(score[found.indices],
-                               lam * lengths[found.indices] * np.sign(found.x), rtol=1e-3)
+    kept = lengths > 1e-6 * lengths.max()
+    assert (np.abs(score[kept]) <= lam * lengths[kept] * (1 + 1e-4) + 1e-6).all()
+    np.testing.assert_allclose(score[solution.indices],
+                               lam * lengths[solution.indices] * np.sign(solution.x), rtol=1e-3)
     np.testing.assert_allclose(nuisance[:, :3].T @ residual, 0.0, atol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 10 ** 6))
-def test_bounded_coefficients_are_those_of_noise_with_their_covariance(seed):
+def test_a_prior_is_equivalent_to_noise_with_its_covariance(seed):
     design, nuisance, rng = problem(seed, EnergyDesign)
     nuisance = nuisance[:, :3]
     spread = np.array([0.3, np.inf, 2.0])
@@ -83,6 +83,6 @@ def test_bounded_coefficients_are_those_of_noise_with_their_covariance(seed):
                                np.diag(dense.T @ expected @ dense), atol=1e-7)
     # The coefficients are those of ridge regression.
     target = rng.normal(size=len(nuisance))
-    found = nuisance_coefficients(nuisance, target, spread)
-    gradient = nuisance.T @ (target - nuisance @ found) - found / spread ** 2
+    solution = nuisance_coefficients(nuisance, target, spread)
+    gradient = nuisance.T @ (target - nuisance @ solution) - solution / spread ** 2
     np.testing.assert_allclose(gradient, 0.0, atol=1e-8)

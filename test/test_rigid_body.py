@@ -1,4 +1,4 @@
-"""Rigid-body dynamics with known axes, against Pinocchio's recursive Newton-Euler."""
+"""Rigid-body dynamics with known axes, compared with Pinocchio's recursive Newton-Euler."""
 
 from dataclasses import replace
 
@@ -31,18 +31,18 @@ G = STANDARD_GRAVITY
 
 
 def parameters_of(arm):
-    """Return Pinocchio's inertias as this package orders them."""
-    found = []
+    """Return Pinocchio's inertias in the order of this package."""
+    parameters = []
     for inertia in list(arm.model.inertias)[1:]:
         m, mx, my, mz, xx, xy, yy, xz, yz, zz = inertia.toDynamicParameters()
-        found += [m, mx, my, mz, xx, xy, xz, yy, yz, zz]
-    return np.array(found)
+        parameters += [m, mx, my, mz, xx, xy, xz, yy, yz, zz]
+    return np.array(parameters)
 
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 8))
-def test_the_regressor_is_newton_and_euler(seed, n):
-    # Every other pair of seeds has a tilted base, which is no business of the regressor.
+def test_the_regressor_agrees_with_newton_euler(seed, n):
+    # Every other pair of seeds has a tilted base, which the regressor does not model.
     arm = generated_arm(4 * (seed // 4), n)
     q, qd, qdd = drawn(n, 5, seed)
     theta, geometry = parameters_of(arm), geometry_of(arm)
@@ -54,27 +54,27 @@ def test_the_regressor_is_newton_and_euler(seed, n):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_inertias_moments_and_rotors_are_all_that_motion_shows(seed):
+def test_inertias_moments_and_rotors_are_the_identifiable_parameters(seed):
     arm = generated_arm(seed)
     n, geometry = arm.n_joints, geometry_of(arm)
     q, qd, qdd = drawn(n, 200, seed)
-    every = regressor(geometry, q, qd, qdd).reshape(-1, 10 * n)
+    columns = regressor(geometry, q, qd, qdd).reshape(-1, 10 * n)
     inertias, rotors = identifiable(geometry)
     first = [10 * k + i for k in range(n) for i in (1, 2)]
-    kept = every[:, [*first, *inertias]]
-    assert np.linalg.matrix_rank(kept) == np.linalg.matrix_rank(every)
-    # No column of an inertia can be made from the others.
-    own = every[:, inertias]
+    kept = columns[:, [*first, *inertias]]
+    assert np.linalg.matrix_rank(kept) == np.linalg.matrix_rank(columns)
+    # The columns of the inertias are linearly independent.
+    own = columns[:, inertias]
     assert np.linalg.matrix_rank(own) == len(inertias)
-    turns = np.zeros((len(q), n, len(rotors)))
+    rotor_columns = np.zeros((len(q), n, len(rotors)))
     for place, joint in enumerate(rotors):
-        turns[:, joint, place] = qdd[:, joint]
-    both = np.column_stack([every, turns.reshape(len(every), -1)])
-    assert np.linalg.matrix_rank(both) == np.linalg.matrix_rank(every) + len(rotors)
+        rotor_columns[:, joint, place] = qdd[:, joint]
+    both = np.column_stack([columns, rotor_columns.reshape(len(columns), -1)])
+    assert np.linalg.matrix_rank(both) == np.linalg.matrix_rank(columns) + len(rotors)
 
 
 def gravity_of(arm, seed=0):
-    """Return a chain on the arm's axes that was fitted to gravity alone."""
+    """Return a chain on the arm's axes, fitted to gravity alone."""
     q = np.random.default_rng(seed).uniform(arm.lower, arm.upper, (400, arm.n_joints))
     samples = JointSamples.single_run(arm.joints, 0.2 * np.arange(len(q)), q, np.zeros_like(q),
                                       arms.gravity_torque(arm, q))
@@ -90,27 +90,27 @@ def test_the_dynamics_of_an_arm_are_those_of_gravity_and_inertias(arm):
     columns = dynamics.columns(*motion)
     truth = of_motion(arm, *motion)
     flat = columns[:, :, 1:].reshape(truth.size, -1)
-    left = (truth - columns[:, :, 0]).ravel()
-    rest = left - flat @ np.linalg.lstsq(flat, left, rcond=1e-10)[0]
-    # With a coefficient of 1 the nominal arm has all of what is no inertia.
-    assert np.linalg.norm(rest) < 1e-3 * np.linalg.norm(truth)
+    target = (truth - columns[:, :, 0]).ravel()
+    residual = target - flat @ np.linalg.lstsq(flat, target, rcond=1e-10)[0]
+    # With a coefficient of 1 the nominal arm has all parameters but the inertias.
+    assert np.linalg.norm(residual) < 1e-3 * np.linalg.norm(truth)
 
 
 @pytest.mark.parametrize('seed', [0, 1, 4, 5, 8])
-def test_the_nominal_arm_has_the_moments_asked_for_and_is_physical(seed):
+def test_the_nominal_arm_has_the_given_moments_and_is_physical(seed):
     arm = generated_arm(seed)
     n, geometry = arm.n_joints, geometry_of(arm)
     q, zero, _ = drawn(n, 50, seed)
-    wanted = gravity_of(arm).chain.moments / G
-    found = nominal_parameters(geometry, wanted)
-    still = regressor(geometry, q, 0 * zero, 0 * zero, G)
-    truth = still @ parameters_of(arm)
-    assert still @ found == pytest.approx(truth, abs=1e-5 * np.abs(truth).max())
-    masses = mass_matrices(geometry, found, q)
+    moments = gravity_of(arm).chain.moments / G
+    nominal = nominal_parameters(geometry, moments)
+    static = regressor(geometry, q, 0 * zero, 0 * zero, G)
+    truth = static @ parameters_of(arm)
+    assert static @ nominal == pytest.approx(truth, abs=1e-5 * np.abs(truth).max())
+    masses = mass_matrices(geometry, nominal, q)
     assert np.linalg.eigvalsh(masses).min() > -0.1 * masses.max()
-    about = mean_inertia(geometry, found)
-    real = mean_inertia(geometry, parameters_of(arm))
-    assert about[:2] == pytest.approx(real[:2], rel=0.4)
+    inertia = mean_inertia(geometry, nominal)
+    true_inertia = mean_inertia(geometry, parameters_of(arm))
+    assert inertia[:2] == pytest.approx(true_inertia[:2], rel=0.4)
 
 
 def mass_matrices(geometry, parameters, q):
@@ -130,19 +130,19 @@ def two_runs(arm, seed):
 @pytest.mark.slow
 @pytest.mark.parametrize('arm, seed', [(arms.iiwa7(), 0), (generated_arm(0), 1),
                                        (generated_arm(1), 2)], ids=['iiwa7', 'six', 'seven'])
-def test_the_loop_finds_it_and_the_error_falls_on_another_path(arm, seed):
+def test_the_loop_adds_it_and_the_error_on_another_path_falls(arm, seed):
     train, later = two_runs(arm, seed), two_runs(arm, seed + 100)
     options = FitOptions('chain', geometry=geometry_of(arm))
     model = gc.Model(fit(train.samples, options).model)
-    found = gc.diagnose(train, model).findings
-    named = {(f.effect, f.joint) for f in found if f.verdict in ('established', 'likely')}
-    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in found]
+    findings = gc.diagnose(train, model).findings
+    named = {(f.effect, f.joint) for f in findings if f.verdict in ('established', 'likely')}
+    assert ('rigid_body_dynamics', None) in named, [f.to_json() for f in findings]
     assert not {name for name, _ in named} & {'inertia', 'coriolis'}
-    scale = next(f for f in found if f.effect == 'rigid_body_dynamics').coefficients['s']
+    scale = next(f for f in findings if f.effect == 'rigid_body_dynamics').coefficients['s']
     assert 0.7 < scale.value < 1.4
-    added = gc.add_effects(model, train, found, all_samples=True)
+    added = gc.add_effects(model, train, findings, all_samples=True)
     assert added.gravity.geometry is not None
-    without = gc.add_effects(model, train, [f for f in found if f.effect
+    without = gc.add_effects(model, train, [f for f in findings if f.effect
                                             != 'rigid_body_dynamics'], all_samples=True)
     worst = [max(j.rmse / j.torque_std for j in gc.compare(m, later).joints.values())
              for m in (model, without, added)]
@@ -151,16 +151,16 @@ def test_the_loop_finds_it_and_the_error_falls_on_another_path(arm, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [3, 5])
-def test_in_half_a_minute_of_motion_it_is_found_beside_little_friction(seed):
-    """A fit of gravity alone takes such motion for a tilted base; friction is on one joint."""
+def test_half_a_minute_of_motion_identifies_it_with_friction_on_one_joint(seed):
+    """A fit of gravity alone yields a tilted base for such motion."""
     arm = arms.iiwa7()
     motion = multisine(arm.lower, arm.upper, np.full(7, 2.0), seed,
                        MultisineOptions(max_speed=1.2), 30.0, 100.0)
     samples = synthesise(arm, motion, SynthesisOptions(
         NoiseOptions(absolute=0.1), seed, disturbances=[Friction(3, LuGre(1.0))]))
     model = fit(samples, FitOptions('chain', geometry=geometry_of(arm))).model
-    found = diagnose(samples, model).findings
-    named = {(f.effect, f.joint): f.coefficients for f in found
+    findings = diagnose(samples, model).findings
+    named = {(f.effect, f.joint): f.coefficients for f in findings
              if f.verdict in ('established', 'likely')}
     assert set(named) == {('rigid_body_dynamics', None), ('coulomb_friction', 'iiwa_joint_4')}
     for coefficients, truth in zip((named['rigid_body_dynamics', None]['s'],
@@ -169,8 +169,8 @@ def test_in_half_a_minute_of_motion_it_is_found_beside_little_friction(seed):
 
 
 @pytest.mark.parametrize('noise', [0.0, 1e-3, 0.1])
-def test_a_joint_that_carries_nothing_does_not_hide_the_gravity_of_the_others(noise):
-    # Without noise the torque of the first and the last joint of an iiwa is next to nothing.
+def test_a_joint_without_gravity_does_not_affect_the_others(noise):
+    # Without noise the torque of the first and the last joint of an iiwa is nearly 0.
     arm = arms.iiwa7()
     q = np.random.default_rng(1).uniform(-1.5, 1.5, (500, 7))
     tau = arms.gravity_torque(arm, q)
@@ -180,7 +180,7 @@ def test_a_joint_that_carries_nothing_does_not_hide_the_gravity_of_the_others(no
     assert np.abs(chain.torque(q) - tau).max() < 1e-4 + 0.5 * noise
 
 
-def test_without_axes_it_says_what_it_needs():
+def test_without_axes_it_is_untestable():
     from gravity_comp_ros.effects.motion import build_motion
     from gravity_comp_ros.effects.request import known_effect
     samples = recording(generated_arm(0, 3), 0, 8.0)
@@ -188,7 +188,7 @@ def test_without_axes_it_says_what_it_needs():
     assert 'no serial arm' in known_effect('rigid_body_dynamics').untestable(motion, 0)
 
 
-def test_a_mass_matrix_that_is_not_positive_is_refused():
+def test_an_indefinite_mass_matrix_is_refused():
     from gravity_comp_ros.effects.motion import build_motion
     from gravity_comp_ros.effects.request import known_effect
     arm = arms.iiwa7()
@@ -201,13 +201,13 @@ def test_a_mass_matrix_that_is_not_positive_is_refused():
     assert 'kinetic energy' in effect.implausible(-values, {}, motion, 0)
 
 
-def test_a_model_keeps_its_geometry(tmp_path):
+def test_a_model_file_includes_the_geometry(tmp_path):
     model = gravity_of(arms.iiwa7())
     save_model(tmp_path / 'm.json', model)
-    found = load_model(tmp_path / 'm.json').geometry
-    assert found.joints == model.joints and found.source == model.geometry.source
+    loaded = load_model(tmp_path / 'm.json').geometry
+    assert loaded.joints == model.joints and loaded.source == model.geometry.source
     for name in ('rotations', 'origins', 'link_rotation'):
-        assert (getattr(found, name) == getattr(model.geometry, name)).all()
+        assert (getattr(loaded, name) == getattr(model.geometry, name)).all()
     with pytest.raises(DataError, match='geometry'):
         replace(model, geometry=replace(model.geometry, joints=tuple('abcdefg')))
     broken = replace(model.geometry)
@@ -217,7 +217,7 @@ def test_a_model_keeps_its_geometry(tmp_path):
         load_model(tmp_path / 'bad.json')
 
 
-def test_columns_are_those_of_each_sample_alone():
+def test_columns_are_independent_of_other_samples():
     arm = generated_arm(0)
     model = gravity_of(arm)
     dynamics = described_dynamics(model)

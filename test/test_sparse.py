@@ -1,4 +1,4 @@
-"""From samples to a sparse fit: what an arm that waits may say."""
+"""Merging of the samples of an arm at rest."""
 
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
@@ -14,7 +14,7 @@ def problem(q, tau, runs) -> SparseProblem:
                          np.ones(3 ** q.shape[1], dtype=bool))
 
 
-def test_poses_that_stay_close_become_their_mean():
+def test_close_poses_are_merged_to_their_mean():
     q = [[0.0, 1.0], [0.001, 1.0], [0.002, 1.0], [0.0, 1.003], [0.5, 1.0], [0.5, 1.0]]
     tau = [[1, 2], [3, 2], [2, 2], [9, 9], [4, 6], [6, 6]]
     merged = problem(q, tau, [0, 0, 0, 0, 0, 1]).merged(0.0025)
@@ -23,7 +23,7 @@ def test_poses_that_stay_close_become_their_mean():
     assert merged.runs.tolist() == [0, 0, 0, 1]
 
 
-def test_a_slow_creep_is_no_rest():
+def test_slow_creep_is_not_rest():
     q = np.linspace(0.0, 1.0, 1001)[:, None]
     merged = problem(q, 2 * q, np.zeros(1001, dtype=int)).merged(0.01)
     assert 80 < len(merged.q) < 120
@@ -31,14 +31,14 @@ def test_a_slow_creep_is_no_rest():
     np.testing.assert_allclose(merged.tau, 2 * merged.q)
 
 
-def test_poses_that_all_differ_stay_as_they_are():
+def test_different_poses_are_not_merged():
     whole = problem([[0.0], [1.0], [2.0]], [[1], [2], [3]], [0, 0, 0])
     assert whole.merged(0.1) is whole
 
 
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 10 ** 6), count=st.integers(1, 40), runs=st.integers(1, 3))
-def test_no_sample_is_lost_or_moved_far(seed, count, runs):
+def test_every_sample_is_near_a_merged_one(seed, count, runs):
     rng = np.random.default_rng(seed)
     q = np.cumsum(rng.choice([0.0, 0.001, 0.3], (count, 2)), axis=0)
     whole = problem(q, rng.normal(size=(count, 2)), np.sort(rng.integers(0, runs, count)))
@@ -49,8 +49,8 @@ def test_no_sample_is_lost_or_moved_far(seed, count, runs):
     assert near.any(axis=1).all() and near.any(axis=0).all()
 
 
-def test_an_arm_that_waits_says_its_error_once():
-    # 900 samples at one pose, all with the friction that it stopped with.
+def test_the_error_of_an_arm_at_rest_counts_once():
+    # 900 samples at one pose, all with the friction at which it stopped.
     q = np.vstack([poses(120, 2), np.tile([0.7, -0.4], (900, 1))])
     tau = planar_2r(q)
     tau[120:] += [1.5, -1.0]

@@ -1,4 +1,4 @@
-"""The support search: prices, hand-worked steps, and no single step left that would pay."""
+"""The support search: prices, steps by hand, and local optimality."""
 
 from dense import DenseDesign
 from gravity_comp_ros.models.sparse import dictionary, support
@@ -12,7 +12,7 @@ ALL_OF_ONE = np.ones(3, dtype=bool)
 
 
 def orthonormal(coefficients, rows: int = 20):
-    """Return a design of one joint's three features as unit vectors, and b with these."""
+    """Return a design with one joint's three features as unit vectors, and its b."""
     a = np.eye(rows)[:, :3]
     return DenseDesign(a), a @ np.asarray(coefficients, dtype=float)
 
@@ -39,30 +39,30 @@ def test_score_by_hand():
 
 
 @pytest.mark.parametrize('feature, factor', [(0, 1.5), (1, 6.0), (2, 6.0)])
-@pytest.mark.parametrize('margin, stays', [(1e-3, True), (-1e-3, False)])
+@pytest.mark.parametrize('margin, kept', [(1e-3, True), (-1e-3, False)])
 @pytest.mark.parametrize('start', ['inside', 'outside'])
-def test_a_feature_stays_if_and_only_if_it_pays_its_price(feature, factor, margin, stays, start):
-    # Of an orthonormal design, leaving out k raises chi^2 by b_k^2 and saves its price.
+def test_a_feature_is_kept_if_and_only_if_worth_its_price(feature, factor, margin, kept, start):
+    # In an orthonormal design, dropping k raises chi^2 by b_k^2 and saves its price.
     x = np.zeros(3)
     x[feature] = np.sqrt(LN(20) + 2 * LN(factor) + margin)
     others = np.array([10.0, 10.0, 10.0]) * (np.arange(3) != feature)
     design, b = orthonormal(x + others)
     given_start = np.arange(3) if start == 'inside' else np.flatnonzero(others)
-    found = support.settle(design, b, given_start, 1, ALL_OF_ONE)
-    assert (feature in found.indices) == stays
-    assert set(np.flatnonzero(others)) <= set(found.indices)
+    selected = support.select_support(design, b, given_start, 1, ALL_OF_ONE)
+    assert (feature in selected.indices) == kept
+    assert set(np.flatnonzero(others)) <= set(selected.indices)
 
 
 def test_refit_is_least_squares():
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(30, 9)) * np.logspace(-3, 3, 9), rng.normal(size=30)
-    found = support.refit(DenseDesign(a), b, np.array([7, 2, 5]))
+    selected = support.refit(DenseDesign(a), b, np.array([7, 2, 5]))
     chosen = a[:, [2, 5, 7]]
     expected, chi2 = np.linalg.lstsq(chosen, b, rcond=None)[:2]
-    np.testing.assert_array_equal(found.indices, [2, 5, 7])
-    np.testing.assert_allclose(found.x, expected, rtol=1e-9)
-    np.testing.assert_allclose(found.covariance, np.linalg.inv(chosen.T @ chosen), rtol=1e-8)
-    assert found.chi2 == pytest.approx(chi2[0])
+    np.testing.assert_array_equal(selected.indices, [2, 5, 7])
+    np.testing.assert_allclose(selected.x, expected, rtol=1e-9)
+    np.testing.assert_allclose(selected.covariance, np.linalg.inv(chosen.T @ chosen), rtol=1e-8)
+    assert selected.chi2 == pytest.approx(chi2[0])
 
 
 def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
@@ -70,9 +70,9 @@ def test_refit_of_nothing_and_of_columns_that_are_zero_or_copies():
     nothing = support.refit(DenseDesign(np.eye(3)), b, np.zeros(0, dtype=np.int64))
     assert nothing.chi2 == 9.0 and nothing.x.size == 0
     a = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    found = support.refit(DenseDesign(a), b, np.arange(3))
-    np.testing.assert_allclose(found.x, [0.5, 0.5, 0.0], atol=1e-12)
-    assert found.chi2 == pytest.approx(8.0)
+    selected = support.refit(DenseDesign(a), b, np.arange(3))
+    np.testing.assert_allclose(selected.x, [0.5, 0.5, 0.0], atol=1e-12)
+    assert selected.chi2 == pytest.approx(8.0)
 
 
 @settings(max_examples=40, deadline=None)
@@ -82,8 +82,8 @@ def test_neighbours_differ_in_one_factor(case):
     n_joints, index = case
     near = support.neighbours_of(np.array([index]), n_joints)[0]
     assert len(set(near.tolist())) == 2 * n_joints
-    here = dictionary.digits(np.array([index]), n_joints)[0]
-    differences = (dictionary.digits(near, n_joints) != here).sum(axis=1)
+    own = dictionary.digits(np.array([index]), n_joints)[0]
+    differences = (dictionary.digits(near, n_joints) != own).sum(axis=1)
     assert (differences == 1).all()
 
 
@@ -118,27 +118,27 @@ def problems(draw):
 
 @settings(max_examples=60, deadline=None)
 @given(problems())
-def test_no_single_step_from_a_settled_support_pays(problem):
+def test_no_single_step_lowers_the_score_of_a_selected_support(problem):
     design, b, n_joints, usable, start = problem
-    found = support.settle(design, b, start, n_joints, usable)
-    assert usable[found.indices].all()
-    score = support.score(found, n_joints, design.n_rows)
-    for other in every_single_step(found.indices, usable, n_joints):
-        there = support.refit(design, b, np.array(sorted(other), dtype=np.int64))
-        # What dependent columns add to the fit is rounding, and no step.
-        assert support.score(there, n_joints, design.n_rows) > score - 1e-3
+    selected = support.select_support(design, b, start, n_joints, usable)
+    assert usable[selected.indices].all()
+    score = support.score(selected, n_joints, design.n_rows)
+    for other in every_single_step(selected.indices, usable, n_joints):
+        refit = support.refit(design, b, np.array(sorted(other), dtype=np.int64))
+        # Dependent columns change the score by rounding errors only.
+        assert support.score(refit, n_joints, design.n_rows) > score - 1e-3
 
 
 @settings(max_examples=40, deadline=None)
 @given(problems())
-def test_settling_lowers_the_score_and_has_an_end(problem):
+def test_selection_lowers_the_score_and_is_idempotent(problem):
     design, b, n_joints, usable, start = problem
     before = support.refit(design, b, start[usable[start]])
-    found = support.settle(design, b, start, n_joints, usable)
-    again = support.settle(design, b, found.indices, n_joints, usable)
-    scores = [support.score(r, n_joints, design.n_rows) for r in (before, found)]
+    selected = support.select_support(design, b, start, n_joints, usable)
+    again = support.select_support(design, b, selected.indices, n_joints, usable)
+    scores = [support.score(r, n_joints, design.n_rows) for r in (before, selected)]
     assert scores[1] <= scores[0] + 1e-6
-    np.testing.assert_array_equal(again.indices, found.indices)
+    np.testing.assert_array_equal(again.indices, selected.indices)
 
 
 def test_the_score_falls_with_every_step():
@@ -157,8 +157,8 @@ def test_the_score_falls_with_every_step():
 
 
 @pytest.mark.parametrize('samples', [15, 20, 40])
-def test_rounding_makes_no_step_pay_for_ever(samples):
-    # Over 0.05 rad all features look alike, and the torque is 10^5 times its noise.
+def test_the_search_ends_despite_rounding(samples):
+    # Over 0.05 rad all features are nearly collinear, and the torque is 10^5 times its noise.
     rng = np.random.default_rng(0)
     q = 0.3 + 0.05 * rng.uniform(-1, 1, (samples, 5))
     torque = 40 * np.sin(q[:, 0]) * np.cos(q[:, 1]) + 9 * np.cos(q[:, 3])
@@ -167,12 +167,12 @@ def test_rounding_makes_no_step_pay_for_ever(samples):
     search = support._Search(b, 5, support.gram_of(design, np.ones(243, dtype=bool)),
                              np.arange(0, 243, 20))
     assert not all(search.step() for _ in range(100))
-    average, _ = support.average_ties(design, b, support.refit(design, b, search.support), 5,
-                                      np.ones(243, dtype=bool))
+    best = support.refit(design, b, search.support)
+    average, _ = support.average_equivalents(design, b, best, 5, np.ones(243, dtype=bool))
     assert np.isfinite(average.x).all() and np.isfinite(average.covariance).all()
 
 
-def test_features_that_leave_one_by_one_leave_the_inverse_right():
+def test_the_inverse_is_accurate_after_successive_drops():
     rng = np.random.default_rng(5)
     q, b = rng.uniform(-3, 3, (200, 4)), rng.normal(size=200)
     gram = support.gram_of(TorqueDesign(q, np.ones((200, 1))), np.ones(81, dtype=bool))
@@ -185,33 +185,33 @@ def test_features_that_leave_one_by_one_leave_the_inverse_right():
         np.testing.assert_allclose(search.x, x, atol=1e-9)
 
 
-def test_of_many_features_none_that_pays_is_overlooked():
+def test_no_profitable_feature_of_many_is_missed():
     rng = np.random.default_rng(6)
     q = rng.uniform(-3, 3, (400, 10))
     true = rng.choice(3 ** 10, 12, replace=False)
     b = dictionary.columns(q, true) @ rng.choice([-15.0, 12.0], 12) + rng.normal(size=400)
     design, usable = TorqueDesign(q, np.ones((400, 1))), np.ones(3 ** 10, dtype=bool)
-    found = support.settle(design, b, np.zeros(0, dtype=np.int64), 10, usable)
-    assert set(true) <= set(found.indices.tolist())
-    left = b - design.columns(found.indices) @ found.x
-    promise = design.correlate(left) ** 2 / design.squared_norms() - support.costs(10, 400)
-    assert np.delete(promise, found.indices).max() < 0.0
+    selected = support.select_support(design, b, np.zeros(0, dtype=np.int64), 10, usable)
+    assert set(true) <= set(selected.indices.tolist())
+    residual = b - design.columns(selected.indices) @ selected.x
+    gain = design.correlate(residual) ** 2 / design.squared_norms() - support.costs(10, 400)
+    assert np.delete(gain, selected.indices).max() < 0.0
 
 
-def test_of_dependent_columns_the_simple_ones_stay():
-    # Joint 2 stands still at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
+def test_the_simplest_of_dependent_columns_is_kept():
+    # Joint 2 is at rest at 0.5: s1 s2 and s1 c2 are copies of s1, which is cheaper.
     rng = np.random.default_rng(2)
     q = np.column_stack([rng.uniform(-2, 2, 50), np.full(50, 0.5)])
     design = TorqueDesign(q, np.full((50, 1), 10.0))
     b = 10 * (7 * np.sin(q[:, 0]) + 0.1 * rng.normal(size=50))
-    found = support.settle(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
-    np.testing.assert_array_equal(found.indices, [3])
-    assert found.x[0] == pytest.approx(7.0, abs=0.1)
+    selected = support.select_support(design, b, np.arange(9), 2, np.ones(9, dtype=bool))
+    np.testing.assert_array_equal(selected.indices, [3])
+    assert selected.x[0] == pytest.approx(7.0, abs=0.1)
 
 
 @pytest.mark.parametrize('kind', [TorqueDesign, EnergyDesign])
 @pytest.mark.parametrize('seed', range(5))
-def test_a_true_small_support_is_found(kind, seed):
+def test_a_true_small_support_is_selected(kind, seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-2.5, 2.5, (200, 4))
     truth = np.sort(1 + rng.choice(80, 5, replace=False))
@@ -219,17 +219,17 @@ def test_a_true_small_support_is_found(kind, seed):
     design = kind(q, np.full((200, 4 if kind is EnergyDesign else 1), 10.0))
     b = design.columns(truth) @ x + rng.normal(size=design.n_rows)
     start = rng.choice(81, 12, replace=False)
-    found = support.settle(design, b, start, 4, np.ones(81, dtype=bool))
-    np.testing.assert_array_equal(found.indices, truth)
-    assert (np.abs(found.x - x) < 5 * np.sqrt(np.diag(found.covariance))).all()
+    selected = support.select_support(design, b, start, 4, np.ones(81, dtype=bool))
+    np.testing.assert_array_equal(selected.indices, truth)
+    assert (np.abs(selected.x - x) < 5 * np.sqrt(np.diag(selected.covariance))).all()
 
 
-def test_a_tie_of_equals_is_shared_evenly():
-    # The columns of s1 and c1 are the same vector: the data cannot tell them apart.
+def test_equal_supports_have_equal_weights():
+    # The columns of s1 and c1 are the same vector: they are not distinguishable.
     a = np.eye(20)[:, [0, 1, 1]]
     design, b = DenseDesign(a), a @ [0.0, 8.0, 0.0]
-    best = support.settle(design, b, np.array([1]), 1, ALL_OF_ONE)
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    best = support.select_support(design, b, np.array([1]), 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     assert ties == 1
     np.testing.assert_array_equal(average.indices, [1, 2])
     np.testing.assert_allclose(average.x, [4.0, 4.0])
@@ -237,20 +237,20 @@ def test_a_tie_of_equals_is_shared_evenly():
     np.testing.assert_allclose(np.diag(average.covariance), [16.5, 16.5])
 
 
-def test_models_weigh_by_their_scores():
-    # s1 alone leaves 18, c1 alone 20: the better weighs e times the other.
+def test_supports_are_weighted_by_their_scores():
+    # chi^2 is 18 with s1 and 20 with c1: a weight ratio of e.
     design, b = orthonormal([0.0, np.sqrt(20.0), np.sqrt(18.0)])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     share = 1 / (1 + np.exp(-1.0))
     assert ties == 1
     np.testing.assert_allclose(average.x, [share * np.sqrt(20), (1 - share) * np.sqrt(18)])
 
 
-def test_what_is_clearly_worse_is_not_averaged():
+def test_clearly_worse_supports_are_not_averaged():
     design, b = orthonormal([0.0, 10.0, 1.0])
     best = support.refit(design, b, np.array([1]))
-    average, ties = support.average_ties(design, b, best, 1, ALL_OF_ONE)
+    average, ties = support.average_equivalents(design, b, best, 1, ALL_OF_ONE)
     assert ties == 0
     np.testing.assert_array_equal(average.x, best.x)
 
@@ -259,6 +259,6 @@ def test_an_empty_support_stays_empty_on_noise():
     rng = np.random.default_rng(0)
     q = rng.uniform(-2, 2, (300, 4))
     design = TorqueDesign(q, np.ones((300, 1)))
-    found = [support.settle(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
-                            np.ones(81, dtype=bool)).indices.size for _ in range(20)]
-    assert sum(found) <= 2
+    sizes = [support.select_support(design, rng.normal(size=300), np.arange(0, 81, 9), 4,
+                                    np.ones(81, dtype=bool)).indices.size for _ in range(20)]
+    assert sum(sizes) <= 2

@@ -1,4 +1,4 @@
-"""The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
+"""Torque of motion of an arm of unknown lengths, compared with Pinocchio and by hand."""
 
 from dataclasses import replace
 
@@ -35,15 +35,15 @@ def chain_of(arm):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 7))
-def test_lengths_and_inertias_are_all_that_motion_needs(seed, n):
-    # The others of these arms stand on a tilted base, which `geometry_of` leaves out.
+def test_lengths_and_inertias_determine_the_torque_of_motion(seed, n):
+    # Every fourth seed has a level base; `geometry_of` ignores tilts.
     arm = generated_arm(4 * (seed // 4), n)
     q, qd, qdd = drawn(n, 40 * n, seed)
     columns = motion_columns(chain_of(arm), np.ones(n), q, qd, qdd)[:, :, 1:]
     truth = of_motion(arm, q, qd, qdd)
     flat = columns.reshape(truth.size, -1)
-    found = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
-    assert np.linalg.norm(truth.ravel() - flat @ found) < 1e-8 * np.linalg.norm(truth)
+    parameters = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
+    assert np.linalg.norm(truth.ravel() - flat @ parameters) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_a_planar_arm_by_hand():
@@ -80,7 +80,7 @@ def test_the_nominal_arm_is_physical(seed):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(3, 7))
-def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
+def test_the_sign_of_a_vertical_axis_is_not_identifiable_from_gravity(seed, n):
     arm = generated_arm(4 * (seed // 4), n)
     chain = chain_of(arm)
     q, speed, rate = drawn(n, 50, seed)
@@ -90,7 +90,7 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     assert turned(chain, (way,)) is chain
     other = turned(chain, (-way,))
     assert way_of(other) == -way
-    # The moment about a vertical axis is free, so that joint is left out.
+    # The moment about a vertical axis is unidentifiable, so that joint is excluded.
     assert other.torque(q)[:, 1:] == pytest.approx(chain.torque(q)[:, 1:], abs=1e-9)
     truth = of_motion(arm, q, speed, rate).ravel()
     for one in (chain, mirrored(chain)):
@@ -99,7 +99,7 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
         assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
 
 
-def test_two_vertical_axes_turn_each_its_own_way():
+def test_two_vertical_axes_have_independent_signs():
     # As in a SCARA, the second axis is parallel to the first.
     arm = ARMS['right_six']()
     chain = chain_of(arm)
@@ -116,21 +116,21 @@ def test_two_vertical_axes_turn_each_its_own_way():
             assert (share < 1e-8) == (ways == right), (ways, share)
 
 
-def test_a_horizontal_second_axis_has_no_way_of_its_own():
+def test_a_horizontal_second_axis_has_no_unknown_sign():
     chain, q = chain_of(ARMS['six_axis']()), drawn(6, 50, 0)[0]
     assert open_ways(chain, q) == [(1.0,), (-1.0,)]
     assert open_ways(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
 
 
 def mirrored(chain):
-    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
+    """Return the mirror image of a chain, with inverted vertical and negated moments."""
     axes = chain.axes.copy()
     axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
     return Chain(axes, -chain.moments)
 
 
 @pytest.mark.parametrize('seed', [0, 4, 8])
-def test_motion_shows_which_way_a_vertical_axis_turns(seed):
+def test_motion_identifies_the_sign_of_a_vertical_axis(seed):
     arm = generated_arm(seed, 5)
     chain = chain_of(arm)
     samples = recording(arm, seed, 20.0, 50.0)
@@ -142,12 +142,12 @@ def test_motion_shows_which_way_a_vertical_axis_turns(seed):
         ways.append(setting['way'])
         columns = effect.columns(motion, 0, setting)
         assert columns.shape[2] == len(effect.coefficients_of(motion, 0, setting))
-    # Whichever way the chain came out, the dynamics are those of the arm.
+    # For either sign of the chain the dynamics are those of the arm.
     assert ways == [way_of(chain)] * 2
 
 
 @pytest.mark.parametrize('arm, seed', [('iiwa7', 2), ('six_axis', 2), ('right_seven', 1)])
-def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
+def test_added_dynamics_are_those_of_the_arm(arm, seed):
     arm = ARMS[arm]()
     runs = concatenate([recording(arm, 10 * seed + k, 40.0, 50.0) for k in range(3)])
     data = gc.Recording(runs, gate=None)
@@ -164,7 +164,7 @@ def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     assert (error < 0.1 * truth.std(axis=0).max()).all(), (error, truth.std(axis=0))
 
 
-def test_parts_of_a_motion_have_the_columns_of_the_whole():
+def test_columns_are_independent_of_the_batch():
     dynamics = chain_dynamics(chain_of(arms.iiwa7()))
     one, two = drawn(7, 3000, 1), drawn(7, 5, 2)
     both = tuple(np.concatenate(pair) for pair in zip(one, two))
@@ -180,11 +180,11 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
-    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    names = {f.effect for f in sure}
+    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    names = {f.effect for f in accepted}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
-    better = gc.add_effects(model, data, sure, all_samples=True)
+    better = gc.add_effects(model, data, accepted, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:

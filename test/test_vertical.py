@@ -26,7 +26,7 @@ Q = MOTION.q
 
 
 def recorded(arm, q=Q, seed=0, add=0.0):
-    """Return poses with their gravity torque, 0.1 N·m of noise and whatever is added."""
+    """Return poses with gravity torque, 0.1 N·m of noise and an added torque."""
     tau = gravity_torque(arm, q) + add
     tau = tau + 0.1 * np.random.default_rng(seed).standard_normal(tau.shape)
     qd = np.gradient(q, MOTION.t[1], axis=0)
@@ -34,12 +34,12 @@ def recorded(arm, q=Q, seed=0, add=0.0):
 
 
 def moved(arm, motion=MOTION, seed=0):
-    """Return the same of the moving arm, with its inertia."""
+    """Return samples of the moving arm, including its inertia."""
     return synthesise(arm, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed))
 
 
 def vertical_of(geometry):
-    """Return the vertical (3,) in the coordinates of the base that the description has."""
+    """Return the vertical (3,) in the described base frame."""
     return (geometry.rotations[0] @ AXES.rotations[0].T)[2]
 
 
@@ -56,38 +56,38 @@ def worst(model, arm):
 @given(st.floats(25.0, 180.0), st.floats(0.0, 6.2))
 # The moment about the nearly vertical first axis is then hardly identifiable.
 @example(179.0, 0.03125)
-def test_any_vertical_is_found_from_the_torque(angle, about):
+def test_any_vertical_is_estimated_from_the_torque(angle, about):
     arm = turned(ARM, np.radians(angle), about)
-    found = with_estimated_vertical(AXES, recorded(arm))
-    assert np.degrees(np.arccos(np.clip(vertical_of(found) @ truth_of(arm), -1.0, 1.0))) < 3.0
-    # Nothing but the base is turned.
-    np.testing.assert_array_equal(found.rotations[1:], AXES.rotations[1:])
-    assert found.joints == AXES.joints and found.origins is AXES.origins
+    estimated = with_estimated_vertical(AXES, recorded(arm))
+    assert np.degrees(np.arccos(np.clip(vertical_of(estimated) @ truth_of(arm), -1.0, 1.0))) < 3.0
+    # Only the base is rotated.
+    np.testing.assert_array_equal(estimated.rotations[1:], AXES.rotations[1:])
+    assert estimated.joints == AXES.joints and estimated.origins is AXES.origins
 
 
 @pytest.mark.parametrize('angle', [0.0, 2.0, 10.0])
-def test_an_arm_that_stands_nearly_upright_is_left_to_the_fit(angle):
+def test_a_small_tilt_is_left_to_the_fit(angle):
     assert with_estimated_vertical(AXES, recorded(turned(ARM, np.radians(angle), 1.0))) is AXES
 
 
 @pytest.mark.parametrize('moving', [(), (1,), (0, 1), (3,), (4, 5, 6)])
-def test_motion_of_few_joints_shows_no_other_vertical(moving):
+def test_motion_of_few_joints_yields_no_other_vertical(moving):
     q = np.tile([0.3, 0.7, -0.4, 1.1, 0.2, -0.8, 0.5], (len(Q), 1))
     q[:, list(moving)] = Q[:, list(moving)]
     assert with_estimated_vertical(AXES, recorded(ARM, q)) is AXES
 
 
 @pytest.mark.parametrize('joint', range(7))
-def test_effects_that_are_not_modelled_turn_no_base(joint):
-    spring, rub = np.zeros((2, *Q.shape))
+def test_unmodelled_effects_yield_no_other_vertical(joint):
+    spring, friction = np.zeros((2, *Q.shape))
     spring[:, joint] = 5.0 * (Q[:, joint] - Q[:, joint].mean())
-    rub[:, joint] = 3.0 * np.sign(np.gradient(Q[:, joint]))
-    for effect in (spring, rub, np.sin(3.0 * Q) * (np.arange(7) == joint)):
+    friction[:, joint] = 3.0 * np.sign(np.gradient(Q[:, joint]))
+    for effect in (spring, friction, np.sin(3.0 * Q) * (np.arange(7) == joint)):
         assert with_estimated_vertical(AXES, recorded(ARM, add=effect)) is AXES
 
 
 @pytest.mark.parametrize('angle', [45.0, 90.0, 180.0])
-def test_gravity_on_a_wall_is_as_good_as_on_a_floor(angle):
+def test_gravity_on_a_wall_is_as_accurate_as_on_a_floor(angle):
     arm = turned(ARM, np.radians(angle), 0.7)
     result = fit(moved(arm), FitOptions(geometry=AXES))
     assert worst(result.model, arm) < 0.1
@@ -99,25 +99,25 @@ def test_gravity_on_a_wall_is_as_good_as_on_a_floor(angle):
 
 
 @pytest.mark.parametrize('angle', [90.0, 180.0])
-def test_a_tool_on_a_ceiling_has_its_own_mass(angle):
+def test_a_payload_on_a_ceiling_has_the_right_mass(angle):
     arm, centre = turned(ARM, np.radians(angle), 0.7), (0.02, 0.03, 0.1)
     loaded = with_payload(arm, Payload(2.0, centre))
     later = moved(loaded, eq17(20.0, start=100.0), 1)
     old = fit(moved(arm), FitOptions(geometry=AXES)).model
-    # Of a model without axes the vertical is read from its own torque.
+    # For a model without axes the vertical is estimated from the torque of the model.
     for model in (old, replace(old, geometry=None), fit(moved(arm)).model):
-        found = update(model, later, geometry=AXES)
-        assert found.report.payload.mass.value == pytest.approx(2.0, abs=0.1)
-        assert worst(found.model, loaded) < 0.3
+        updated = update(model, later, geometry=AXES)
+        assert updated.report.payload.mass.value == pytest.approx(2.0, abs=0.1)
+        assert worst(updated.model, loaded) < 0.3
 
 
-def test_a_short_recording_of_what_is_no_chain_is_fitted_without_known_axes():
-    # Balancers, of energy 15 sin(q2) sin(q4), 7.5 cos(2 q2) and 7.5 sin(2 q1): no chain has them.
+def test_a_short_recording_of_an_arm_with_balancers_is_fitted_without_known_axes():
+    # Balancers, of energy 15 sin(q2) sin(q4), 7.5 cos(2 q2) and 7.5 sin(2 q1): not a chain.
     balanced = np.zeros_like(Q)
     balanced[:, 0] = 15.0 * np.cos(2.0 * Q[:, 0])
     balanced[:, 1] = 15.0 * (np.cos(Q[:, 1]) * np.sin(Q[:, 3]) - np.sin(2.0 * Q[:, 1]))
     balanced[:, 3] = 15.0 * np.sin(Q[:, 1]) * np.cos(Q[:, 3])
     samples = recorded(ARM, add=balanced).select(np.arange(150))
     result = fit_model(Recording(samples), FitOptions(geometry=AXES))[0]
-    # The fits that test whether it has settled have no use for known axes either.
+    # The fits of the convergence test do not use known axes either.
     assert result.model.formulation == 'potential' and result.model.geometry is None

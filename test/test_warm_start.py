@@ -1,4 +1,4 @@
-"""A refit that starts from an old model: the same answer, whatever that model was."""
+"""A refit that starts from an old model: the same result for any old model."""
 
 from dataclasses import replace
 
@@ -25,8 +25,8 @@ def same(a, b) -> None:
 
 @BOTH
 @pytest.mark.parametrize('arm_seed', [0, 1])
-def test_the_answer_does_not_depend_on_the_start(formulation, arm_seed):
-    # The old model is of this arm, or of quite another one.
+def test_the_result_does_not_depend_on_the_start(formulation, arm_seed):
+    # The old model is of this arm, or of a different one.
     old = fit(data(5, arm_seed), FitOptions(formulation)).model
     cold, warm = (fit(data(0), FitOptions(formulation), old=start) for start in (None, old))
     same(cold, warm)
@@ -40,7 +40,7 @@ def test_a_start_from_the_same_arm_takes_fewer_rounds():
 
 
 @BOTH
-def test_a_model_of_nothing_or_of_another_kind_is_left_aside(formulation):
+def test_an_empty_model_or_one_of_other_joints_is_ignored(formulation):
     cold = fit(data(0), FitOptions(formulation))
     nothing = Expansion(np.zeros(0, dtype=np.int64), np.zeros(0))
     other = replace(cold.model, energy=nothing if cold.model.energy is not None else None,

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
-from gravity_comp_ros.display import percent, Displayable, TextTable
+from gravity_comp_ros.display import Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque, rows_of
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.evaluation.residual_regions import find_places, Place

@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray, JointSamples
-from gravity_comp_ros.errors import DataError, ModelFileError
+from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.applied_effects import Applied
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -25,6 +25,7 @@ import numpy as np
 
 # Number of features above which the chain itself is evaluated faster than its expansion.
 _MAX_FEATURES = 100
+FORMULATIONS = ('per_joint', 'potential', 'chain')
 ADDED, REMOVED, UPDATED = 'added', 'removed', 'updated'
 
 
@@ -237,16 +238,3 @@ class _Evaluator:
         np.sin(q, out=table[dictionary.SIN])
         np.cos(q, out=table[dictionary.COS])
         return np.multiply.reduce(table.take(self._flat), axis=0) @ self.weights
-
-
-def check_formulation(name: str) -> None:
-    """
-    Check the name of a formulation.
-
-    :raises ModelFileError: if it is unknown.
-    """
-    if name not in FORMULATIONS:
-        raise ModelFileError(f'unknown formulation {name!r}; known: {", ".join(FORMULATIONS)}')
-
-
-FORMULATIONS = ('per_joint', 'potential', 'chain')

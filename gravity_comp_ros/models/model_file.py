@@ -17,7 +17,7 @@ from gravity_comp_ros.atomic import write_atomically
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import GravityCompError, ModelFileError
 from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Value
-from gravity_comp_ros.models.gravity_model import check_formulation, Coverage, GravityModel, Step
+from gravity_comp_ros.models.gravity_model import Coverage, FORMULATIONS, GravityModel, Step
 from gravity_comp_ros.models.kinematic.chain import Chain
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.nuisance import NuisanceTerm, NuisanceTerms
@@ -218,7 +218,9 @@ def _text(value: object) -> str:
 
 def _gravity(body: dict[str, Any]) -> GravityModel:
     joints = tuple(_list(body['joints'], str))
-    check_formulation(body['formulation'])
+    if body['formulation'] not in FORMULATIONS:
+        raise ModelFileError(f'unknown formulation {body["formulation"]!r}; '
+                             f'known: {", ".join(FORMULATIONS)}')
     place = body['coverage']
     coverage = Coverage(_floats(place['q_min']), _floats(place['q_max']),
                         int(place['n_samples']), int(place['n_runs']))

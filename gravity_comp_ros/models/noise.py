@@ -78,13 +78,13 @@ def first_guess(tau: FloatArray) -> NoiseModel:
     return NoiseModel(np.maximum(rms, floor(tau)), np.zeros(tau.shape[1]))
 
 
-def estimate(residual: FloatArray, predicted: FloatArray, least: float,
+def estimate(residual: FloatArray, predicted: FloatArray, minimum: float,
              used: FloatArray) -> NoiseModel:
     """
     Return the noise model of residuals (M, N).
 
     :param predicted: predicted torques (M, N), N·m.
-    :param least: minimum standard deviation (`floor`), N·m.
+    :param minimum: minimum standard deviation (`floor`), N·m.
     :param used: degrees of freedom of the fit on each joint (N,).
     """
     m, n = residual.shape
@@ -92,39 +92,39 @@ def estimate(residual: FloatArray, predicted: FloatArray, least: float,
     for joint in range(n):
         share = max((m - used[joint]) / m, 0.1)
         absolute[joint], relative[joint] = _estimate_joint(
-            residual[:, joint] / np.sqrt(share), predicted[:, joint], least)
+            residual[:, joint] / np.sqrt(share), predicted[:, joint], minimum)
     return NoiseModel(absolute, relative)
 
 
 def _estimate_joint(residual: FloatArray, predicted: FloatArray,
-                    least: float) -> tuple[float, float]:
-    constant = max(float(np.sqrt((residual ** 2).mean())), least)
+                    minimum: float) -> tuple[float, float]:
+    constant = max(float(np.sqrt((residual ** 2).mean())), minimum)
     load = float(np.sqrt((predicted ** 2).mean()))
-    if load <= least:
+    if load <= minimum:
         return constant, 0.0
 
     constant_cost = 0.5 * (np.log(constant ** 2)
                            + float((residual ** 2).mean()) / constant ** 2)
     start = 2.0 * np.log([0.5 * constant, 0.5 * constant / load])
-    logs, cost = _maximum_likelihood(residual ** 2, predicted ** 2, least ** 2, start)
+    logs, cost = _maximum_likelihood(residual ** 2, predicted ** 2, minimum ** 2, start)
     absolute, relative = np.exp(0.5 * logs)
     if (len(residual) * (constant_cost - cost) < _MIN_LOG_LIKELIHOOD
             or relative > _MAX_RELATIVE):
         return constant, 0.0
-    return max(float(absolute), least), float(relative)
+    return max(float(absolute), minimum), float(relative)
 
 
-def _maximum_likelihood(squares: FloatArray, loads: FloatArray, least: float,
+def _maximum_likelihood(squares: FloatArray, loads: FloatArray, minimum: float,
                         logs: FloatArray) -> tuple[FloatArray, float]:
     """
-    Return ln a^2 and ln b^2 of the variance a^2 + b^2 load + least, and -ln of the likelihood.
+    Return ln a^2 and ln b^2 of the variance a^2 + b^2 load + minimum, and -ln of the likelihood.
 
     Fisher's scoring: the expected Hessian is positive semidefinite, so every step is a descent
     direction; it is halved until the cost falls.
     """
     def state(logs: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         parts = np.exp(logs)[:, None] * np.stack([np.ones_like(loads), loads])
-        variance = parts[0] + parts[1] + least
+        variance = parts[0] + parts[1] + minimum
         excess = squares / variance
         return parts / variance, excess, float(0.5 * (np.log(variance) + excess).mean())
 

@@ -1,13 +1,14 @@
 """
-ADMM for the L1 problem on few columns, from their Gram matrix.
+ADMM for the L1 problem on a few columns, from their Gram matrix.
 
     minimise  1/2 x.T G x - c.T x + sum_k lambda_k |x_k|            (Yu 2022, Eqs. 8-9)
 
 with G = A.T A and c = A.T b. The splitting x = z, the linear step, the soft threshold and the
 dual update are Yu 2022, Eqs. 10-14; over-relaxation and the balancing of rho follow Boyd et al.,
 Distributed Optimization and Statistical Learning via ADMM (2011), sections 3.4.1 and 3.4.3.
-ADMM finds the support fast and the last digits slowly, so the end is a polish: solve on the
-support with its signs, and keep that if it satisfies the optimality conditions.
+ADMM finds the support fast and converges slowly in the last digits. So the final step is a polish:
+solve on the support with its signs, and accept the result if it satisfies the optimality
+conditions.
 """
 
 from __future__ import annotations
@@ -19,23 +20,23 @@ from gravity_comp_ros.errors import FitError, OptionError
 import numpy as np
 from scipy import linalg
 
-# An eigenvalue of the Gram matrix smaller than this, relative to the largest, is rounding.
+# Eigenvalues of the Gram matrix below this share of the largest are rounding errors.
 _DEPENDENT = 1e-13
-# The iteration after which a polish is tried first.
-_EARLY = 5
-# Many times any coefficient.
+# Iteration of the first polish.
+_FIRST_POLISH = 5
+# Distance of a point that is certain to change a sign, as a multiple of the largest coefficient.
 _FAR = 1e3
 
 
 @dataclass(frozen=True)
 class AdmmOptions:
     """
-    How ADMM runs.
+    Options of ADMM.
 
     `tolerance` bounds the violation of the optimality conditions, relative to the largest
-    lambda_k; `over_relaxation` lies in [1, 1.9]; `rho` is the first penalty parameter, for
-    columns of length 1; a polish is tried early, for a start that is nearly right, and then every
-    `polish_every` iterations.
+    lambda_k; `over_relaxation` lies in [1, 1.9]; `rho` is the initial penalty parameter, for
+    columns of length 1; a polish is tried early, for a good start, and then every `polish_every`
+    iterations.
 
     :raises OptionError: if a value is out of range.
     """
@@ -60,7 +61,7 @@ class AdmmOptions:
 
 @dataclass(eq=False)
 class AdmmState:
-    """Where ADMM stopped, in columns of length 1: z, the scaled dual y, and rho."""
+    """State of ADMM, for columns of length 1: z, the scaled dual y, and rho."""
 
     z: FloatArray
     y: FloatArray
@@ -70,10 +71,10 @@ class AdmmState:
 @dataclass(frozen=True)
 class AdmmResult:
     """
-    Where ADMM stopped, and how well that solves the problem.
+    Final state of ADMM and its accuracy.
 
     `primal_residual` |x - z| and `dual_residual` rho |z - z_old| are those of one more iteration
-    from the final state, the polish included, not of the iteration that led to it.
+    from the final state, after the polish.
     """
 
     state: AdmmState
@@ -92,7 +93,7 @@ def soft_threshold(v: FloatArray, threshold: FloatArray | float) -> FloatArray:
 
 def violation(z: FloatArray, gradient: FloatArray, penalties: FloatArray) -> float:
     """
-    Return by how much z breaks the optimality conditions, relative to the largest penalty.
+    Return the largest violation of the optimality conditions, relative to the largest penalty.
 
     With gradient = G z - c: -gradient_k = lambda_k sign(z_k) where z_k is not 0, and
     |gradient_k| <= lambda_k where it is.
@@ -111,7 +112,7 @@ def solve(gram: FloatArray, correlation: FloatArray, penalties: FloatArray, star
     :param gram: G (K, K) of columns of length 1.
     :param correlation: c (K,).
     :param penalties: lambda_k >= 0 (K,), at least one of them positive.
-    :return: the result; `converged` says whether the tolerance was reached.
+    :return: the result; `converged` is True if the tolerance was reached.
     :raises FitError: if the numbers are not finite.
     """
     if not (np.isfinite(gram).all() and np.isfinite(correlation).all()):
@@ -125,32 +126,33 @@ def solve(gram: FloatArray, correlation: FloatArray, penalties: FloatArray, star
         relaxed = options.over_relaxation * x + (1.0 - options.over_relaxation) * z
         z_old, z = z, soft_threshold(relaxed + y, penalties / rho)       # Eq. 13
         y += relaxed - z                                                 # Eq. 14
-        if iteration % options.polish_every and iteration not in (_EARLY, options.max_iterations):
+        if iteration % options.polish_every and iteration not in (
+                _FIRST_POLISH, options.max_iterations):
             continue
         primal = float(np.linalg.norm(x - z))
         dual = float(rho * np.linalg.norm(z - z_old))
         polished = polish(gram, correlation, penalties, z, options.tolerance)
         for candidate, is_polished in ((polished, True), (z, False)):
-            broken = violation(candidate, gram @ candidate - correlation, penalties)
-            if broken <= options.tolerance:
+            error = violation(candidate, gram @ candidate - correlation, penalties)
+            if error <= options.tolerance:
                 state = AdmmState(candidate, (correlation - gram @ candidate) / rho, rho)
                 return AdmmResult(state, iteration,
                                   *_residuals(inverse, correlation, penalties, state),
-                                  broken, is_polished, True)
+                                  error, is_polished, True)
         factor = _rebalance(primal, dual)
         if factor != 1.0:
             rho *= factor
             y /= factor
             inverse = _inverse(gram, rho)
-    broken = violation(z, gram @ z - correlation, penalties)
+    error = violation(z, gram @ z - correlation, penalties)
     state = AdmmState(z, y, rho)
     return AdmmResult(state, options.max_iterations,
-                      *_residuals(inverse, correlation, penalties, state), broken, False, False)
+                      *_residuals(inverse, correlation, penalties, state), error, False, False)
 
 
 def _residuals(inverse: FloatArray, correlation: FloatArray, penalties: FloatArray,
                state: AdmmState) -> tuple[float, float]:
-    """Return the primal and the dual residual of one plain iteration from a state."""
+    """Return the primal and the dual residual of one iteration without over-relaxation."""
     x = inverse @ (correlation + state.rho * (state.z - state.y))
     z = soft_threshold(x + state.y, penalties / state.rho)
     return (float(np.linalg.norm(x - z)), float(state.rho * np.linalg.norm(z - state.z)))
@@ -159,13 +161,13 @@ def _residuals(inverse: FloatArray, correlation: FloatArray, penalties: FloatArr
 def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
            z: FloatArray, tolerance: float) -> FloatArray:
     """
-    Walk from ADMM's guess to the exact minimiser, support by support.
+    Return the exact minimiser, by an active-set method from ADMM's iterate z.
 
-    On a support with given signs the minimiser solves a linear system. Where that turns a sign,
-    the step stops at the first coefficient that reaches 0, which leaves the support; where the
-    optimality conditions fail outside, the worst offender enters. Columns that depend on each
-    other are thinned out first. Each step lowers the objective, so the walk ends; it is cut
-    short after a few times K steps.
+    On a support with given signs the minimiser solves a linear system. If that reverses a sign,
+    the step stops at the first coefficient that reaches 0, which leaves the support. If the
+    optimality conditions are violated outside the support, the worst violator enters. Linearly
+    dependent columns are removed first. Each step lowers the objective, so the method ends; it is
+    limited to a few times K steps.
     """
     z, signs = z.copy(), np.sign(z)
     for _ in range(3 * len(z) + 10):
@@ -173,9 +175,9 @@ def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
         signed = penalties[active] * signs[active]
         target = _minimiser(gram[active[:, None], active], correlation[active] - signed,
                             signed, z[active])
-        turned = (target * signs[active] < 0.0) & (z[active] != target)
-        if turned.any():
-            _step_to_zero(z, signs, active, target, turned)
+        reversed_ = (target * signs[active] < 0.0) & (z[active] != target)
+        if reversed_.any():
+            _step_to_zero(z, signs, active, target, reversed_)
             continue
         z[active] = target
         gradient = gram[:, active] @ target - correlation
@@ -188,17 +190,17 @@ def polish(gram: FloatArray, correlation: FloatArray, penalties: FloatArray,
 
 
 def _step_to_zero(z: FloatArray, signs: FloatArray, active: IntArray, target: FloatArray,
-                  turned: BoolArray) -> None:
-    """Move towards `target` until the first coefficient that would turn is 0; drop it."""
-    here = z[active]
-    steps = np.where(turned, here / np.where(turned, here - target, 1.0), np.inf)
+                  reversed_: BoolArray) -> None:
+    """Move towards `target` until the first coefficient with reversed sign is 0; drop it."""
+    start = z[active]
+    steps = np.where(reversed_, start / np.where(reversed_, start - target, 1.0), np.inf)
     first = int(np.argmin(steps))
-    z[active] = here + steps[first] * (target - here)
+    z[active] = start + steps[first] * (target - start)
     z[active[first]] = signs[active[first]] = 0.0
 
 
 def _rebalance(primal: float, dual: float) -> float:
-    """Return by how much rho should change so that both residuals fall alike."""
+    """Return the factor of rho that balances the two residuals."""
     if primal == 0.0 or dual == 0.0:
         return 1.0
     ratio = np.sqrt(primal / dual)
@@ -218,24 +220,24 @@ def _inverse(gram: FloatArray, rho: float) -> FloatArray:
 
 
 def _minimiser(gram: FloatArray, right: FloatArray, signed: FloatArray,
-               here: FloatArray) -> FloatArray:
+               start: FloatArray) -> FloatArray:
     """
-    Solve G x = r, or where columns depend on each other, go downhill without changing A x.
+    Solve G x = r; for linearly dependent columns, descend from `start` without changing A x.
 
-    Along such a direction only the penalty changes, at a constant rate `signed`, so some
-    coefficient reaches 0: the point returned lies so far away that one has turned its sign.
+    In such a direction only the penalty changes, at a constant rate `signed`, so some coefficient
+    reaches 0: the returned point is far enough for a sign to be reversed.
     """
     if not right.size:
-        return right  # which the LAPACK of SciPy 1.11 refuses to solve
-    # LAPACK itself: SciPy's wrappers take longer than the ten unknowns here.
+        return right  # LAPACK of SciPy 1.11 rejects empty systems
+    # LAPACK directly: for ten unknowns SciPy's wrappers take longer than the solution.
     _, x, failed = linalg.lapack.dposv(gram, right)
     if not failed:
         return np.asarray(x)
     values, vectors = linalg.eigh(gram, check_finite=False)
     kept = values > _DEPENDENT * values[-1]
-    still = vectors[:, ~kept]
-    downhill = -still @ (still.T @ signed)
-    steepness = float(np.abs(downhill).max(initial=0.0))
+    null = vectors[:, ~kept]
+    descent = -null @ (null.T @ signed)
+    steepness = float(np.abs(descent).max(initial=0.0))
     if steepness > _DEPENDENT * np.abs(signed).max():
-        return here + downhill * (_FAR * np.abs(here).max() / steepness)
+        return start + descent * (_FAR * np.abs(start).max() / steepness)
     return np.asarray(vectors[:, kept] @ ((vectors[:, kept].T @ right) / values[kept]))

@@ -2,13 +2,13 @@
 The dictionary: all 3^N products of one factor {1, sin q_n, cos q_n} per joint.
 
 Every entry of the gravity torque of a serial arm of N revolute joints lies in the span of these
-products (Yu 2022, Property 1, Eqs. 3-4). A feature is known by its index; the index written in
-base 3, joint 1 first, tells which factor each joint takes: 0 is 1, 1 is sin, 2 is cos.
+products (Yu 2022, Property 1, Eqs. 3-4). A feature is identified by its index. The base-3 digits
+of the index, joint 1 first, are the factors of the joints: 0 is 1, 1 is sin, 2 is cos.
 
 The 3^N columns are never built. A feature row is the Kronecker product of the factors of the
-first joints with those of the last, so that with the halves L and R (Yu 2022, Eq. 6)
+first joints with those of the last, so with the halves L and R (Yu 2022, Eq. 6)
 
-    F.T r = vec(L.T diag(r) R)                 and    F F'.T = prod_n (1 + cos(q_n - q'_n)).
+    F.T r = vec(L.T diag(r) R).
 """
 
 from __future__ import annotations
@@ -20,10 +20,9 @@ from gravity_comp_ros.errors import DataError
 import numpy as np
 
 ONE, SIN, COS = 0, 1, 2
-# 3^12 features are 4 MB a vector; one more joint would triple every product for arms that
-# nobody has.
+# 3^12 features are 4 MB a vector; each further joint triples every product.
 MAX_JOINTS = 12
-# Columns of so many poses at a time fit the cache.
+# Number of poses per batch: their columns fit into the processor's cache.
 _AT_ONCE = 1024
 
 
@@ -34,8 +33,8 @@ def n_features(n_joints: int) -> int:
     :raises DataError: if N is not 1 to 12.
     """
     if not 1 <= n_joints <= MAX_JOINTS:
-        raise DataError(f'{n_joints} joints; the dictionary takes 1 to {MAX_JOINTS}. Choose '
-                        f'the joints that carry gravity')
+        raise DataError(f'{n_joints} joints; the dictionary takes 1 to {MAX_JOINTS}. Select '
+                        f'the joints with gravity torque')
     return int(3 ** n_joints)
 
 
@@ -53,7 +52,7 @@ def index_of(factors: IntArray) -> IntArray:
 
 
 def feature_name(index: int, n_joints: int) -> str:
-    """Return a feature as the paper prints it, e.g. `s1 c2`; the constant is `1`."""
+    """Return a feature in the notation of Yu 2022, e.g. `s1 c2`; the constant is `1`."""
     return feature_names(np.array([index]), n_joints)[0]
 
 
@@ -74,7 +73,7 @@ def joint_factors(q: FloatArray) -> FloatArray:
 
 def columns(q: FloatArray, indices: IntArray) -> FloatArray:
     """
-    Return the chosen columns of the feature matrix F (Yu 2022, Eqs. 5-7).
+    Return selected columns of the feature matrix F (Yu 2022, Eqs. 5-7).
 
     :param q: joint positions (M, N), rad.
     :param indices: K features.
@@ -89,7 +88,7 @@ def columns(q: FloatArray, indices: IntArray) -> FloatArray:
 
 def combined(q: FloatArray, indices: IntArray, weights: FloatArray) -> FloatArray:
     """
-    Return sums of features, (M, J), without a matrix of all of them in memory.
+    Return weighted sums of features, (M, J), without the whole matrix in memory.
 
     :param q: joint positions (M, N), rad.
     :param weights: (K, J) of the K features of `indices`.
@@ -101,20 +100,12 @@ def combined(q: FloatArray, indices: IntArray, weights: FloatArray) -> FloatArra
     return sums
 
 
-def kernel(q: FloatArray, other: FloatArray) -> FloatArray:
-    """Return F F'.T for two sets of poses (M, N), (M', N): prod_n (1 + cos(q_n - q'_n))."""
-    product = np.ones((q.shape[0], other.shape[0]))
-    for n in range(q.shape[1]):
-        product *= 1.0 + np.cos(q[:, n, None] - other[None, :, n])
-    return product
-
-
 class Halves:
     """
     The row-wise Kronecker halves L (first joints) and R (last joints) of F for q (M, N).
 
-    Both are kept transposed, `left` (3^n_left, M) and `right` (3^n_right, M), so that what is
-    done sample by sample runs along contiguous memory.
+    Both are stored transposed, `left` (3^n_left, M) and `right` (3^n_right, M), so that operations
+    over samples run along contiguous memory.
     """
 
     def __init__(self, q: FloatArray) -> None:
@@ -127,12 +118,12 @@ class Halves:
 
     @cached_property
     def scratch(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Room for a changed L, a changed R, and a third of either; not for two threads."""
+        """Buffers for a modified L, a modified R, and a third of either; not thread-safe."""
         return np.empty_like(self.left), np.empty_like(self.right), np.empty(
             (len(self.left) // 3, self.left.shape[1]))
 
     def columns(self, indices: IntArray) -> FloatArray:
-        """Return the chosen columns of F, transposed, shape (K, M)."""
+        """Return selected columns of F, transposed, shape (K, M)."""
         left, right = np.divmod(np.asarray(indices, dtype=np.int64), len(self.right))
         return self.left[left] * self.right[right]
 
@@ -148,7 +139,7 @@ class Halves:
 
 def derivative(indices: IntArray, n_joints: int, joint: int) -> tuple[IntArray, FloatArray]:
     """
-    Return d phi_k / d q_joint as (feature, sign): the derivative stays in the dictionary.
+    Return d phi_k / d q_joint as (feature, sign): the derivative is in the dictionary as well.
 
     sin becomes cos, cos becomes -sin, and a feature without the joint has sign 0.
     """

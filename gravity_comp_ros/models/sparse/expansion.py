@@ -13,7 +13,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """A sparse sum over the dictionary: rising feature `indices` (K,), `weights` (K,)."""
+    """A sparse sum over the dictionary: ascending feature `indices` (K,), `weights` (K,)."""
 
     indices: IntArray
     weights: FloatArray
@@ -24,7 +24,7 @@ class Expansion:
         if indices.ndim != 1 or indices.shape != weights.shape:
             raise DataError(f'expansion: {indices.shape} features with {weights.shape} weights')
         if np.any(np.diff(indices) <= 0) or np.any(indices < 0):
-            raise DataError('expansion: features must rise and not repeat')
+            raise DataError('expansion: features must be ascending and unique')
         if not np.isfinite(weights).all():
             raise DataError('expansion: a weight is not finite')
         object.__setattr__(self, 'indices', indices)
@@ -35,7 +35,7 @@ class Expansion:
         return np.asarray(dictionary.columns(q, self.indices) @ self.weights)
 
     def gradient(self, n_joints: int, joint: int) -> Expansion:
-        """Return d/dq_joint of this sum, which lies in the dictionary again."""
+        """Return d/dq_joint of this sum, which is in the dictionary as well."""
         features, signs = dictionary.derivative(self.indices, n_joints, joint)
         present = signs != 0.0
         order = np.argsort(features[present])

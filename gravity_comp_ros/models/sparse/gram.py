@@ -1,9 +1,9 @@
 """
-Products between columns of unit length: the few of a support, and any others.
+Products of the unit-length columns of a support with all others.
 
-Up to nine joints the products of one column with all 3^N are a single pass over the halves
-(`Design.correlate`), cheaper than building the hundred columns that a search looks at around it,
-and they serve every later step. Beyond that only the columns that are asked for are built.
+Up to nine joints the products of one column with all 3^N columns are a single pass over the halves
+(`Design.correlate`). This is cheaper than building the hundred candidate columns of a search, and
+the products are reused in every later step. With more joints only the required columns are built.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
-# Columns of the dictionary of nine joints.
-_MOST = 3 ** 9
+# Maximum number of columns for which all products are stored: nine joints.
+_MAX_COLUMNS = 3 ** 9
 
 
 class Gram:
     """
-    The columns that were in a support, and their products.
+    Cache of the columns of all supports so far, and of their products.
 
-    :param per_length: one over the length of every column of the design, 0 where it is not used.
+    :param per_length: one over the length of every column of the design, 0 for unusable ones.
     """
 
     def __init__(self, design: Design, per_length: FloatArray) -> None:
         self.design, self.per_length = design, per_length
-        self.is_large = design.n_columns > _MOST
+        self.is_large = design.n_columns > _MAX_COLUMNS
         self._place: dict[int, int] = {}
         self._row: dict[int, int] = {}
         self._columns = np.zeros((0, design.n_rows))
@@ -51,7 +51,7 @@ class Gram:
         return self._with_all[rows[:, None], others]
 
     def explained(self, support: IntArray, x: FloatArray) -> FloatArray:
-        """Return the products of all columns with what a support's x (K,) make, (3^N,)."""
+        """Return the products (3^N,) of all columns with a support's prediction for x (K,)."""
         places = self._places(support)
         if self.is_large:
             return self.design.correlate(x @ self._columns[places]) * self.per_length
@@ -63,7 +63,7 @@ class Gram:
         return self.design.correlate(b) * self.per_length
 
     def _rows(self, places: IntArray) -> IntArray:
-        """Return where the products with all columns are of those at `places`."""
+        """Return the rows of the stored products with all columns, for columns at `places`."""
         new = [place for place in places.tolist() if place not in self._row]
         if new:
             products = self.design.correlate_many(self._columns[new].T) * self.per_length
@@ -72,12 +72,13 @@ class Gram:
         return np.array([self._row[place] for place in places.tolist()], dtype=np.int64)
 
     def _places(self, support: IntArray) -> IntArray:
+        """Return the places of a support's columns in the cache; missing ones are built."""
         new = [k for k in support.tolist() if k not in self._place]
         if new:
-            fresh = self.built(np.array(new))
-            cross = self._columns @ fresh.T
-            self._within = np.block([[self._within, cross], [cross.T, fresh @ fresh.T]])
-            self._columns = np.concatenate([self._columns, fresh])
+            added = self.built(np.array(new))
+            cross = self._columns @ added.T
+            self._within = np.block([[self._within, cross], [cross.T, added @ added.T]])
+            self._columns = np.concatenate([self._columns, added])
             self._place.update(zip(new, range(len(self._place), len(self._columns))))
         return np.array([self._place[k] for k in support.tolist()], dtype=np.int64)
 

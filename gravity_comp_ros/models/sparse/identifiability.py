@@ -1,8 +1,8 @@
 """
-Which features a motion can tell apart.
+Identifiable features of a motion.
 
-A joint that never moves makes its sin and cos columns copies of the constant: the features that
-hold them are dropped, and the user is told, rather than let a solver share a weight among them.
+The sin and cos columns of a joint at rest are collinear with the constant. The features that
+contain them are dropped and reported, so that the solver does not distribute a weight among them.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray
 from gravity_comp_ros.models.sparse import dictionary
 import numpy as np
 
-# A joint that moves less than this is at rest: encoder noise and a controller's jitter.
+# Maximum joint travel, in rad, of a joint that counts as at rest (encoder noise, control jitter).
 AT_REST = 2e-3
 
 
 def at_rest(q: FloatArray) -> BoolArray:
-    """Return which joints of q (M, N) in rad never move, shape (N,)."""
+    """Return the mask (N,) of the joints of q (M, N) in rad that are at rest."""
     return np.ptp(q, axis=0) < AT_REST if len(q) else np.ones(q.shape[1], dtype=bool)
 
 
@@ -27,15 +27,16 @@ def usable_for_torque(q: FloatArray) -> BoolArray:
 
 def usable_for_energy(q: FloatArray) -> BoolArray:
     """
-    Return the mask of features whose gradient the motion can tell apart, shape (3^N,).
+    Return the mask of features with an identifiable gradient, shape (3^N,).
 
-    A joint at rest keeps, beside the constant, the one of its two factors whose derivative is
-    not near 0 there: that is what its own torque is made of.
+    A joint at rest keeps the constant and the factor with the larger derivative at its position,
+    which determines its own torque.
     """
     kept = {}
     for n in np.flatnonzero(at_rest(q)):
-        here = float(q[:, n].mean())
-        steeper = dictionary.SIN if abs(np.cos(here)) >= abs(np.sin(here)) else dictionary.COS
+        position = float(q[:, n].mean())
+        steeper = (dictionary.SIN if abs(np.cos(position)) >= abs(np.sin(position))
+                   else dictionary.COS)
         kept[n] = {dictionary.ONE, steeper}
     return _mask(q.shape[1], kept)
 

@@ -1,13 +1,13 @@
 """
-The L1 problem over all 3^N features, solved on a working set of few.
+The L1 problem over all 3^N features, solved on a small working set.
 
     minimise  1/2 |A x - b|^2 + lambda sum_k s_k |x_k|        (Yu 2022, Eqs. 8-9)
 
-s_k is the length of column k, so that lambda is in units of the noise when the rows of A and b
-are divided by its standard deviation. ADMM solves the problem on the columns that matter; the
-optimality conditions are then checked over all 3^N columns, through products that never build
-them; violators join the working set. The certificate that a solution carries is computed from
-the problem again, not taken from the solver.
+s_k is the length of column k, so lambda is in units of the noise when the rows of A and b are
+divided by its standard deviation. ADMM solves the problem on the working set. The optimality
+conditions are then checked over all 3^N columns, by products that never build them, and violators
+join the working set. The certificate of a solution is computed from the problem, independently of
+the solver.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from gravity_comp_ros.models.sparse import admm
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
-# Violators that join the working set in one round: few, because ADMM's work grows with the set,
-# but more where checking all 3^N columns is what takes the time.
+# Number of violators that join the working set in one round. It is small because ADMM's cost grows
+# with the set, and larger where the check of all 3^N columns dominates.
 _BATCH, _LARGE_BATCH = 10, 40
 _LARGE = 3 ** 9
 _MAX_ROUNDS = 100
-# A working set larger than this forgets what has been 0 for long.
-_MANY = 300
-# How far a path is followed with products that are not precise.
-_ROUGH = 1e-4
-# A column shorter than this, relative to the longest, is what rounding left of a structural 0.
+# Size of the working set above which columns with coefficient 0 are removed.
+_MAX_WORKING_SET = 300
+# Tolerance of a path followed with float32 products.
+_COARSE = 1e-4
+# Length below which, relative to the longest, a column is a structural 0 up to rounding.
 _NEGLIGIBLE = 1e-9
 
 
@@ -38,17 +38,17 @@ def column_lengths(design: Design) -> FloatArray:
 
 
 def has_length(lengths: FloatArray) -> BoolArray:
-    """Return which columns are longer than what rounding leaves of a structural 0."""
+    """Return the mask of the columns that are not a structural 0 up to rounding."""
     return lengths > _NEGLIGIBLE * max(float(lengths.max(initial=0.0)), 1e-300)
 
 
 @dataclass(frozen=True)
 class Certificate:
     """
-    How optimal a solution is, computed from the problem over all columns of unit length.
+    Optimality of a solution, computed from the problem over all columns of unit length.
 
-    `gap` is the duality gap relative to the primal objective; `violation` the largest breach
-    of the optimality conditions relative to lambda. The residuals are those of the split x = z
+    `gap` is the duality gap relative to the primal objective; `violation` the largest violation of
+    the optimality conditions relative to lambda. The residuals are those of the split x = z
     at the final point: with y = A.T (b - A x), for which Eq. (12) yields x again, Eq. (13) yields
     z = S_lambda(x + y), and `primal_residual` is |x - z|; `dual_residual` is the largest distance
     of y from lambda times the subdifferential of |x|.
@@ -82,8 +82,9 @@ class LassoProblem:
     An L1 problem; solutions for a falling lambda share the working set and its Gram matrix.
 
     :param design: A, weighted rows.
-    :param b: right-hand side (R,), weighted alike.
-    :param usable: mask over all columns; the others stay 0, as do columns of length 0.
+    :param b: right-hand side (R,), with the same weights.
+    :param usable: mask over all columns; the coefficients of the others, and of columns of
+        length 0, are 0.
     """
 
     design: Design
@@ -106,26 +107,26 @@ class LassoProblem:
 
     @property
     def lambda_max(self) -> float:
-        """Return the least lambda at which every coefficient is 0."""
+        """Return the smallest lambda at which every coefficient is 0."""
         return float(np.abs(self._c).max(initial=0.0))
 
     def solve(self, lam: float) -> LassoSolution:
-        """Return the solution for `lam` > 0, started from the last one, with its certificate."""
+        """Return the solution for `lam` > 0, started from the previous one."""
         before = (0, 0)
         if self._precise is not self.design:
-            before = self._run(lam, replace(self.options, tolerance=_ROUGH), self.design)[1:]
+            before = self._run(lam, replace(self.options, tolerance=_COARSE), self.design)[1:]
         inner, iterations, rounds = self._run(lam, self.options, self._precise)
         return self._solution(lam, inner, iterations + before[0], rounds + before[1])
 
     def approach(self, lam: float, tolerance: float) -> None:
-        """Move to a rough solution for `lam`: a step of a path that ends elsewhere."""
+        """Move to a coarse solution for `lam`, an intermediate step of a path."""
         self._run(lam, replace(self.options, tolerance=tolerance), self.design)
 
     def _run(self, lam: float, options: admm.AdmmOptions,
              design: Design) -> tuple[admm.AdmmResult, int, int]:
-        """Solve on the working set and enlarge it until no other column violates anything."""
+        """Solve on the working set and enlarge it until no column violates the conditions."""
         iterations, rounds = 0, 0
-        # What the last lambda left over tells what this one needs, before anything is solved.
+        # The residual of the previous lambda determines the first violators.
         self._take_violators(lam, options.tolerance)
         while True:
             rounds += 1
@@ -154,17 +155,17 @@ class LassoProblem:
         return design.correlate(residual) * self._inverse_lengths
 
     def _enlarge(self, new: IntArray, correlation: FloatArray) -> None:
-        """Add columns, leaving out what has been 0 for long if the set has grown large."""
-        if len(self._set) > _MANY:
+        """Add columns; a large working set first drops those with coefficient 0."""
+        if len(self._set) > _MAX_WORKING_SET:
             self._forget(np.flatnonzero(self._state.z == 0.0))
         k, both = len(self._set), len(self._set) + len(new)
-        fresh = (self.design.columns(new) * self._inverse_lengths[new]).T
+        added = (self.design.columns(new) * self._inverse_lengths[new]).T
         gram = np.empty((both, both))
         gram[:k, :k] = self._gram
-        np.matmul(self._columns, fresh.T, out=gram[:k, k:])
+        np.matmul(self._columns, added.T, out=gram[:k, k:])
         gram[k:, :k] = gram[:k, k:].T
-        np.matmul(fresh, fresh.T, out=gram[k:, k:])
-        self._gram, self._columns = gram, np.concatenate([self._columns, fresh])
+        np.matmul(added, added.T, out=gram[k:, k:])
+        self._gram, self._columns = gram, np.concatenate([self._columns, added])
         self._set = np.concatenate([self._set, new])
         state = self._state
         self._state = admm.AdmmState(np.concatenate([state.z, np.zeros(len(new))]),
@@ -172,7 +173,7 @@ class LassoProblem:
                                      state.rho)
 
     def _forget(self, idle: IntArray) -> None:
-        """Take columns out of the working set."""
+        """Remove columns from the working set."""
         self._columns, self._set = np.delete(self._columns, idle, 0), np.delete(self._set, idle)
         self._gram = np.delete(np.delete(self._gram, idle, 0), idle, 1)
         self._state = admm.AdmmState(np.delete(self._state.z, idle),
@@ -189,7 +190,7 @@ class LassoProblem:
                              iterations, rounds, len(self._set), inner.converged, certificate)
 
     def _certify(self, indices: IntArray, z: FloatArray, lam: float) -> Certificate:
-        """Compute the certificate from A, b and z alone."""
+        """Return the certificate, computed from A, b and z only."""
         unit_columns = self.design.columns(indices) * self._inverse_lengths[indices]
         residual = self.b - unit_columns @ z
         correlation = self._precise.correlate(residual) * self._inverse_lengths
@@ -199,7 +200,7 @@ class LassoProblem:
         steepest = float(np.abs(correlation).max(initial=0.0))
         dual_point = residual * min(1.0, lam / max(steepest, 1e-300))
         dual = float(dual_point @ self.b - 0.5 * dual_point @ dual_point)
-        broken = admm.violation(full, -correlation, np.full(len(full), lam))
+        violation = admm.violation(full, -correlation, np.full(len(full), lam))
         split = float(np.linalg.norm(full - admm.soft_threshold(full + correlation, lam)))
         return Certificate(objective, dual, (objective - dual) / max(objective, 1e-300),
-                           broken, split, broken * lam)
+                           violation, split, violation * lam)

@@ -1,8 +1,8 @@
 """
-The per-joint formulation of the paper: each joint's torque is a sparse sum of its own.
+The per-joint formulation of Yu 2022: one independent sparse sum for each joint's torque.
 
-tau_n = F beta_n over all 3^N features (Yu 2022, Eqs. 5-9). Right where it was trained; outside,
-nothing holds the joints' torques together, and the error can exceed the torque itself.
+tau_n = F beta_n over all 3^N features (Yu 2022, Eqs. 5-9). It is accurate within the trained
+range. Outside, the joints' torques are not coupled, and the error can exceed the torque itself.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ def fit_per_joint(samples: JointSamples, options: SparseOptions,
                   spread: FloatArray | None = None
                   ) -> tuple[tuple[Expansion, ...], list[SparseFit]]:
     """
-    Fit each joint's torque by itself.
+    Fit each joint's torque separately.
 
     :param old: the torques of an old model to start from.
     :param columns: nuisance columns (K, N, M), torque per unit of coefficient.
-    :param trust: weights (M, N) of squared residuals.
-    :param spread: standard deviations (K,) of the coefficients before any data, per N·m of noise;
-        None where all are free.
-    :return: one expansion per joint in N·m, and the sparse fits behind them.
+    :param trust: robust weights (M, N) of squared residuals.
+    :param spread: prior standard deviations (K,) of the coefficients, per N·m of noise; None
+        where all are free.
+    :return: one expansion per joint in N·m, and their sparse fits.
     :raises FitError: if there are no samples.
     """
     usable = usable_for_torque(samples.q)
@@ -41,11 +41,11 @@ def fit_per_joint(samples: JointSamples, options: SparseOptions,
                 for joint in range(samples.n_joints)]
     fits = [fit_sparse(problem, options, old[joint].indices if old else None)
             for joint, problem in enumerate(problems)]
-    return tuple(Expansion(found.indices, found.x) for found in fits), fits
+    return tuple(Expansion(fit.indices, fit.x) for fit in fits), fits
 
 
 def _of_joint(columns: FloatArray | None, joint: int) -> FloatArray | None:
-    """Return the nuisance columns (1, M, K) that act on a joint, None without any."""
+    """Return the nuisance columns (1, M, K) of a joint, None without any."""
     if columns is None:
         return None
     own = columns[:, joint][columns[:, joint].any(axis=1)]

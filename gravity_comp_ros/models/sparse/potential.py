@@ -1,9 +1,9 @@
 """
-The potential formulation: gravity is the gradient of ONE energy, and the energy is sparse.
+The potential formulation: gravity is the gradient of one sparse energy.
 
-U = sum_k theta_k phi_k(q), tau_n = dU/dq_n. All joints share theta, so each joint's data tells
-about the others, and a torque that does no honest work (friction, an offset) cannot be
-represented: it stays in the residual, where it can be found.
+U = sum_k theta_k phi_k(q), tau_n = dU/dq_n. All joints share theta, so the data of each joint
+determine the others as well. Non-conservative torques (friction) and offsets cannot be represented
+and remain in the residual.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ def fit_potential(samples: JointSamples, options: SparseOptions,
 
     :param old: the energy of an old model to start from.
     :param columns: nuisance columns (K, N, M), torque per unit of coefficient.
-    :param trust: weights (M, N) of squared residuals.
-    :param spread: standard deviations (K,) of the coefficients before any data, per N·m of noise;
-        None where all are free.
-    :return: the energy in J, and the one sparse fit behind it.
+    :param trust: robust weights (M, N) of squared residuals.
+    :param spread: prior standard deviations (K,) of the coefficients, per N·m of noise; None
+        where all are free.
+    :return: the energy in J, and its sparse fit.
     :raises FitError: if there are no samples.
     """
     problem = SparseProblem(options.arrays.design_type(EnergyDesign), samples.q, samples.tau,
                             samples.runs, usable_for_energy(samples.q),
                             None if columns is None else columns.transpose(1, 2, 0), trust, spread)
-    found = fit_sparse(problem, options, None if old is None else old.indices)
-    return Expansion(found.indices, found.x), [found]
+    fit = fit_sparse(problem, options, None if old is None else old.indices)
+    return Expansion(fit.indices, fit.x), [fit]

@@ -1,5 +1,5 @@
 """
-A design beside nuisance columns, whose coefficients are free or known to be near 0.
+Whitening of a design against nuisance columns, with free coefficients or a Gaussian prior.
 
 With coefficients c ~ N(0, S^2) of nuisance columns Z (rows in units of the noise), the torque has
 the covariance I + Z S^2 Z.T. Both sides of the least squares of Yu 2022, Eq. (8) are whitened,
@@ -8,8 +8,8 @@ the covariance I + Z S^2 Z.T. Both sides of the least squares of Yu 2022, Eq. (8
 
 where Z S = Q l^(1/2) V.T. For a free coefficient l is infinite and P the projection on the
 orthogonal complement of Z (Frisch and Waugh 1933). So every L1 problem, its optimality conditions
-and its certificate hold for P A and P b, and friction or an offset cannot enter the support as
-features of gravity; nor can gravity hide in an offset where little motion tells them apart.
+and its certificate hold for P A and P b. Friction or an offset cannot enter the support as
+features of gravity, nor is gravity absorbed by an offset where little motion distinguishes them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gravity_comp_ros.models.least_squares import lstsq, svd
 from gravity_comp_ros.models.sparse.regressor import Design
 import numpy as np
 
-# Directions of the nuisance columns shorter than this share of the longest are rounding.
+# Singular values of the nuisance columns below this share of the largest are rounding errors.
 _RANK = 1e-9
 
 
@@ -30,7 +30,7 @@ def orthonormal_basis(columns: FloatArray) -> FloatArray:
     """
     Return an orthonormal basis (R, K') of the span of columns (R, K).
 
-    Columns are scaled to unit length first, so that their units do not decide the rank.
+    Columns are scaled to unit length first, so that the rank does not depend on their units.
     """
     lengths = np.linalg.norm(columns, axis=0)
     kept = lengths > 0.0
@@ -43,10 +43,10 @@ def orthonormal_basis(columns: FloatArray) -> FloatArray:
 @dataclass(frozen=True, eq=False)
 class NuisanceBasis:
     """
-    What nuisance columns span: orthonormal `directions` Q (R, K'), and `share` (K',) in 0 to 1.
+    The span of nuisance columns: orthonormal `directions` Q (R, K'), and `share` (K',) in 0 to 1.
 
-    The share l / (1 + l) says how much of a direction the nuisance terms take; 1 where they are
-    free.
+    The share l / (1 + l) is the part of a direction that the nuisance terms absorb; 1 where they
+    are free.
     """
 
     directions: FloatArray
@@ -57,17 +57,17 @@ class NuisanceBasis:
         """
         Return the basis of columns (R, K) in units of the noise.
 
-        :param spread: standard deviations (K,) of the coefficients before any data, infinite
-            where they are free; None if all are.
+        :param spread: prior standard deviations (K,) of the coefficients, infinite where they are
+            free; None if all are free.
         """
         if spread is None:
             free = orthonormal_basis(columns)
             return cls(free, np.ones(free.shape[1]))
-        loose = ~np.isfinite(spread)
-        free = orthonormal_basis(columns[:, loose])
-        rest = columns[:, ~loose] * spread[~loose]
-        rest = rest - free @ (free.T @ rest)
-        u, s, _ = svd(rest)
+        is_free = ~np.isfinite(spread)
+        free = orthonormal_basis(columns[:, is_free])
+        others = columns[:, ~is_free] * spread[~is_free]
+        others = others - free @ (free.T @ others)
+        u, s, _ = svd(others)
         kept = s > _RANK * max(float(s.max(initial=0.0)), 1e-300)
         power = s[kept] ** 2
         return cls(np.hstack([free, u[:, kept]]),
@@ -79,24 +79,24 @@ class NuisanceBasis:
         return np.asarray(self.directions * np.sqrt(self.share))
 
     @cached_property
-    def _taken(self) -> FloatArray:
+    def _d(self) -> FloatArray:
+        """Return the diagonal (K', 1) of D."""
         return np.asarray((1.0 - np.sqrt(1.0 - self.share))[:, None])
 
     def project(self, r: FloatArray) -> FloatArray:
         """Return P r for r (R,) or (R, K)."""
         inner = self.directions.T @ r
-        taken = self._taken if inner.ndim > 1 else self._taken[:, 0]
-        return np.asarray(r - self.directions @ (taken * inner))
+        d = self._d if inner.ndim > 1 else self._d[:, 0]
+        return np.asarray(r - self.directions @ (d * inner))
 
 
 def scaled_spread(spread: FloatArray | None, plain: FloatArray, weighted: FloatArray
                   ) -> FloatArray | None:
     """
-    Return the standard deviations (K,) that coefficients have before any data.
+    Return the prior standard deviations (K,) of coefficients.
 
-    They are given per N·m of noise, so that they widen with the noise that a fit works with: what
-    a first guess of the noise is too large by, or what an unmodelled effect adds to it, must not
-    turn friction into noise.
+    They are given per N·m of noise and scale with the noise of the fit: a noise that is
+    overestimated, by the first guess or an unmodelled effect, must not suppress friction.
 
     :param spread: (K,), per N·m of noise; None where all coefficients are free.
     :param plain: columns (R, K) in N·m per unit of coefficient; `weighted` the same in units of
@@ -110,10 +110,10 @@ def scaled_spread(spread: FloatArray | None, plain: FloatArray, weighted: FloatA
 
 def nuisance_coefficients(columns: FloatArray, target: FloatArray,
                           spread: FloatArray | None = None) -> FloatArray:
-    """Return the likeliest coefficients (K,) of columns (R, K) that explain a target (R,)."""
+    """Return the most probable coefficients (K,) of columns (R, K) for a target (R,)."""
     if spread is None:
         return np.asarray(lstsq(columns, target, rcond=1e-9))
-    # The prior of each coefficient is a row of its own.
+    # The prior of each coefficient is an additional row.
     rows = np.concatenate([columns, np.diag(1.0 / spread)])
     lengths = np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
     target = np.concatenate([target, np.zeros(len(spread))])
@@ -121,7 +121,7 @@ def nuisance_coefficients(columns: FloatArray, target: FloatArray,
 
 
 class ProjectedDesign:
-    """The design P A of a design A and a basis of nuisance columns, rows weighted alike."""
+    """The design P A of a design A and a basis of nuisance columns, with the same row weights."""
 
     def __init__(self, design: Design, basis: NuisanceBasis) -> None:
         self.design = design
@@ -138,7 +138,7 @@ class ProjectedDesign:
         return self if exact is self.design else ProjectedDesign(exact, self._basis)
 
     def reweighted(self, row_weights: FloatArray) -> Design:
-        """Return the plain design with other weights: its nuisance columns must be given anew."""
+        """Return the reweighted A; the nuisance columns must be reweighted by the caller."""
         return self.design.reweighted(row_weights)
 
     def columns(self, indices: IntArray) -> FloatArray:
@@ -158,6 +158,6 @@ class ProjectedDesign:
         """Return |P a|^2 = |a|^2 - |B.T a|^2 of every column a."""
         total = self.design.squared_norms()
         absorbed = (self.design.precise.correlate_many(self._basis.inside) ** 2).sum(axis=0)
-        left = total - absorbed
-        # What rounding leaves of a column that the nuisance columns span has no length.
-        return np.where(left > 1e-10 * total, left, 0.0)
+        remaining = total - absorbed
+        # Columns within the span of the nuisance columns have length 0 up to rounding.
+        return np.where(remaining > 1e-10 * total, remaining, 0.0)

@@ -1,10 +1,10 @@
 """
-Regressor matrices over the dictionary that are used without being built.
+Regressor matrices over the dictionary, used without being built.
 
-A design is a matrix A with one column per feature and weighted rows. The solver needs few things
-of it: chosen columns, A.T r over all columns for one r or several, and the squared length of
-every column. What depends on the poses alone is computed once and shared by all `reweighted`
-designs: the noise, and with it the weights, are estimated anew in every round of a fit.
+A design is a matrix A with one column per feature and weighted rows. The solver requires selected
+columns, A.T r over all columns for one r or several, and the squared length of every column.
+Quantities that depend on the poses only are computed once and shared by all `reweighted` designs:
+the noise, and with it the weights, are estimated again in every round of a fit.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 
 
 class Design(Protocol):
-    """A matrix with R rows and 3^N columns, in the form that the working-set solver needs."""
+    """Interface of a matrix with R rows and 3^N columns."""
 
     n_rows: int
     n_columns: int
 
     def columns(self, indices: IntArray) -> FloatArray:
-        """Return the chosen columns, shape (R, K)."""
+        """Return selected columns, shape (R, K)."""
 
     def correlate(self, r: FloatArray) -> FloatArray:
         """Return A.T r for r (R,), over all columns."""
@@ -89,17 +89,17 @@ class TorqueDesign:
 
 class EnergyDesign:
     """
-    The gradient of the features of ONE potential energy, for all joints together.
+    The gradient of the features of one potential energy, for all joints together.
 
     With U = sum_k theta_k phi_k(q) the torque of joint n is sum_k theta_k d phi_k / d q_n. Rows
     are the samples of joint 1, then those of joint 2, and so on: R = N M.
 
-    A joint of the first half changes L alone, one of the second R alone. So the rows of the
-    joints of a half add up before the large product is taken,
+    A joint of the first half changes only L, one of the second only R. So the rows of the joints
+    of a half are summed before the large product,
 
         A.T r = vec(L1.T R + L.T R1),    L1 = sum_n diag(r_n) dL/dq_n over the first half,
 
-    and R1 likewise over the second: two products, however many joints there are.
+    and R1 likewise over the second: two products for any number of joints.
 
     :param q: joint positions (M, N), rad.
     :param row_weights: w (M, N), one over the standard deviation of each joint's noise.
@@ -169,7 +169,7 @@ class EnergyDesign:
 
 
 def _of_joint(left: FloatArray, right: FloatArray, n_left: int, joint: int) -> FloatArray:
-    """Return a view (before, 3, after, M) of the half that a joint is in, by its factor."""
+    """Return a view (before, 3, after, M) of a joint's half; axis 1 is the joint's factor."""
     half, place = (left, joint) if joint < n_left else (right, joint - n_left)
     return half.reshape(3 ** place, 3, -1, half.shape[1])
 

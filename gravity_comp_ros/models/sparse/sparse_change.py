@@ -1,20 +1,21 @@
 """
-Which of many numbers changed, and to what: a sparse change under a Gaussian prior.
+Sparse change of parameters under a Gaussian prior.
 
-What was known of P numbers is a mean (the last model) with covariance C. New data, R rows in
-units of their noise, see them through a matrix J: r = J.T p + noise, where p is the distance from
-the mean. Some of the numbers have jumped, by about an unknown size s:
+The prior of P parameters is a mean (the previous model) with covariance C. New data are R rows in
+units of their noise with the Jacobian J: r = J.T p + noise, where p is the deviation from the
+mean. Some of the parameters have jumped, by a common unknown size s:
 
     p = u + s d,    u ~ N(0, C),    d_k ~ N(0, 1) for k in the support S, else 0.
 
 L1 proposes S: the jump that minimises 1/2 |J.T s d - r|^2 + lambda |d|_1 by ADMM (Yu 2022, Eqs.
-8-14). Then numbers leave and join S one by one as the evidence p(r | S, s) asks, which prices a
-jump that the data could do without. How many jump is not known either: any number of the K is as
-likely, and then any of the supports with that many, so that a change that is everywhere costs no
-more than one that is in a few places.
+8-14). Then parameters leave and join S one by one while that raises the evidence p(r | S, s),
+which penalises unnecessary jumps. The number of jumps is unknown: every number up to K has the
+same prior probability, and so has every support of that size, so a change of all parameters costs
+no more than one of a few.
 
-Where the data do not settle S, one support would be too sure of itself: the final mean and
-covariance are averages over supports and sizes drawn from their posterior (Gibbs sampling).
+A single support would underestimate the uncertainty where the data do not determine S. So the
+final mean and covariance are averages over supports and sizes drawn from their posterior (Gibbs
+sampling).
 """
 
 from __future__ import annotations
@@ -27,25 +28,25 @@ from gravity_comp_ros.models.sparse import admm
 import numpy as np
 from scipy import linalg, special
 
-# Sizes of a jump that are tried, as shares of the largest.
+# Sizes of a jump, as shares of the largest.
 _SIZES = (1.0, 0.3, 0.1, 0.03)
 _MAX_STEPS = 400
-# Draws of the sampler: coordinates visited before and while supports are counted.
+# Number of Gibbs steps discarded and used.
 _BURN_IN, _DRAWS = 100, 500
 
 
 @dataclass(frozen=True, eq=False)
 class ChangeProblem:
     """
-    What changed, given new data.
+    Estimation of a change from new data.
 
-    :param columns: J (P, R), one row for each number, in units of the noise.
-    :param residual: r (R,), measured minus what the mean predicts, in units of the noise.
+    :param columns: J (P, R), one row for each parameter, in units of the noise.
+    :param residual: r (R,), measured minus predicted from the mean, in units of the noise.
     :param covariance: C (P, P).
-    :param may_change: K of the P numbers.
-    :param size: how far a number may jump at most.
-    :param along: directions (L, P) along which many numbers may jump together, the largest of
-        each 1. They count as numbers that may change, after the others.
+    :param may_change: indices of the K parameters that may change.
+    :param size: largest size of a jump.
+    :param along: directions (L, P) of common jumps of several parameters, the largest component of
+        each 1. They count as parameters that may change, after the others.
     """
 
     columns: FloatArray
@@ -63,17 +64,17 @@ class ChangeProblem:
         return single if self.along is None else np.concatenate([single, self.along])
 
     def numbers(self, support: BoolArray) -> IntArray:
-        """Return which of the P numbers jump with a support (K + L,)."""
+        """Return the indices of the parameters that jump with a support (K + L,)."""
         return np.flatnonzero(self.jumps[support].any(axis=0))
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
     """
-    The posterior of p (P,) on the most likely support, its log evidence; ADMM's run.
+    The posterior of p (P,), its most probable support with its log evidence, and ADMM's result.
 
-    `share` is the likeliest size of a jump, as a share of the largest; `single` are the numbers
-    that jump by themselves, `along` (L,) masks the directions of the support.
+    `share` is the most probable size of a jump, as a share of the largest; `single` are the
+    parameters that jump separately, `along` (L,) masks the directions of the support.
     """
 
     mean: FloatArray
@@ -88,18 +89,18 @@ class Change:
 
 def find_change(problem: ChangeProblem, near: Change | None = None) -> Change:
     """
-    Return the posterior of p on the support and the size that are likeliest.
+    Return the posterior of p on the most probable support and size.
 
-    :param near: the change of a problem that differs little; the search starts from it.
+    :param near: the change of a similar problem, from which the search starts.
     """
-    lasso, support, best = _likeliest(problem, near)
+    lasso, support, best = _most_probable(problem, near)
     mean, covariance = best.posterior(support)
     return _change(problem, support, best, mean, covariance, lasso)
 
 
 def average_change(problem: ChangeProblem, near: Change | None = None, seed: int = 0) -> Change:
-    """Return the posterior of p over all supports and sizes, with the likeliest support."""
-    lasso, support, best = _likeliest(problem, near)
+    """Return the posterior of p over all supports and sizes, with the most probable support."""
+    lasso, support, best = _most_probable(problem, near)
     mean, covariance = _sample(problem, support, best, np.random.default_rng(seed))
     return _change(problem, support, best, mean, covariance, lasso)
 
@@ -113,42 +114,42 @@ def _change(problem: ChangeProblem, support: BoolArray, best: _Evidence, mean: F
 
 
 def full_evidence(problem: ChangeProblem) -> float:
-    """Return the log evidence of a change of all numbers that may change, of the largest size."""
-    every = _Evidence(problem, _SIZES[0])
-    return every.score(np.ones(len(problem.jumps), dtype=bool)) - 0.5 * float(
+    """Return the log evidence of a change of all parameters that may change, of largest size."""
+    evidence = _Evidence(problem, _SIZES[0])
+    return evidence.score(np.ones(len(problem.jumps), dtype=bool)) - 0.5 * float(
         problem.residual @ problem.residual)
 
 
 def propose(problem: ChangeProblem) -> tuple[admm.AdmmResult, BoolArray]:
-    """Return ADMM's solution of the L1 problem, and which of the K numbers it moves."""
+    """Return ADMM's solution of the L1 problem, and the mask (K + L,) of its support."""
     columns = problem.jumps @ problem.columns
     lengths = np.linalg.norm(columns, axis=1)
-    seen = lengths > 1e-9 * max(float(lengths.max(initial=0.0)), 1e-300)
-    unit = columns[seen] / lengths[seen, None]
+    excited = lengths > 1e-9 * max(float(lengths.max(initial=0.0)), 1e-300)
+    unit = columns[excited] / lengths[excited, None]
     count = len(unit)
     start = admm.AdmmState(np.zeros(count), np.zeros(count), admm.AdmmOptions().rho)
     lam = np.sqrt(2.0 * np.log(max(count, 2)))
-    found = admm.solve(unit @ unit.T, unit @ problem.residual, np.full(count, lam), start)
-    moved = np.zeros(len(seen), dtype=bool)
-    moved[seen] = found.state.z != 0.0
-    return found, moved
+    result = admm.solve(unit @ unit.T, unit @ problem.residual, np.full(count, lam), start)
+    support = np.zeros(len(excited), dtype=bool)
+    support[excited] = result.state.z != 0.0
+    return result, support
 
 
-def _likeliest(problem: ChangeProblem, near: Change | None = None
-               ) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
+def _most_probable(problem: ChangeProblem, near: Change | None = None
+                   ) -> tuple[admm.AdmmResult, BoolArray, _Evidence]:
     if near is not None:
         best = _Evidence(problem, near.share)
         start = np.concatenate([np.isin(problem.may_change, near.single), near.along])
-        return near.lasso, best.settle(start), best
+        return near.lasso, best.maximised(start), best
     lasso, proposed = propose(problem)
     best = _Evidence(problem, _SIZES[0])
-    support = max((best.settle(start) for start in (proposed, np.ones_like(proposed))),
+    support = max((best.maximised(start) for start in (proposed, np.ones_like(proposed))),
                   key=best.score)
     for share in _SIZES[1:]:
         other = _Evidence(problem, share)
-        settled = other.settle(support)
-        if other.score(settled) > best.score(support):
-            best, support = other, settled
+        candidate = other.maximised(support)
+        if other.score(candidate) > best.score(support):
+            best, support = other, candidate
     return lasso, support, best
 
 
@@ -186,14 +187,14 @@ class _Evidence:
 
     def __init__(self, problem: ChangeProblem, share: float) -> None:
         self.share = share
-        known = _square_root(problem.covariance)
+        prior = _square_root(problem.covariance)
         jumps = share * problem.size * problem.jumps.T
         count = jumps.shape[1]
-        self.n_known = known.shape[1]
-        self.w = np.hstack([known, jumps])
-        seen = self.w.T @ problem.columns
-        self.b = seen @ problem.residual
-        self.precision = seen @ seen.T + np.eye(len(seen))
+        self.n_prior = prior.shape[1]
+        self.w = np.hstack([prior, jumps])
+        rows = self.w.T @ problem.columns
+        self.b = rows @ problem.residual
+        self.precision = rows @ rows.T + np.eye(len(rows))
         # ln p(S) for any S with 0 to K members: 1 / (K + 1) over the number of such supports.
         sizes = np.arange(count + 1)
         self.log_prior = -np.log(count + 1.0) - (
@@ -210,26 +211,27 @@ class _Evidence:
                      + self.log_prior[support.sum()])
 
     def gains(self, support: BoolArray) -> FloatArray:
-        """Return by how much `score` rises when each of the K numbers leaves or joins (K,)."""
+        """Return the increase of `score` when each of the K parameters leaves or joins (K,)."""
         active = self._active(support)
         inverse = linalg.inv(self.precision[np.ix_(active, active)], check_finite=False)
         z = inverse @ self.b[active]
         gains = np.empty(len(support))
-        inside = np.arange(self.n_known, len(active))
+        inside = np.arange(self.n_prior, len(active))
         diagonal = inverse[inside, inside]
         gains[support] = -0.5 * z[inside] ** 2 / diagonal - 0.5 * np.log(diagonal)
-        outside = self.n_known + np.flatnonzero(~support)
+        outside = self.n_prior + np.flatnonzero(~support)
         cross = self.precision[np.ix_(active, outside)]
-        rest = self.precision[outside, outside] - np.einsum('ij,ij->j', cross, inverse @ cross)
-        left = self.b[outside] - cross.T @ z
-        gains[~support] = 0.5 * left ** 2 / rest - 0.5 * np.log(rest)
+        precision = self.precision[outside, outside] - np.einsum('ij,ij->j', cross,
+                                                                 inverse @ cross)
+        residual = self.b[outside] - cross.T @ z
+        gains[~support] = 0.5 * residual ** 2 / precision - 0.5 * np.log(precision)
         count = int(support.sum())
         return gains + np.where(support, self.log_prior[count - 1],
                                 self.log_prior[min(count + 1, len(support))]
                                 ) - self.log_prior[count]
 
-    def settle(self, support: BoolArray) -> BoolArray:
-        """Let numbers leave or join one by one, as long as that is likelier."""
+    def maximised(self, support: BoolArray) -> BoolArray:
+        """Return the support after parameters left or joined one by one while `score` rises."""
         for _ in range(_MAX_STEPS if len(support) else 0):
             gains = self.gains(support)
             k = int(np.argmax(gains))
@@ -246,8 +248,8 @@ class _Evidence:
         return w @ (inverse @ self.b[active]), w @ inverse @ w.T
 
     def _active(self, support: BoolArray) -> IntArray:
-        return np.concatenate([np.arange(self.n_known),
-                               self.n_known + np.flatnonzero(support)])
+        return np.concatenate([np.arange(self.n_prior),
+                               self.n_prior + np.flatnonzero(support)])
 
 
 def _toggled(support: BoolArray, k: int) -> BoolArray:
@@ -257,10 +259,10 @@ def _toggled(support: BoolArray, k: int) -> BoolArray:
 
 
 def _square_root(covariance: FloatArray) -> FloatArray:
-    """Return L with L L.T = covariance; numbers that are known exactly cost nothing."""
-    vague = np.flatnonzero(np.diag(covariance) > 0.0)
-    values, vectors = np.linalg.eigh(covariance[np.ix_(vague, vague)])
+    """Return L with L L.T = covariance, without columns for exactly known parameters."""
+    uncertain = np.flatnonzero(np.diag(covariance) > 0.0)
+    values, vectors = np.linalg.eigh(covariance[np.ix_(uncertain, uncertain)])
     kept = values > 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
     root = np.zeros((len(covariance), int(kept.sum())))
-    root[vague] = vectors[:, kept] * np.sqrt(values[kept])
+    root[uncertain] = vectors[:, kept] * np.sqrt(values[kept])
     return root

@@ -1,16 +1,16 @@
 """
 From samples to a sparse weight vector: noise, L1 problem, support, refit.
 
-The steps feed each other. The noise gives the row weights and lambda; ADMM solves the L1 problem
-(Yu 2022, Eqs. 8-14), which proposes features; the support is settled by description length and
-refitted without the penalty, which undoes the shrinkage; the residual gives the noise anew. The
-noise starts as the torque itself and falls from round to round, so that each round explains the
-coarser part of what the last one left.
+The steps are iterated. The noise determines the row weights and lambda. ADMM solves the L1 problem
+(Yu 2022, Eqs. 8-14), which proposes features. The support is selected by description length and
+refitted without the penalty, which removes the shrinkage. The residual yields the next noise
+estimate. The initial noise is the torque itself and falls from round to round, so each round
+explains the coarser part of the previous residual.
 
-Residuals of a real arm are correlated in time (friction keeps its sign for seconds), and samples
-are then worth less than their number. `inflation` says how many samples count as one: it
-multiplies the variance, and so lambda and every price. Growing happens without it, pruning with.
-Where supports tie in the end, their refits are averaged with their posterior probabilities.
+Residuals of a real arm are autocorrelated (friction keeps its sign for seconds), which reduces the
+effective sample size. The variance inflation factor `inflation` multiplies the variance, and with
+it lambda and every price. The support is grown without it and pruned with it. Refits of supports
+with nearly the same score are averaged with their posterior probabilities.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ import numpy as np
 DesignType = Callable[[FloatArray, FloatArray], Design]
 
 _ROUNDS = 20
-_PATH_STEPS = 3
-_LOOSE = 1e-2
+# Number of lambdas of a path, and the tolerance of all but the last.
+_PATH_STEPS, _PATH_TOLERANCE = 3, 1e-2
 
 
 @dataclass(frozen=True)
 class SparseOptions:
     """
-    How a sparse fit is made.
+    Options of a sparse fit.
 
     `lam` is lambda in units of the noise, or None for the universal sqrt(2 ln 3^N);
-    `inflation` says how many samples count as one, at least 1, or None to choose it by
-    cross-validation where the residual is correlated; `arrays` say on which processor and in
-    which precision the large products are made.
+    `inflation` is the variance inflation factor, at least 1, or None to select it by
+    cross-validation if the residual is autocorrelated; `arrays` select device and precision of the
+    large products.
 
     :raises OptionError: if a value is out of range.
     """
@@ -65,13 +65,13 @@ class SparseOptions:
 @dataclass(frozen=True, eq=False)
 class SparseProblem:
     """
-    Torques `tau` (M, J) of poses `q` (M, N), explained by a kind of design.
+    Torques `tau` (M, J) of poses `q` (M, N), with the type of design to explain them.
 
     J is 1 for the features of one joint and N for those of one energy. `usable` masks the 3^N
-    features that may be taken; `runs` (M,) numbers the run of each sample. `nuisance` (J, M, K)
-    are columns beside gravity, `spread` (K,) the standard deviations of their coefficients before
-    any data, per N·m of noise (None where all are free); `trust` (M, J) weighs squared residuals,
-    1 where a sample is trusted (Huber 1964).
+    features that may be selected; `runs` (M,) numbers the run of each sample. `nuisance` (J, M, K)
+    are nuisance columns, `spread` (K,) the prior standard deviations of their coefficients, per
+    N·m of noise (None where all are free); `trust` (M, J) are robust weights of the squared
+    residuals, 1 for inliers (Huber 1964).
     """
 
     design_type: DesignType
@@ -88,15 +88,15 @@ class SparseProblem:
         return self.q.shape[1]
 
     @cached_property
-    def plain(self) -> Design:
-        """The design without weights; what depends on the poses alone is kept in it."""
+    def unweighted(self) -> Design:
+        """The design without weights, with all quantities that depend on the poses only."""
         return self.design_type(self.q, np.ones(self.tau.shape))
 
     def weighted(self, model: noise.NoiseModel, predicted: FloatArray,
                  inflation: float) -> tuple[Design, FloatArray]:
         """Return the design and the right-hand side in units of the noise."""
         weights = self.row_weights(model.sigma(predicted) * np.sqrt(inflation))
-        design, b = self.plain.reweighted(weights), (weights * self.tau).T.ravel()
+        design, b = self.unweighted.reweighted(weights), (weights * self.tau).T.ravel()
         if self.nuisance is None:
             return design, b
         rows = self._rows_of_nuisance(weights)
@@ -104,11 +104,11 @@ class SparseProblem:
         return projected, projected.project(b)
 
     def row_weights(self, sigma: FloatArray) -> FloatArray:
-        """Return the weights (M, J) of rows with standard deviations sigma."""
+        """Return the weights (M, J) of rows with standard deviations sigma (M, J)."""
         return 1.0 / sigma if self.trust is None else np.sqrt(self.trust) / sigma
 
     def nuisance_coefficients(self, residual: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the coefficients (K,) that fit a residual (M, J) with these weights best."""
+        """Return the best-fitting nuisance coefficients (K,) for a residual (M, J)."""
         if self.nuisance is None:
             return np.zeros(0)
         rows = self._rows_of_nuisance(weights)
@@ -129,19 +129,19 @@ class SparseProblem:
 
     def predict(self, indices: IntArray, x: FloatArray) -> FloatArray:
         """Return the torques (M, J) of a weight vector."""
-        return (self.plain.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
+        return (self.unweighted.columns(indices) @ x).reshape(self.tau.shape[1], -1).T
 
-    def thinned(self, most: int) -> SparseProblem:
-        """Return at most `most` samples, evenly spread; itself if it has no more."""
-        step = -(-len(self.q) // most)
+    def thinned(self, limit: int) -> SparseProblem:
+        """Return at most `limit` samples, evenly spread."""
+        step = -(-len(self.q) // limit)
         return self if step <= 1 else self.select(np.arange(len(self.q)) % step == 0)
 
     def merged(self, travel: float) -> SparseProblem:
         """
-        Return the problem with each stretch of `travel` rad (of every joint) as one sample.
+        Return the problem with each stretch of `travel` rad (of every joint) merged to its mean.
 
-        An arm that waits repeats one pose with one error, such as the friction it stopped with,
-        however many samples say so: their mean counts once.
+        An arm at rest repeats one pose with one error, such as the friction at which it stopped,
+        so its samples count once.
         """
         group = _stretches(self.q, self.runs, travel)
         if group.size == 0 or group[-1] + 1 == len(group):
@@ -164,12 +164,12 @@ class SparseProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class SupportFit:
     """
-    A support with its refit, and what follows from it.
+    A support with its refit and derived quantities.
 
-    `noise` and the gravity torque `predicted` (M, J) in N·m; `nuisance` (K,) are the coefficients
-    of the nuisance columns beside it.
+    `noise` is the noise model, `predicted` (M, J) the gravity torque in N·m, `nuisance` (K,) the
+    coefficients of the nuisance columns.
     """
 
     refit: support.Refit
@@ -179,14 +179,18 @@ class Settled:
     nuisance: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def residual(self, problem: SparseProblem) -> FloatArray:
-        """Return the residual (M, J) in N·m of the problem, nuisance terms taken off."""
-        beside = problem.nuisance_torque(self.nuisance) if self.nuisance.size else 0.0
-        return np.asarray(problem.tau - self.predicted - beside)
+        """Return the residual (M, J) in N·m of gravity and nuisance terms."""
+        nuisance = problem.nuisance_torque(self.nuisance) if self.nuisance.size else 0.0
+        return np.asarray(problem.tau - self.predicted - nuisance)
 
 
 @dataclass(frozen=True, eq=False)
 class SparseFit:
-    """Coefficients `x` (K,) of features `indices`, and how they came about."""
+    """
+    Coefficients `x` (K,) of features `indices` with their covariance (K, K).
+
+    `ties` is the number of equivalent supports that were averaged.
+    """
 
     indices: IntArray
     x: FloatArray
@@ -199,85 +203,84 @@ class SparseFit:
 
 
 def grow(problem: SparseProblem, options: SparseOptions, inflation: float = 1.0,
-         old: IntArray | None = None) -> Settled:
+         old: IntArray | None = None) -> SupportFit:
     """
-    Return the settled support, grown from nothing or from that of an old model.
+    Return the selected support, grown from nothing or from that of an old model.
 
-    :param inflation: how many samples count as one; 1 takes them as independent.
-    :param old: features to start with; what they leave over is the first guess of the noise, so
-        that nothing is taken for noise that they explain.
+    :param inflation: variance inflation factor; 1 for independent samples.
+    :param old: features to start with; their residual is the initial noise.
     :raises FitError: if there are no samples.
     """
     if not problem.tau.size:
         raise FitError('no samples to fit')
-    start = Settled(support.Refit.empty(), noise.first_guess(problem.tau),
-                    np.zeros(problem.tau.shape), 0)
+    start = SupportFit(support.Refit.empty(), noise.first_guess(problem.tau),
+                       np.zeros(problem.tau.shape), 0)
     design, b = problem.weighted(start.noise, start.predicted, 1.0)
     if old is not None and old.size:
         kept = support.refit(design, b, old[problem.usable[old]])
-        return _settle(problem, _judged(problem, start, kept), inflation)
+        return _converged(problem, _with_noise(problem, start, kept), inflation)
     proposal = propose(design, b, problem, options).indices
-    return _settle(problem, replace(start, refit=replace(start.refit, indices=proposal)),
-                   inflation)
+    return _converged(problem, replace(start, refit=replace(start.refit, indices=proposal)),
+                      inflation)
 
 
-def prune(problem: SparseProblem, grown: Settled, inflation: float) -> Settled:
-    """Return the support that remains when `inflation` samples count as one."""
-    return _settle(problem, grown, inflation) if inflation > 1.0 else grown
+def prune(problem: SparseProblem, grown: SupportFit, inflation: float) -> SupportFit:
+    """Return the support that remains with a variance inflation factor."""
+    return _converged(problem, grown, inflation) if inflation > 1.0 else grown
 
 
-def with_all_samples(problem: SparseProblem, settled: Settled) -> Settled:
-    """Return a support that was settled on part of the samples, with the torques of all."""
-    refit = settled.refit
-    return replace(settled, predicted=problem.predict(refit.indices, refit.x))
+def with_all_samples(problem: SparseProblem, fit: SupportFit) -> SupportFit:
+    """Return a fit on thinned samples with the predicted torques of all samples."""
+    return replace(fit, predicted=problem.predict(fit.refit.indices, fit.refit.x))
 
 
-def finish(problem: SparseProblem, settled: Settled, inflation: float,
+def finish(problem: SparseProblem, fit: SupportFit, inflation: float,
            options: SparseOptions) -> SparseFit:
-    """Ask ADMM once more at the final noise, keep the better support, average its ties."""
-    design, b = problem.weighted(settled.noise, settled.predicted, inflation)
+    """Solve the L1 problem at the final noise, keep the better support, average equivalents."""
+    design, b = problem.weighted(fit.noise, fit.predicted, inflation)
     solution = propose(design, b, problem, options)
     gram = support.gram_of(design, problem.usable)
-    finals = [support.settle(design, b, start, problem.n_joints, problem.usable, gram)
-              for start in (settled.refit.indices, solution.indices)]
+    finals = [support.select_support(design, b, start, problem.n_joints, problem.usable, gram)
+              for start in (fit.refit.indices, solution.indices)]
     best = min(finals, key=lambda r: support.score(r, problem.n_joints, design.n_rows))
-    average, ties = support.average_ties(design, b, best, problem.n_joints, problem.usable, gram)
-    return SparseFit(average.indices, average.x, average.covariance, settled.noise, solution,
-                     inflation, settled.rounds, ties)
+    average, ties = support.average_equivalents(design, b, best, problem.n_joints,
+                                                problem.usable, gram)
+    return SparseFit(average.indices, average.x, average.covariance, fit.noise, solution,
+                     inflation, fit.rounds, ties)
 
 
 def propose(design: Design, b: FloatArray, problem: SparseProblem,
             options: SparseOptions) -> LassoSolution:
-    """Solve the L1 problem by ADMM, along a falling lambda that ends at the wanted one."""
+    """Solve the L1 problem by ADMM, along a falling lambda that ends at the required one."""
     lam = options.lam or float(np.sqrt(2.0 * problem.n_joints * np.log(3.0)))
     return follow_path(LassoProblem(design, b, problem.usable, options.admm), lam)
 
 
 def follow_path(lasso: LassoProblem, lam: float) -> LassoSolution:
-    """Return the solution for `lam`, reached along a falling lambda that shares all factors."""
+    """Return the solution for `lam`, reached along a falling lambda."""
     top = 0.5 * lasso.lambda_max
     path = np.geomspace(top, lam, _PATH_STEPS)[:-1] if top > lam else np.zeros(0)
     for step in path:
-        lasso.approach(float(step), _LOOSE)
+        lasso.approach(float(step), _PATH_TOLERANCE)
     return lasso.solve(lam)
 
 
-def _settle(problem: SparseProblem, settled: Settled, inflation: float) -> Settled:
-    """Settle the support and estimate the noise in turn, until neither changes."""
+def _converged(problem: SparseProblem, fit: SupportFit, inflation: float) -> SupportFit:
+    """Select the support and estimate the noise in turn, until both converge."""
     for rounds in range(1, _ROUNDS + 1):
-        design, b = problem.weighted(settled.noise, settled.predicted, inflation)
-        refit = support.settle(design, b, settled.refit.indices, problem.n_joints,
-                               problem.usable)
-        last, settled = settled, _judged(problem, settled, refit)
+        design, b = problem.weighted(fit.noise, fit.predicted, inflation)
+        refit = support.select_support(design, b, fit.refit.indices, problem.n_joints,
+                                       problem.usable)
+        last, fit = fit, _with_noise(problem, fit, refit)
         if rounds > 1 and np.array_equal(refit.indices, last.refit.indices) \
-                and settled.noise.is_close_to(last.noise):
+                and fit.noise.is_close_to(last.noise):
             break
-    return settled
+    return fit
 
 
-def _judged(problem: SparseProblem, last: Settled, refit: support.Refit) -> Settled:
-    """Return a refit with the torques that it predicts and the noise that it leaves."""
-    columns = problem.plain.columns(refit.indices)
+def _with_noise(problem: SparseProblem, last: SupportFit, refit: support.Refit) -> SupportFit:
+    """Return a refit with its predicted torque and the noise estimated from its residual."""
+    columns = problem.unweighted.columns(refit.indices)
     predicted = (columns @ refit.x).reshape(problem.tau.shape[1], -1).T
     residual, spent = problem.tau - predicted, _spent(columns, problem)
     weights = problem.row_weights(last.noise.sigma(last.predicted))
@@ -288,11 +291,11 @@ def _judged(problem: SparseProblem, last: Settled, refit: support.Refit) -> Sett
     if problem.trust is not None:
         residual = residual * np.sqrt(problem.trust)
     model = noise.estimate(residual, predicted, noise.floor(problem.tau), spent)
-    return Settled(refit, model, predicted, last.rounds + 1, nuisance)
+    return SupportFit(refit, model, predicted, last.rounds + 1, nuisance)
 
 
 def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
-    """Return the number (M,) of the stretch, in which poses stay near its first, of each."""
+    """Return the stretch index (M,) of each pose; a stretch ends `travel` rad from its start."""
     group = np.zeros(len(q), dtype=np.int64)
     rows, labels = q.tolist(), runs.tolist()
     number = first = 0
@@ -305,8 +308,8 @@ def _stretches(q: FloatArray, runs: IntArray, travel: float) -> IntArray:
 
 
 def _spent(columns: FloatArray, problem: SparseProblem) -> FloatArray:
-    """Return the degrees of freedom that each of the J torques spent on K columns (R, K)."""
+    """Return the degrees of freedom (J,) of K columns (R, K), shared among the torques."""
     m, j = problem.tau.shape
-    touched = (columns.reshape(j, m, columns.shape[1]) != 0.0).any(axis=1)
-    sharing = np.maximum(touched.sum(axis=0), 1)
-    return np.asarray((touched / sharing).sum(axis=1))
+    acts = (columns.reshape(j, m, columns.shape[1]) != 0.0).any(axis=1)
+    sharing = np.maximum(acts.sum(axis=0), 1)
+    return np.asarray((acts / sharing).sum(axis=1))

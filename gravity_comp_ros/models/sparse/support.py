@@ -1,17 +1,17 @@
 """
-Settle the support: which features stay, once the L1 problem has proposed some.
+Selection of the support by description length, starting from the features proposed by L1.
 
-Over a small motion many features look alike, and the L1 norm takes any of them. What tells them
-apart outside that motion is simplicity: the feature with fewer factors is the likelier one. The
+Over a small motion many features are nearly collinear, and the L1 norm selects any of them. A
+prior distinguishes them outside that motion: the feature with fewer factors is more probable. The
 score is a description length, twice the negative log posterior of the support,
 
     score(S) = chi^2(S) + sum_{k in S} cost(k),    cost(k) = ln R + 2 (-ln P(k)),
 
-where chi^2 is the weighted residual after an unpenalised fit, ln R prices a coefficient as BIC
-does, and P(k) is a prior over features in which each joint takes the factor 1 with probability
-2/3, sin and cos with 1/6 each. It sums to one over all 3^N features, so that it also pays for
-the many that were tried. Steps that lower the score are taken: leave a feature out, else add
-one, else put a neighbour (one factor changed) in the place of one.
+where chi^2 is the weighted sum of squares after an unpenalised fit, ln R the price of a
+coefficient in BIC, and P(k) a prior over features in which each joint has the factor 1 with
+probability 2/3, sin and cos with 1/6 each. It sums to one over all 3^N features, so it also
+accounts for the number of features tried. Steps that lower the score are taken: drop a feature,
+else add one, else swap one with a neighbour (one factor changed).
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from scipy import linalg
 _P_ONE = 2.0 / 3.0
 _P_SIN_OR_COS = 1.0 / 6.0
 _MAX_STEPS = 400
-# A step must lower the score by more than rounding does.
-_PAYS = 1e-6
-# How many features are looked at for an addition.
+# Minimum decrease of the score by a step, above rounding.
+_MIN_DECREASE = 1e-6
+# Number of candidates for an addition.
 _CANDIDATES = 30
-# Where a look at all features is dear, so many promising ones are looked at first.
+# Number of promising features tried first where products with all features are expensive.
 _POOL = 300
 # Models whose score is within this of the best (a posterior ratio of 1 to 50) are averaged.
-_TIE = 8.0
-# A column of which less than this share (of its squared length) lies outside the span of the
-# support adds nothing: what is left of it is rounding.
+_EQUIVALENT = 8.0
+# A column is linearly dependent if less than this share of its squared length lies outside the
+# span of the support.
 _DEPENDENT = 1e-8
-# So many features leave one after another before the inverse is computed anew.
+# Number of successive downdates of the inverse before it is computed again.
 _DOWNDATES = 20
 
-# What a step changes in the score, and the support that it leads to.
+# Change of the score by a step, and the resulting support.
 Move = tuple[float, IntArray]
 
 
@@ -63,7 +63,7 @@ class Refit:
 
 
 def costs(n_joints: int, n_rows: int) -> FloatArray:
-    """Return the price of every feature in units of chi^2, shape (3^N,)."""
+    """Return the price of every feature in chi^2, shape (3^N,)."""
     factor = -2.0 * np.log([_P_ONE, _P_SIN_OR_COS, _P_SIN_OR_COS])
     price = np.array([np.log(max(n_rows, 2))])
     for _ in range(n_joints):
@@ -73,9 +73,9 @@ def costs(n_joints: int, n_rows: int) -> FloatArray:
 
 def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     """
-    Fit b on the chosen columns without a penalty, which undoes the shrinkage of L1.
+    Fit b on selected columns without a penalty, which removes the shrinkage of L1.
 
-    Columns that depend on each other get the least coefficients that fit.
+    For linearly dependent columns it is the solution of minimum norm.
     """
     indices = np.sort(np.asarray(indices, dtype=np.int64))
     if not indices.size:
@@ -83,7 +83,7 @@ def refit(design: Design, b: FloatArray, indices: IntArray) -> Refit:
     a = design.columns(indices)
     lengths = np.linalg.norm(a, axis=0)
     lengths[lengths == 0.0] = 1.0
-    # The triangle that is left of [A b] after rotating its rows holds all that follows.
+    # The R factor of [A b] contains all that the solution requires.
     triangle = linalg.qr(np.column_stack([a / lengths, b]), mode='r', check_finite=False)[0]
     k = len(indices)
     u, s, vt = svd(triangle[:k, :k])
@@ -105,18 +105,18 @@ def neighbours_of(indices: IntArray, n_joints: int) -> IntArray:
 
 
 def gram_of(design: Design, usable: BoolArray) -> Gram:
-    """Return products of columns for searches of one design to share."""
+    """Return the products of columns shared by the searches of one design."""
     lengths = column_lengths(design)
     return Gram(design.precise, 1.0 / np.where(usable & has_length(lengths), lengths, np.inf))
 
 
-def settle(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
-           usable: BoolArray, gram: Gram | None = None) -> Refit:
+def select_support(design: Design, b: FloatArray, indices: IntArray, n_joints: int,
+                   usable: BoolArray, gram: Gram | None = None) -> Refit:
     """
-    Return the support of least description length that single steps reach from `indices`.
+    Return the support of minimum description length reached by single steps from `indices`.
 
-    :param usable: mask over all features; the others are never proposed.
-    :param gram: what earlier searches of this design have computed.
+    :param usable: mask over all features; the others are not selected.
+    :param gram: products from earlier searches of this design.
     """
     search = _Search(b, n_joints, gram or gram_of(design, usable),
                      np.asarray(indices, dtype=np.int64))
@@ -131,21 +131,21 @@ def score(refit: Refit, n_joints: int, n_rows: int) -> float:
     return refit.chi2 + float(costs(n_joints, n_rows)[refit.indices].sum())
 
 
-def average_ties(design: Design, b: FloatArray, best: Refit, n_joints: int,
-                 usable: BoolArray, gram: Gram | None = None) -> tuple[Refit, int]:
+def average_equivalents(design: Design, b: FloatArray, best: Refit, n_joints: int,
+                        usable: BoolArray, gram: Gram | None = None) -> tuple[Refit, int]:
     """
-    Return the average of the best support with the single swaps that nearly tie with it.
+    Return the average of the best support and its equivalents, single swaps of similar score.
 
-    Each model weighs exp(-score / 2), its posterior probability: where the data cannot tell two
-    features apart, the average halves what the wrong one would do outside the trained range.
-    The covariance holds the spread within and between the models.
+    The weight of a model is its posterior probability, exp(-score / 2). If the data cannot
+    distinguish two features, the average halves the error of the wrong one outside the trained
+    range. The covariance includes the variance within and between the models.
 
-    :return: the average and how many other models went into it.
+    :return: the average and the number of other models in it.
     """
     search = _Search(b, n_joints, gram or gram_of(design, usable), best.indices)
-    near = [refit(design, b, other) for change, other in search.swaps() if change < _TIE]
+    near = [refit(design, b, other) for change, other in search.swaps() if change < _EQUIVALENT]
     models = [best] + near
-    # From the refits, because what the search promises is rounded (`_Search.step`).
+    # From the refits, because predicted changes are affected by rounding (`_Search.step`).
     scores = np.array([score(model, n_joints, design.n_rows) for model in models])
     weights = np.exp(-0.5 * (scores - scores.min()))
     return _mixture(models, weights / weights.sum(), best.chi2), len(near)
@@ -156,16 +156,16 @@ def _mixture(models: list[Refit], weights: FloatArray, chi2: float) -> Refit:
     xs = np.zeros((len(models), len(indices)))
     within = np.zeros((len(indices), len(indices)))
     for k, (model, weight) in enumerate(zip(models, weights)):
-        here = np.searchsorted(indices, model.indices)
-        xs[k, here] = model.x
-        within[np.ix_(here, here)] += weight * model.covariance
+        places = np.searchsorted(indices, model.indices)
+        xs[k, places] = model.x
+        within[np.ix_(places, places)] += weight * model.covariance
     mean = weights @ xs
     spread = xs - mean
     return Refit(indices, mean, within + (spread.T * weights) @ spread, chi2)
 
 
 class _Search:
-    """A support, what its columns are to each other and to b, and the steps from there."""
+    """A support, the inverse of its Gram matrix, its residual, and the steps from it."""
 
     def __init__(self, b: FloatArray, n_joints: int, gram: Gram, support: IntArray) -> None:
         self.b, self.n_joints, self.gram = b, n_joints, gram
@@ -179,17 +179,17 @@ class _Search:
         self.change_support(np.sort(support[self.usable[support]]))
 
     def change_support(self, support: IntArray) -> None:
-        """Take a support, leaving out what its other features already span."""
-        gone = self._one_gone(support)
-        if gone is None:
+        """Set the support, without linearly dependent features."""
+        dropped = self._dropped(support)
+        if dropped is None:
             support = self._independent(support)
             self.inverse = np.asarray(np.linalg.inv(self.gram.within(support)), np.float64)
             self._downdates = 0
         else:
-            # What is left of independent columns is independent, and so of their inverse.
-            rest, row = np.delete(np.arange(len(self.support)), gone), self.inverse[gone]
-            downdate = np.outer(row[rest], row[rest] / row[gone])
-            self.inverse = np.asarray(self.inverse[rest[:, None], rest] - downdate)
+            # A subset of independent columns is independent: downdate the inverse.
+            kept, row = np.delete(np.arange(len(self.support)), dropped), self.inverse[dropped]
+            downdate = np.outer(row[kept], row[kept] / row[dropped])
+            self.inverse = np.asarray(self.inverse[kept[:, None], kept] - downdate)
             self._downdates += 1
         self.support = support
         columns = self.gram.columns(support)
@@ -198,12 +198,12 @@ class _Search:
         self.score = float(self.residual @ self.residual + self.costs[self.support].sum())
         self._correlation: FloatArray | None = None
 
-    def _one_gone(self, support: IntArray) -> int | None:
-        """Return the place of the one feature that a smaller support lacks, else None."""
+    def _dropped(self, support: IntArray) -> int | None:
+        """Return the place of the feature whose drop leads to `support`, else None."""
         if len(support) + 1 != len(self.support) or self._downdates == _DOWNDATES:
             return None
-        here = np.isin(self.support, support, assume_unique=True)
-        return int(np.argmin(here)) if here.sum() == len(support) else None
+        kept = np.isin(self.support, support, assume_unique=True)
+        return int(np.argmin(kept)) if kept.sum() == len(support) else None
 
     @property
     def correlation(self) -> FloatArray:
@@ -214,24 +214,24 @@ class _Search:
 
     def step(self) -> bool:
         """
-        Take the best drop, else the best addition, else the best swap that pays.
+        Take the best drop, else the best addition, else the best swap that lowers the score.
 
-        What a move promises comes from the Gram matrix, whose rounding can exceed the noise
-        where columns look alike; so a move that does not keep its promise is taken back.
+        The predicted change is computed from the Gram matrix, whose rounding errors can exceed the
+        noise for nearly collinear columns, so a move that does not lower the score is undone.
         """
-        before, here = self.score, self.support
+        before, previous = self.score, self.support
         for moves in (self.drops, self.additions, self.swaps):
             change, support = min(moves(), key=lambda move: move[0], default=(0.0, None))
-            if support is None or change >= -_PAYS:
+            if support is None or change >= -_MIN_DECREASE:
                 continue
             self.change_support(np.sort(support))
             if self.score < before:
                 return True
-            self.change_support(here)
+            self.change_support(previous)
         return False
 
     def drops(self) -> list[Move]:
-        """Return the best feature to leave out: chi^2 rises by x_k^2 / (G^-1)_kk."""
+        """Return the best feature to drop: chi^2 rises by x_k^2 / (G^-1)_kk."""
         if not self.support.size:
             return []
         change = self._losses() - self.costs[self.support]
@@ -241,20 +241,20 @@ class _Search:
     def additions(self) -> list[Move]:
         """Return the best addition among the most promising features."""
         moves = self._best_of(self._pool, self.gram.built(self._pool) @ self.residual)
-        if moves and moves[0][0] < -_PAYS:
+        if moves and moves[0][0] < -_MIN_DECREASE:
             return moves
-        promise = np.where(self.usable, self.correlation ** 2 - self.costs, -np.inf)
+        bound = np.where(self.usable, self.correlation ** 2 - self.costs, -np.inf)
         if self.gram.is_large:
-            self._pool = _largest(promise, _POOL)
-        promise[self.support] = -np.inf
-        candidates = _largest(promise, _CANDIDATES)
+            self._pool = _largest(bound, _POOL)
+        bound[self.support] = -np.inf
+        candidates = _largest(bound, _CANDIDATES)
         return self._best_of(candidates, self.correlation[candidates])
 
     def _best_of(self, features: IntArray, correlation: FloatArray) -> list[Move]:
-        """Return the best addition of a few features, given their products with the residual."""
+        """Return the best addition among features, given their products with the residual."""
         free = np.flatnonzero(~np.isin(features, self.support))
-        promise = correlation[free] ** 2 - self.costs[features[free]]
-        free = free[_largest(promise, _CANDIDATES)]
+        bound = correlation[free] ** 2 - self.costs[features[free]]
+        free = free[_largest(bound, _CANDIDATES)]
         if not free.size:
             return []
         candidates, correlation = features[free], correlation[free]
@@ -266,11 +266,11 @@ class _Search:
 
     def swaps(self) -> list[Move]:
         """
-        Return, for every feature, the best neighbour in its place and what it changes.
+        Return, for every feature, the swap with its best neighbour and the change of the score.
 
-        With H = G^-1 and u = H g for a candidate with products g, leaving feature k out gives
-        back u_k^2 / H_kk of the candidate's squared length outside the support, and u_k x_k /
-        H_kk of its product with the residual.
+        With H = G^-1 and u = H g for a candidate with products g, dropping feature k adds
+        u_k^2 / H_kk to the candidate's squared length outside the support, and u_k x_k / H_kk to
+        its product with the residual.
         """
         near = neighbours_of(self.support, self.n_joints)
         near[~self.usable[near] | np.isin(near, self.support)] = -1
@@ -297,7 +297,7 @@ class _Search:
         return self.x ** 2 / np.maximum(np.diag(self.inverse), 1e-300)
 
     def _independent(self, support: IntArray) -> IntArray:
-        """Keep the simple features of a set in which some depend on others."""
+        """Return a linearly independent subset of a support, preferring cheap features."""
         order = support[np.argsort(self.costs[support], kind='stable')]
         gram = self.gram.within(order)
         factor, failed = linalg.lapack.dpotrf(gram, lower=True) if order.size else (gram, 0)
@@ -317,12 +317,12 @@ class _Search:
 
 
 def _gains(correlation: FloatArray, outside: FloatArray) -> FloatArray:
-    """Return by how much candidates lower chi^2, from their parts outside the support."""
+    """Return the decrease of chi^2 by candidates, from their parts outside the support."""
     return np.where(outside > _DEPENDENT, correlation ** 2 / np.maximum(outside, _DEPENDENT), 0.0)
 
 
 def _largest(values: FloatArray, count: int) -> IntArray:
-    """Return where the largest finite values are, rising by index."""
+    """Return the ascending indices of the largest finite values."""
     count = min(count, int(np.isfinite(values).sum()))
     return np.sort(np.argpartition(-values, count - 1)[:count]) if count else np.zeros(
         0, dtype=np.int64)

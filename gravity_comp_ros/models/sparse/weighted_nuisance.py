@@ -1,9 +1,9 @@
 """
-Nuisance columns in units of the noise, joint by joint where they can be.
+Nuisance columns in units of the noise, separated by joint where possible.
 
-Friction and offset of a joint have no part in the torque of another, so that their basis and
-their least squares fall apart into N small ones. A column that acts on several joints, as effects
-of the whole arm have them, leaves one part of all joints.
+Friction and offset of a joint do not affect other joints, so their basis and their least squares
+separate into N small problems. With a column that acts on several joints, as effects of the whole
+arm have, all joints form one problem.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Columns of some joints: their numbers, `rows` (R, K) of those joints, `spread` (K,)."""
+    """Columns of some joints: their indices, `rows` (R, K) of those joints, `spread` (K,)."""
 
     columns: IntArray
     joints: slice
@@ -33,12 +33,12 @@ class _Part:
 
 class WeightedNuisance:
     """
-    K columns of torque beside gravity, their rows in units of the noise.
+    K nuisance columns, with rows in units of the noise.
 
     :param columns: (K, N, M) torque per unit of coefficient; None for none.
     :param weights: (N, M) 1 / sigma.
-    :param spread: (K,) standard deviations of the coefficients before any data, per N·m of
-        noise; None where all are free.
+    :param spread: (K,) prior standard deviations of the coefficients, per N·m of noise; None
+        where all are free.
     """
 
     def __init__(self, columns: FloatArray | None, weights: FloatArray,
@@ -49,17 +49,16 @@ class WeightedNuisance:
             return
         acts = np.asarray(columns.any(axis=2))
         n = len(weights)
-        places = [slice(n)] if (acts.sum(axis=1) > 1).any() else [
+        groups = [slice(n)] if (acts.sum(axis=1) > 1).any() else [
             slice(k, k + 1) for k in range(n)]
-        for joints in places:
-            here = np.flatnonzero(acts[:, joints].any(axis=1))
-            if not here.size:
+        for joints in groups:
+            own = np.flatnonzero(acts[:, joints].any(axis=1))
+            if not own.size:
                 continue
-            plain = columns[here, joints]
-            rows = (plain * weights[joints]).reshape(len(here), -1).T
-            own = None if spread is None else scaled_spread(
-                spread[here], plain.reshape(len(here), -1).T, rows)
-            self._parts.append(_Part(here, joints, rows, own))
+            plain = columns[own, joints]
+            rows = (plain * weights[joints]).reshape(len(own), -1).T
+            self._parts.append(_Part(own, joints, rows, None if spread is None else scaled_spread(
+                spread[own], plain.reshape(len(own), -1).T, rows)))
 
     def inside(self, rows: FloatArray) -> FloatArray:
         """Return rows (L, N, M) times B (`NuisanceBasis.inside`), shape (L, K')."""
@@ -69,26 +68,26 @@ class WeightedNuisance:
             for part in self._parts)], axis=1)
 
     def whitened(self, row: FloatArray) -> FloatArray:
-        """Return P P r of a row r (N, M): its products with r are squares of the whitened row."""
-        found = row.copy()
+        """Return P P r of a row r (N, M), whose product with r is the squared whitened row."""
+        result = row.copy()
         for part in self._parts:
-            left = found[part.joints].ravel()
-            left -= part.inside @ (left @ part.inside)
-            found[part.joints] = left.reshape(-1, row.shape[1])
-        return found
+            own = result[part.joints].ravel()
+            own -= part.inside @ (own @ part.inside)
+            result[part.joints] = own.reshape(-1, row.shape[1])
+        return result
 
     def coefficients(self, target: FloatArray) -> FloatArray:
-        """Return the likeliest coefficients (K,) for a target (N, M) in units of the noise."""
-        found = np.zeros(self.count)
+        """Return the most probable coefficients (K,) for a target (N, M) in units of noise."""
+        coefficients = np.zeros(self.count)
         for part in self._parts:
-            found[part.columns] = nuisance_coefficients(
+            coefficients[part.columns] = nuisance_coefficients(
                 part.rows, target[part.joints].ravel(), part.spread)
-        return found
+        return coefficients
 
     def precision(self) -> FloatArray:
-        """Return what is known of the coefficients before any data, the diagonal (K,)."""
-        known = np.zeros(self.count)
+        """Return the diagonal (K,) of the prior precision of the coefficients."""
+        precision = np.zeros(self.count)
         for part in self._parts:
             if part.spread is not None:
-                known[part.columns] = part.spread ** -2
-        return known
+                precision[part.columns] = part.spread ** -2
+        return precision
