@@ -15,7 +15,7 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.targets import named_targets
 
 ASKED = (None, ('coulomb_friction:iiwa_joint_2',), ('coulomb_friction',), ('gravity',),
          ('base_tilt',), ('joint_flexibility:iiwa_joint_2', 'base_tilt', 'gravity'))

@@ -13,8 +13,8 @@ import sys
 from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.planning.criterion import chance
-from gravity_comp_ros.planning.questions import OPEN
+from gravity_comp_ros.planning.criterion import power
+from gravity_comp_ros.planning.targets import OPEN
 import numpy as np
 
 # Columns of the table, by way; that of a user who heeds the plan stands beside them.
@@ -93,7 +93,7 @@ def true_chance(expected: dict[str, Any]) -> float:
     """Return the chance that a plan would state if it knew the size of the effect."""
     if expected['untestable']:
         return 0.0
-    return chance(expected['share'] * expected['separation'])
+    return power(expected['share'] * expected['separation'])
 
 
 def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
