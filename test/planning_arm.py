@@ -20,7 +20,7 @@ NOISE = 0.05
 def model() -> GravityModel:
     """Return the gravity of three parallel axes."""
     gravity = GravityModel.from_energy(NAMES, 'chain', expand(CHAIN), np.full(3, NOISE),
-                                    Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
+                                       Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
     return GravityModel(gravity.joints, 'chain', gravity.torques, gravity.energy, gravity.noise,
                         gravity.coverage, {}, CHAIN)
 

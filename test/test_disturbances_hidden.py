@@ -70,7 +70,7 @@ def test_synth_writes_the_hidden_effect(tmp_path):
 
     undisturbed = record('undisturbed.mcap')
     disturbed = record('disturbed.mcap', '--hidden', 'coulomb_friction:4=0.8', '--hidden',
-                   'torque_offset:1=-0.5')
+                       'torque_offset:1=-0.5')
     change = disturbed.tau - undisturbed.tau
     moving = np.abs(undisturbed.qd[:, 3]) > 0.02
     assert change[moving, 3] == pytest.approx(0.8 * np.sign(undisturbed.qd[moving, 3]), abs=0.02)
@@ -114,7 +114,7 @@ def test_hidden_effects_are_printed_and_stored_in_the_bag(tmp_path, capsys):
     stored = json.loads(record.metadata['hidden'])
     assert record.name == 'gravity_comp_synth' and 'base_tilt=0.05' in record.metadata['command']
     assert stored[0] == {'effect': 'coulomb_friction', 'joint': 'iiwa_joint_4', 'size': 1.0,
-                       'unit': 'N·m'}
+                         'unit': 'N·m'}
     assert main([*call, '--json']) == 0
     assert json.loads(capsys.readouterr().out)['hidden_sizes'] == stored
 

@@ -103,7 +103,7 @@ def test_payload_adds_its_torque_and_leaves_the_arm_unchanged(tmp_path):
     np.testing.assert_allclose(extra, -3 * 9.80665 * 0.2 * np.sin(q), atol=1e-12)
     np.testing.assert_allclose(arms.gravity_torque(bare, q), -9.80665 * np.cos(q), atol=1e-12)
     inertial = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
-            - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
+                - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
     np.testing.assert_allclose(inertial, 0.01 + 0.5 + 3 * 0.04 + 0.2, atol=1e-12)
 
 

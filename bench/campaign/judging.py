@@ -111,7 +111,7 @@ def _warming(arm: str, rng: np.random.Generator) -> Case:
     period, idle = 100.0 + _SESSION_PAUSE, gear.resistance * gear.idle
     runs = tuple(
         (k, ThermalFriction(joint, gear.surfaces, capacity=gear.capacity,
-                         begin=gear.room - idle * float(np.expm1(-k * period / minutes))))
+                            begin=gear.room - idle * float(np.expm1(-k * period / minutes))))
         for k in range(_SESSION_RUNS))
     return Case('warming', arm, truths=(Truth('friction_drift', joint),), in_run=runs,
                 allowed=bristles(joint) | {('coulomb_friction', joint),

@@ -24,5 +24,5 @@ class Grasp:
         tau = signals.tau.copy()
         if loaded.any():
             tau[loaded] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
-                          - inverse_dynamics(arm, q, qd, qdd))
+                            - inverse_dynamics(arm, q, qd, qdd))
         return replace(signals, tau=tau)

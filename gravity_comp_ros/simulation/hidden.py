@@ -9,14 +9,14 @@ from math import isfinite
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
+from gravity_comp_ros.simulation.disturbances.angle_torque import (
+    Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset, DelayedEffort)
+    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
 from gravity_comp_ros.simulation.disturbances.friction import (
     DifferentialFriction, Friction, GreasedGear, LoadFriction, ThermalFriction)
 from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.angle_torque import (
-    Bumper, Cogging, Detent, DressPack, SpringBalancer)
 from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
 from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
 from gravity_comp_ros.simulation.synthesise import Disturbance
