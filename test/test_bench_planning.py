@@ -20,7 +20,7 @@ import pytest
 JOINT = 1
 
 
-def found(joint, effect, verdict):
+def finding(joint, effect, verdict):
     return Finding(joint, effect, verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
 
 
@@ -60,11 +60,11 @@ def test_recordings_and_verdicts(effect):
     # The hidden effect is on this joint only; the others have noise of 0.1 N·m.
     assert added[JOINT] > 0.11 and np.delete(added, JOINT) == pytest.approx(0.1, rel=0.1)
     for findings, verdict in (
-            ((found(name, effect, 'likely'), found(name, 'inertia', 'established')), 'right'),
-            ((found(name, effect, 'ambiguous'),), 'open'), ((), 'open'),
-            ((found(name, effect, 'likely'), found(name, 'joint_spring', 'likely')),
+            ((finding(name, effect, 'likely'), finding(name, 'inertia', 'established')), 'right'),
+            ((finding(name, effect, 'ambiguous'),), 'open'), ((), 'open'),
+            ((finding(name, effect, 'likely'), finding(name, 'joint_spring', 'likely')),
              'wrong: joint_spring'),
-            ((found(samples.names[0], effect, 'likely'),), 'open')):
+            ((finding(samples.names[0], effect, 'likely'),), 'open')):
         assert judged(Diagnosis(findings, {}), scene) == verdict
     options = PlanOptions(20.0)
     other = random_slow(samples, options, 0)
@@ -109,11 +109,11 @@ def test_the_tables_count():
                 'untestable': None, 'outcome': 'established', 'share': 1.0, 'chance': 1.0}
     one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False,
            'left': 'absent'}
-    done = [{**one, 'before': 'right', 'ways': {}},
-            {**one, 'before': 'open', 'left': 'weak', 'ways': {
-                'planned': {'verdict': 'right', 'expected': [expected]},
-                'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    lines = settled(done).splitlines()
+    results = [{**one, 'before': 'right', 'ways': {}},
+               {**one, 'before': 'open', 'left': 'weak', 'ways': {
+                   'planned': {'verdict': 'right', 'expected': [expected]},
+                   'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
+    lines = settled(results).splitlines()
     assert '| narrow | 2 | 1 | 1 | 1 | 0 | 1 | 1 |' in lines
     assert '| all reported open | 1 | 0 | 1 | 1 | 0 | 1 | 1 |' in lines
-    assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(done).splitlines()
+    assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(results).splitlines()

@@ -39,27 +39,27 @@ COULOMB = finding('coulomb_friction', F_c=(2.01, 'N·m', 1.97, 2.05))
 
 
 def test_the_true_effect_on_its_joint_is_right():
-    found = judge('coulomb_large', COULOMB)
-    assert found.right and found.named == (True,) and found.false == ()
-    assert [(i.truth, i.covers) for i in found.intervals] == [(2.0, True)]
+    judged = judge('coulomb_large', COULOMB)
+    assert judged.right and judged.named == (True,) and judged.false == ()
+    assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
 
 
 def test_an_interval_that_misses_the_truth_is_counted():
-    found = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
-    assert found.right and [i.covers for i in found.intervals] == [False]
+    judged = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
+    assert judged.right and [i.covers for i in judged.intervals] == [False]
 
 
 def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
     for wrong in (finding('coulomb_friction', ELBOW), finding('torque_offset')):
-        found = judge('coulomb_large', wrong)
-        assert found.named == (False,) and len(found.false) == 1 and not found.right
+        judged = judge('coulomb_large', wrong)
+        assert judged.named == (False,) and len(judged.false) == 1 and not judged.right
     assert judge('coulomb_large', finding('coulomb_friction', ELBOW)).false == (
         'coulomb_friction:4 (established)',)
 
 
 def test_a_true_effect_with_a_false_one_is_named_but_not_right():
-    found = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
-    assert found.named == (True,) and not found.right and len(found.false) == 1
+    judged = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
+    assert judged.named == (True,) and not judged.right and len(judged.false) == 1
 
 
 def test_allowed_effects_are_no_false_alarms():
@@ -70,14 +70,14 @@ def test_allowed_effects_are_no_false_alarms():
 
 
 def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_alternatives():
-    def judged(verdict, rivals):
+    def with_verdict(verdict, rivals):
         return judge('coulomb_large', finding('stribeck_friction', verdict=verdict,
                                               rivals=rivals))
-    assert judged('ambiguous', ['coulomb_friction']).right
-    assert judged('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
-    assert not judged('ambiguous', [f'coulomb_friction:{ELBOW}']).right
-    assert not judged('ambiguous', ['viscous_friction']).right
-    assert judged('weak', ['coulomb_friction']).named == (False,)
+    assert with_verdict('ambiguous', ['coulomb_friction']).right
+    assert with_verdict('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
+    assert not with_verdict('ambiguous', [f'coulomb_friction:{ELBOW}']).right
+    assert not with_verdict('ambiguous', ['viscous_friction']).right
+    assert with_verdict('weak', ['coulomb_friction']).named == (False,)
 
 
 def test_a_weak_finding_is_neither_found_nor_false():

@@ -17,12 +17,12 @@ import pytest
 
 
 def test_friction_of_a_joint_that_moved_in_one_direction():
-    found = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
-    (expected,) = found.expectations
+    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
     assert expected.chance_before < 0.01 and expected.chance > 0.95
-    assert all('elbow' in part.joints for part in found.parts)
-    assert any('coulomb_friction:elbow' in part.settles for part in found.parts)
-    q, qd = found.trajectory.q, found.trajectory.qd
+    assert all('elbow' in part.joints for part in planned.parts)
+    assert any('coulomb_friction:elbow' in part.settles for part in planned.parts)
+    q, qd = planned.trajectory.q, planned.trajectory.qd
     assert qd[:, 1].min() < -0.1 and qd[:, 1].max() > 0.1
     # The other joints move only between postures.
     assert np.ptp(q[:, 1]) > 0.1
@@ -30,9 +30,8 @@ def test_friction_of_a_joint_that_moved_in_one_direction():
 
 def test_the_interval_is_the_scatter_of_repeated_recordings():
     old = one_way(0)
-    found = plan(old, model(), [Target('coulomb_friction', 'elbow')],
-                 PlanOptions(15.0))
-    motion = found.trajectory
+    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    motion = planned.trajectory
     # Coulomb and viscous friction, offset, inertia and linearised gravity, in both recordings.
     qd = np.vstack([old.qd, motion.qd])[:, 1]
     bend = np.vstack([np.gradient(old.qd, 0.02, axis=0), motion.qdd])
@@ -41,18 +40,18 @@ def test_the_interval_is_the_scatter_of_repeated_recordings():
     rng = np.random.default_rng(0)
     tau = NOISE * rng.normal(size=(400, len(columns)))
     scatter = (tau @ np.linalg.pinv(columns, rcond=1e-9).T)[:, 0].std()
-    width, unit = found.expectations[0].half_width['F_c']
+    width, unit = planned.expectations[0].half_width['F_c']
     assert unit == 'N·m' and 0.8 * scatter < width / 1.96 < 1.25 * scatter
 
 
 def test_the_alternative_determines_the_motion():
     # Load friction is distinguished from Coulomb friction by a change of load only.
     target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
-    found = plan(one_way(0), model(), [target], PlanOptions(20.0))
-    (expected,) = found.expectations
+    planned = plan(one_way(0), model(), [target], PlanOptions(20.0))
+    (expected,) = planned.expectations
     assert expected.closest_alternative in ('coulomb_friction', '', 'torque_offset')
-    load = np.abs(CHAIN.torque(found.trajectory.q)[:, 1])
-    moving = np.abs(found.trajectory.qd[:, 1]) > 0.02
+    load = np.abs(CHAIN.torque(planned.trajectory.q)[:, 1])
+    moving = np.abs(planned.trajectory.qd[:, 1]) > 0.02
     assert np.ptp(load[moving]) > 0.3
 
 
@@ -62,27 +61,27 @@ def test_a_score_is_that_of_least_squares(seed):
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(40, 6))  # 3 nuisance terms, the target, an alternative of two columns
     size = np.array([rng.uniform(0.5, 2.0)])
-    found = effect_score(x.T @ x, np.full(3, 1e-9), (1, 2), size)
+    score = effect_score(x.T @ x, np.full(3, 1e-9), (1, 2), size)
     y = x[:, 3] * size[0]
     residual = [np.sqrt(np.linalg.lstsq(x[:, keep], y, rcond=None)[1][0])
                 for keep in ([0, 1, 2], [0, 1, 2, 4, 5])]
-    assert found.separation == pytest.approx(min(residual), rel=1e-5)
-    assert found.closest == (None if residual[0] <= residual[1] else 0)
+    assert score.separation == pytest.approx(min(residual), rel=1e-5)
+    assert score.closest == (None if residual[0] <= residual[1] else 0)
     columns = x[:, [0, 1, 2, 3]]
-    assert found.std[0] == pytest.approx(
+    assert score.std[0] == pytest.approx(
         np.sqrt(np.linalg.inv(columns.T @ columns)[3, 3]), rel=1e-5)
     # More data never reduce the separation.
     more = x.T @ x + np.diag(rng.uniform(0.0, 1.0, 6))
     better = effect_score(more, np.full(3, 1e-9), (1, 2), size)
-    assert better.separation >= found.separation * (1 - 1e-9)
+    assert better.separation >= score.separation * (1 - 1e-9)
 
 
 def test_a_collinear_column_has_no_information():
     x = np.random.default_rng(0).normal(size=(40, 2))
     x = np.column_stack([x, x[:, 1], x[:, 0]])
-    found = effect_score(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
-    assert found.separation < 1e-2 and np.isinf(found.std[0])
-    assert power(found.separation) < 1e-3
+    score = effect_score(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
+    assert score.separation < 1e-2 and np.isinf(score.std[0])
+    assert power(score.separation) < 1e-3
 
 
 def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
@@ -92,7 +91,7 @@ def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
     context = DesignContext(old, model(), rate, 0.05, 20.0)
     offset = Hypothesis(all_effects()['torque_offset'], 1, {})
     problem = DesignProblem(offset, (), np.ones(1), (1,), False)
-    found = context.information(problem, old, 0.05)
+    information = context.information(problem, old, 0.05)
     k, gravity = context.n_gravity, CHAIN.jacobian(old.samples.q)[2:]
     own = context.nuisance_columns(old)
     per_joint = own.shape[2]
@@ -107,7 +106,7 @@ def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
     kept = np.setdiff1d(np.arange(len(normal)), others)
     marginal = normal[np.ix_(kept, kept)] - normal[np.ix_(kept, others)] @ np.linalg.pinv(
         normal[np.ix_(others, others)], rcond=1e-12) @ normal[np.ix_(others, kept)]
-    np.testing.assert_allclose(found[:k, :k], marginal[:k, :k],
+    np.testing.assert_allclose(information[:k, :k], marginal[:k, :k],
                                atol=1e-5 * np.abs(marginal).max())
 
 
@@ -141,10 +140,10 @@ def test_open_targets_of_a_diagnosis():
         finding('coulomb_friction', 'elbow', 'ambiguous', rivals=('torque_offset',)),
         finding('inertia', 'elbow', 'weak'), finding(None, 'elbow', 'unexplained')),
         {NAMES[0]: quiet, NAMES[1]: report, NAMES[2]: quiet})
-    found = open_targets(diagnosis, motion)
-    assert [target.name for target in found] == [
+    targets = open_targets(diagnosis, motion)
+    assert [target.name for target in targets] == [
         'coulomb_friction:elbow', 'joint_spring:wrist', 'viscous_friction:elbow']
-    assert found[0].alternatives == ('torque_offset',)
+    assert targets[0].alternatives == ('torque_offset',)
     nothing = Diagnosis((), dict.fromkeys(NAMES, quiet))
     with pytest.raises(OptionError, match='no target is open'):
         plan(one_way(0), model(), None, PlanOptions(), nothing)
@@ -157,9 +156,10 @@ def test_a_payload_size_is_known_if_the_diagnosis_has_the_same_coefficients(firs
     setting = {'run': 0.0, 'time': 30.0, 'clock': 0.0}
     parts = all_effects()['payload_change'].coefficients_of(motion, 0, setting)
     values = {part.symbol: Estimate(0.1, '1', (0.0, 0.2)) for part in parts[first:]}
-    found = replace(finding('payload_change', None, 'weak'), setting=setting, coefficients=values)
+    payload = replace(finding('payload_change', None, 'weak'), setting=setting,
+                      coefficients=values)
     problem = design_problem(Target('payload_change', None), motion, probe, NOISE,
-                             Diagnosis((found,), {}))
+                             Diagnosis((payload,), {}))
     assert problem.known_size == is_known and len(problem.size) == len(parts) == 4
 
 

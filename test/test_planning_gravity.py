@@ -52,19 +52,19 @@ def test_information_is_that_of_least_squares():
 
 def test_a_plan_reduces_the_uncertainty():
     old = one_way(0)
-    found = plan(old, uncertain_model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
-    assert {each.joint for each in found.gravity} == set(NAMES) and not found.expectations
-    assert all(each.after < 0.6 * each.before for each in found.gravity)
-    assert any('gravity' in part.settles for part in found.parts)
-    assert 'uncertain by' in found.gravity[0].sentence and found.to_json()['gravity']
+    planned = plan(old, uncertain_model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
+    assert {each.joint for each in planned.gravity} == set(NAMES) and not planned.expectations
+    assert all(each.after < 0.6 * each.before for each in planned.gravity)
+    assert any('gravity' in part.settles for part in planned.parts)
+    assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
     with pytest.raises(OptionError, match='has no uncertainty'):
         plan(old, model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
 
 
 def test_uncertain_gravity_is_a_default_target():
     nothing = Diagnosis((), dict.fromkeys(NAMES, JointReport('', NOISE, 100.0, 0.1, 0.1, {})))
-    found = plan(one_way(0), uncertain_model(), None, PlanOptions(15.0), nothing)
-    stds = [each.before for each in found.gravity]
+    planned = plan(one_way(0), uncertain_model(), None, PlanOptions(15.0), nothing)
+    stds = [each.before for each in planned.gravity]
     assert stds == sorted(stds, reverse=True) and stds[0] > 0.1
     with pytest.raises(OptionError, match='no target is open'):
         plan(one_way(0), uncertain_model(1e-4), None, PlanOptions(15.0), nothing)

@@ -71,10 +71,10 @@ def test_a_plan_never_exceeds_its_limits(seed, duration, speed, acceleration, je
     old = one_way(seed, duration=20.0, rate=20.0)
     options = PlanOptions(duration, speed, acceleration, jerk, reach, rate=200.0)
     try:
-        found = plan(old, uncertain_model(), named_targets(targets, NAMES), options)
+        planned = plan(old, uncertain_model(), named_targets(targets, NAMES), options)
     except OptionError:
         return  # no motion fits the limits
-    motion = found.trajectory
+    motion = planned.trajectory
     assert motion.duration <= duration + 1 / options.rate
     assert np.abs(motion.qd).max() <= speed * (1 + 1e-9)
     assert np.abs(motion.qdd).max() <= acceleration * (1 + 1e-9)
@@ -165,8 +165,8 @@ def test_csv_and_mcap(motion, tmp_path):
                              model().predict(motion.q))
     for ending in ('csv', 'yaml'):
         write_trajectory(tmp_path / f'motion.{ending}', with_effort)
-        found = read_trajectory(tmp_path / f'motion.{ending}')
-        assert found.effort is not None and found.joints == NAMES
+        again = read_trajectory(tmp_path / f'motion.{ending}')
+        assert again.effort is not None and again.joints == NAMES
     write_trajectory(tmp_path / 'motion.mcap', with_effort)
     from gravity_comp_ros.recordings.bag import read_bag
     samples = read_bag(tmp_path / 'motion.mcap').samples

@@ -36,7 +36,7 @@ _SIMULATION_RATE = 200.0
 @dataclass(frozen=True)
 class Truth:
     """
-    A true effect on a joint; each of its `ties` is an equivalent explanation.
+    A true effect on a joint; its `equivalents` explain the same torque.
 
     `values` are the expected coefficients, in their order and in `unit`; empty where the
     coefficients of simulation and library differ in meaning.
@@ -44,13 +44,13 @@ class Truth:
 
     effect: str
     joint: int | None
-    ties: tuple[Pair, ...] = ()
+    equivalents: tuple[Pair, ...] = ()
     values: tuple[float, ...] = ()
     unit: str = ''
 
     @property
     def answers(self) -> frozenset[Pair]:
-        return frozenset(((self.effect, self.joint), *self.ties))
+        return frozenset(((self.effect, self.joint), *self.equivalents))
 
 
 @dataclass(frozen=True)

@@ -133,9 +133,9 @@ class Scene:
 
         def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             share = np.clip((t - SECONDS) / _TRAVEL, 0.0, 1.0)[:, None]
-            way = last + 0.5 * (1.0 - np.cos(np.pi * share)) * (first - last)
-            speed = (first - last) * 0.5 * np.pi / _TRAVEL * np.sin(np.pi * share)
-            q, qd, qdd = way, speed, np.zeros_like(way)
+            q = last + 0.5 * (1.0 - np.cos(np.pi * share)) * (first - last)
+            qd = (first - last) * 0.5 * np.pi / _TRAVEL * np.sin(np.pi * share)
+            qdd = np.zeros_like(q)
             for part, (here, clock) in ((before, (t < SECONDS, t)),
                                         (motion, (t >= begin, t - begin))):
                 for values, moved in zip((q, qd, qdd), part.path(np.clip(clock, 0.0, None))):

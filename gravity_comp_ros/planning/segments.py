@@ -92,7 +92,7 @@ class Line:
 
     def at(self, t: FloatArray) -> _Path:
         top, ramp, cruise = self._profile
-        way = self.end - self.start
+        move = self.end - self.start
         if not top:
             return Hold(self.end, 0.0).at(t)
         t = np.clip(t, 0.0, self.duration)
@@ -106,7 +106,7 @@ class Line:
         v = np.where(in_ramp, 0.5 * top * (1.0 - np.cos(phase)), top)
         a = np.where(in_ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
         s, a = np.where(late, 1.0 - s, s), np.where(late, -a, a)
-        return self.start + s[:, None] * way, v[:, None] * way, a[:, None] * way
+        return self.start + s[:, None] * move, v[:, None] * move, a[:, None] * move
 
 
 @dataclass(frozen=True, eq=False)

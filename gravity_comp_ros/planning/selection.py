@@ -72,10 +72,10 @@ class Selector:
         times = []
         at, time = self._space.start, 0.0
         for part in chosen:
-            way = self._travel(at, part.base)
-            time += sum(segment.duration for segment in way)
+            segments = self._travel(at, part.base)
+            time += sum(segment.duration for segment in segments)
             times.append((time, time + part.duration))
-            motion += [*way, *part.segments]
+            motion += [*segments, *part.segments]
             time += part.duration
             at = part.base
         motion += self._travel(at, self._space.start)
@@ -224,9 +224,9 @@ class Selector:
     def _travel_time(self, a: FloatArray, b: FloatArray) -> float:
         key = a.tobytes() + b.tobytes()
         if key not in self._travel_times:
-            way = travel(self._space, a, b, self._limits)
-            self._travel_times[key] = float('inf') if way is None else sum(
-                segment.duration for segment in way)
+            segments = travel(self._space, a, b, self._limits)
+            self._travel_times[key] = float('inf') if segments is None else sum(
+                segment.duration for segment in segments)
         return self._travel_times[key]
 
     def _travel(self, a: FloatArray, b: FloatArray) -> list[Segment]:

@@ -165,7 +165,7 @@ def design_problem(target: Target, motion: Motion, probe: Motion, noise: FloatAr
 
 def _alternatives(target: Target, effect: Effect, motion: Motion,
                   probe: Motion) -> tuple[Hypothesis, ...]:
-    found: list[Hypothesis] = []
+    hypotheses: list[Hypothesis] = []
     for text in dict.fromkeys([*target.alternatives, *effect.confounders]):
         name, _, where = text.partition(':')
         other = all_effects().get(name)
@@ -177,8 +177,8 @@ def _alternatives(target: Target, effect: Effect, motion: Motion,
             settings = _settings(other, motion, probe, place)
         except GravityCompError:
             continue
-        found += [Hypothesis(other, place, setting) for setting in settings[:_MAX_SETTINGS]]
-    return tuple(found[:_MAX_ALTERNATIVES * _MAX_SETTINGS])
+        hypotheses += [Hypothesis(other, place, setting) for setting in settings[:_MAX_SETTINGS]]
+    return tuple(hypotheses[:_MAX_ALTERNATIVES * _MAX_SETTINGS])
 
 
 def _joint(effect: Effect, name: str | None, names: Sequence[str]) -> int | None:
