@@ -7,7 +7,7 @@ from bench.cases.cases import ARMS, Case, recordings, undisturbed
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
 from gravity_comp_ros.simulation.hidden import noise_levels
-from gravity_comp_ros.simulation.motions import sample
+from gravity_comp_ros.simulation.motions import sample, sines
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 import pytest
@@ -23,13 +23,7 @@ def sweep(arm):
     """Return 40 s in which every joint moves to and fro through 95 % of its range."""
     omega = 2 * np.pi * np.arange(1, arm.n_joints + 1) / 40.0
     middle, half = 0.5 * (arm.upper + arm.lower), 0.475 * (arm.upper - arm.lower)
-
-    def path(t):
-        angle = np.outer(t, omega)
-        return (middle + half * np.sin(angle), half * omega * np.cos(angle),
-                -half * omega ** 2 * np.sin(angle))
-
-    return sample('sweep', path, 40.0, 20.0)
+    return sample('sweep', sines(half, omega, 0.0, middle), 40.0, 20.0)
 
 
 def changes(entry, arm, motion):

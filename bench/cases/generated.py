@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, empty_model, with_base_tilt
-from gravity_comp_ros.simulation.motions import Motion, sample
+from gravity_comp_ros.simulation.motions import Motion, sample, sines
 import numpy as np
 import pinocchio as pin
 
@@ -57,13 +57,7 @@ def small_motion(arm: Arm, seed: int, duration: float = 100.0, rate: float = 5.0
     amplitude = rng.uniform(0.4, 0.7, n)
     omega = rng.uniform(0.5, 1.0, n) * _SPEED / amplitude
     phase, centre = rng.uniform(0.0, 2 * np.pi, n), rng.uniform(-0.5, 0.5, n)
-
-    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
-        return (centre + amplitude * np.sin(angle), amplitude * omega * np.cos(angle),
-                -amplitude * omega ** 2 * np.sin(angle))
-
-    return sample('small', path, duration, rate, start)
+    return sample('small', sines(amplitude, omega, phase, centre), duration, rate, start)
 
 
 def _random_rotation(rng: np.random.Generator, right_angles: bool) -> FloatArray:

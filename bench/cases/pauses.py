@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.motions import Motion, sample
+from gravity_comp_ros.simulation.motions import Motion, quintic_step, sample
 import numpy as np
 
 
@@ -57,15 +57,14 @@ def with_pauses(motion: Motion, pauses: tuple[Pause, ...]) -> Motion:
 
 def _slowing(t: FloatArray, pause: Pause) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the time lost by a pause (K,) in s, and its first and second derivative."""
-    down = _step((t - pause.start) / pause.ramp, pause.ramp)
-    up = _step((t - pause.start - pause.ramp - pause.rest) / pause.ramp, pause.ramp)
+    down = _step(t - pause.start, pause.ramp)
+    up = _step(t - pause.start - pause.ramp - pause.rest, pause.ramp)
     return down[0] - up[0], down[1] - up[1], down[2] - up[2]
 
 
-def _step(x: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return integral, value and slope of a quintic step from 0 to 1 in `ramp` s."""
+def _step(t: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return integral, value and slope of a quintic step in `ramp` s."""
+    x = t / ramp
     y = np.clip(x, 0.0, 1.0)
     integral = ramp * (y ** 4 * (2.5 - 3 * y + y ** 2) + np.maximum(x - 1.0, 0.0))
-    value = y ** 3 * (10 - 15 * y + 6 * y ** 2)
-    slope = 30 * y ** 2 * (1 - y) ** 2 / ramp
-    return integral, value, slope
+    return integral, *quintic_step(t, ramp)[:2]

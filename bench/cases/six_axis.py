@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from math import pi
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm, empty_model
+from gravity_comp_ros.simulation.arms import Arm, serial_model
 import numpy as np
 import pinocchio as pin
 
@@ -49,16 +49,11 @@ def six_axis(names: Sequence[str] | None = None) -> Arm:
     joints = tuple(names) if names else NAMES
     if len(set(joints)) != 6:
         raise OptionError(f'the arm has 6 joints; {len(joints)} names given, or they repeat')
-    model = empty_model('six_axis')
-    parent = 0
-    for joint, (xyz, rpy), (mass, com, radius, length, axis) in zip(joints, _ORIGINS, _LINKS):
-        parent = model.addJoint(
-            parent, pin.JointModelRZ(), pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)), joint)
-        model.appendBodyToJoint(
-            parent, pin.Inertia(mass, np.array(com), _cylinder(mass, radius, length, axis)),
-            pin.SE3.Identity())
+    bodies = [pin.Inertia(mass, np.array(com), _cylinder(mass, radius, length, axis))
+              for mass, com, radius, length, axis in _LINKS]
     upper = np.array([2.8, 2.8, 2.6, 2.8, 2.8, 2.8])
-    return Arm('six_axis', joints, model, -upper, upper, np.array(_SPEED))
+    return Arm('six_axis', joints, serial_model('six_axis', joints, _ORIGINS, bodies), -upper,
+               upper, np.array(_SPEED))
 
 
 def _cylinder(mass: float, radius: float, length: float, axis: int) -> np.ndarray:

@@ -85,14 +85,9 @@ def _gate(t: FloatArray, interval: tuple[float, float] | None) -> _Path:
     """Return 1 within an interval and 0 outside, by quintic steps, and two derivatives."""
     if interval is None:
         return np.ones_like(t), np.zeros_like(t), np.zeros_like(t)
-    rise, fall = _step(t - interval[0]), _step(t - interval[1] + _RAMP)
+    rise, fall = (motions.quintic_step(t - start, _RAMP)
+                  for start in (interval[0], interval[1] - _RAMP))
     return rise[0] - fall[0], rise[1] - fall[1], rise[2] - fall[2]
-
-
-def _step(t: FloatArray) -> _Path:
-    x = np.clip(t / _RAMP, 0.0, 1.0)
-    return (x ** 3 * (10 - 15 * x + 6 * x ** 2), 30 * x ** 2 * (1 - x) ** 2 / _RAMP,
-            60 * x * (1 - x) * (1 - 2 * x) / _RAMP ** 2)
 
 
 def _one_way(t: FloatArray) -> _Path:

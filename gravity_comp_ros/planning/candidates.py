@@ -9,7 +9,6 @@ a diagnosis uses little of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
@@ -20,10 +19,8 @@ import numpy as np
 
 # Speeds of strokes of one joint and of two joints, as shares of the speed limit.
 _SPEEDS, _SPEED_OF_TWO = (1.0, 0.6, 0.3), 0.45
-# Nominal duration of a part, s: several short parts are better than one long one.
-_NOMINAL_DURATION = 8.0
-# Shortest time of repeated strokes, s.
-_MIN_REPEATED = 3.0
+# Shortest time of repeated strokes, s, and their largest number.
+_MIN_REPEATED, _MAX_CYCLES = 3.0, 8
 # Longest part in nominal durations; twice that for one through a joint's whole range.
 _MAX_OVERTIME = 1.5
 # Stops of a staircase, and the time at each, s.
@@ -54,22 +51,23 @@ class Part:
 
 
 def candidates(space: Workspace, model: GravityModel, joint: int, limits: Limits,
-               nominal: float = _NOMINAL_DURATION, whole: bool = False) -> list[Part]:
+               nominal: float, whole: bool) -> list[Part]:
     """
     Return parts that move a joint, alone or with neighbours, at several postures.
 
-    :param nominal: nominal duration of a part, s.
+    :param nominal: nominal duration of a part, s: several short ones are better than a long one.
     :param whole: include a part through the whole range of the joint.
     """
     parts: list[Part] = []
     for posture, base in _bases(space, model, joint):
-        parts += _of_one_joint(space, joint, posture, base, limits, nominal)
+        builder = _PartBuilder(space, limits, nominal, base, posture)
+        parts += builder.of_one_joint(joint)
         if whole:
-            parts += _whole_range(space, joint, posture, base, limits, nominal)
+            parts += builder.through_whole_range(joint)
         for partner in (joint - 1, joint + 1):
             if 0 <= partner < space.n_joints:
-                parts += _of_two_joints(space, (joint, partner), posture, base, limits, nominal)
-        parts += _of_three_joints(space, joint, posture, base, limits, nominal)
+                parts += builder.of_two_joints((joint, partner))
+        parts += builder.of_three_joints(joint)
     return parts
 
 
@@ -139,132 +137,134 @@ def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str,
     return bases
 
 
-def _of_one_joint(space: Workspace, joint: int, posture: str, base: FloatArray, limits: Limits,
-                  nominal: float) -> list[Part]:
-    """Return strokes at several speeds, a slow one through the range, a staircase and a sine."""
-    axis = np.eye(space.n_joints)[joint]
-    up, down = _extents(space, base, axis, _MAX_STROKE)
-    if up + down < _MIN_STROKE:
-        return []
-    parts = []
-    for share in _SPEEDS:
-        speed = share * limits.speed
-        low, high = _centred(down, up, min(up + down, 0.5 * nominal * speed))
-        parts.append(_to_and_fro(f'to and fro at {speed:.2g} rad/s{posture}', (joint,), base, axis,
-                                 low, high, limits.slower(speed), nominal))
-    slow = 2.0 * (up + down) / nominal
-    if slow < limits.speed:
-        parts.append(_to_and_fro(f'slowly through its range{posture}', (joint,), base, axis, -down,
-                                 up, limits.slower(slow), nominal))
-    parts.append(_stairs(f'in steps up and down{posture}', joint, base, axis, down, up, limits,
-                         nominal))
-    if min(up, down) > _MIN_STROKE:
-        wave = wave_within(base, min(up, down) * axis, np.full(len(base), 0.25),
-                           min(nominal, _MAX_WAVE_DURATION), limits)
-        parts.append(Part(f'in a sine{posture}', (joint,), base, (wave,)))
-    return [part for part in parts if part.duration <= _MAX_OVERTIME * nominal]
+@dataclass(frozen=True, eq=False)
+class _PartBuilder:
+    """Builder of parts from a base pose, which `posture` describes in words."""
 
+    space: Workspace
+    limits: Limits
+    nominal: float
+    base: FloatArray
+    posture: str
 
-def _whole_range(space: Workspace, joint: int, posture: str, base: FloatArray, limits: Limits,
-                 nominal: float) -> list[Part]:
-    """Return a part to both ends of a joint's travel, if shorter ones do not reach them."""
-    axis = np.eye(space.n_joints)[joint]
-    up, down = _extents(space, base, axis, _MAX_STROKE)
-    if up + down <= 0.5 * nominal * limits.speed:
-        return []
-    part = _to_and_fro(f'once through its whole range{posture}', (joint,), base, axis, -down, up,
-                       limits, nominal)
-    return [part] if part.duration <= 2.0 * _MAX_OVERTIME * nominal else []
-
-
-def _of_two_joints(space: Workspace, joints: tuple[int, int], posture: str, base: FloatArray,
-                   limits: Limits, nominal: float) -> list[Part]:
-    """Return strokes of two joints in equal and in opposite directions."""
-    parts = []
-    for sign, how in ((1.0, 'in the same direction'), (-1.0, 'in opposite directions')):
-        axis = np.zeros(space.n_joints)
-        axis[list(joints)] = 1.0, sign
-        up, down = _extents(space, base, axis, _MAX_STROKE_OF_SEVERAL)
+    def of_one_joint(self, joint: int) -> list[Part]:
+        """Return strokes at several speeds, a slow one through the range, steps and a sine."""
+        axis = self._axis(joint)
+        up, down = self._extents(axis, _MAX_STROKE)
         if up + down < _MIN_STROKE:
-            continue
-        speed = _SPEED_OF_TWO * limits.speed
-        low, high = _centred(down, up, min(up + down, 0.5 * nominal * speed))
-        parts.append(_to_and_fro(f'both {how}{posture}', joints, base, axis, low, high,
-                                 limits.slower(speed), nominal))
-    return [part for part in parts if part.duration <= _MAX_OVERTIME * nominal]
+            return []
+        parts = []
+        for speed in (share * self.limits.speed for share in _SPEEDS):
+            parts.append(self._to_and_fro(f'to and fro at {speed:.2g} rad/s', (joint,), axis,
+                                          *self._stroke(down, up, speed), speed))
+        slow = 2.0 * (up + down) / self.nominal
+        if slow < self.limits.speed:
+            parts.append(self._to_and_fro('slowly through its range', (joint,), axis, -down, up,
+                                          slow))
+        parts.append(self._steps(joint, axis, down, up))
+        if min(up, down) > _MIN_STROKE:
+            wave = wave_within(self.base, min(up, down) * axis, np.full(len(axis), 0.25),
+                               min(self.nominal, _MAX_WAVE_DURATION), self.limits)
+            parts.append(self._part('in a sine', (joint,), wave))
+        return self._short(parts)
 
+    def through_whole_range(self, joint: int) -> list[Part]:
+        """Return a part to both ends of a joint's travel, if shorter ones do not reach them."""
+        axis = self._axis(joint)
+        up, down = self._extents(axis, _MAX_STROKE)
+        if up + down <= 0.5 * self.nominal * self.limits.speed:
+            return []
+        return self._short([self._to_and_fro('once through its whole range', (joint,), axis, -down,
+                                             up, self.limits.speed)], 2.0)
 
-def _of_three_joints(space: Workspace, joint: int, posture: str, base: FloatArray, limits: Limits,
-                     nominal: float) -> list[Part]:
-    """Return sines of a joint and its neighbours at different frequencies."""
-    joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < space.n_joints]
-    frequency, amplitude = np.ones(space.n_joints), np.zeros(space.n_joints)
-    duration = min(nominal, _MAX_WAVE_DURATION)
-    for order, n in enumerate(joints):
-        frequency[n] = (order % 3 + 1) / duration
-        amplitude[n] = min(_extents(space, base, np.eye(space.n_joints)[n],
-                                    _MAX_STROKE_OF_SEVERAL))
-    parts = []
-    for how, shift in (('slowly', 0), ('in another order', 1)):
-        frequency[joints] = np.roll(frequency[joints], shift)
-        wave = _admissible(space, base, amplitude, frequency, duration, limits)
-        if wave is not None:
-            parts.append(Part(f'in sines of different frequency, {how}{posture}', tuple(joints),
-                              base, (wave,)))
-    return parts
+    def of_two_joints(self, joints: tuple[int, int]) -> list[Part]:
+        """Return strokes of two joints in equal and in opposite directions."""
+        parts = []
+        speed = _SPEED_OF_TWO * self.limits.speed
+        for sign, how in ((1.0, 'the same direction'), (-1.0, 'opposite directions')):
+            axis = self._axis(joints[0]) + sign * self._axis(joints[1])
+            up, down = self._extents(axis, _MAX_STROKE_OF_SEVERAL)
+            if up + down >= _MIN_STROKE:
+                parts.append(self._to_and_fro(f'both in {how}', joints, axis,
+                                              *self._stroke(down, up, speed), speed))
+        return self._short(parts)
 
+    def of_three_joints(self, joint: int) -> list[Part]:
+        """Return sines of a joint and its neighbours at different frequencies."""
+        n_joints = self.space.n_joints
+        joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < n_joints]
+        frequency, amplitude = np.ones(n_joints), np.zeros(n_joints)
+        duration = min(self.nominal, _MAX_WAVE_DURATION)
+        for order, n in enumerate(joints):
+            frequency[n] = (order % 3 + 1) / duration
+            amplitude[n] = min(self._extents(self._axis(n), _MAX_STROKE_OF_SEVERAL))
+        parts = []
+        for how, shift in (('slowly', 0), ('in another order', 1)):
+            frequency[joints] = np.roll(frequency[joints], shift)
+            wave = self._admissible_wave(amplitude, frequency, duration)
+            if wave is not None:
+                parts.append(self._part(f'in sines of different frequency, {how}', tuple(joints),
+                                        wave))
+        return parts
 
-def _extents(space: Workspace, base: FloatArray, axis: FloatArray,
-             limit: float) -> tuple[float, float]:
-    """Return the admissible travel along an axis and against it, rad."""
-    return space.extent(base, axis, limit), space.extent(base, -axis, limit)
+    def _axis(self, joint: int) -> FloatArray:
+        return np.eye(self.space.n_joints)[joint]
 
+    def _extents(self, axis: FloatArray, limit: float) -> tuple[float, float]:
+        """Return the admissible travel along an axis and against it, rad."""
+        return (self.space.extent(self.base, axis, limit),
+                self.space.extent(self.base, -axis, limit))
 
-def _admissible(space: Workspace, base: FloatArray, amplitude: FloatArray, frequency: FloatArray,
-                duration: float, limits: Limits) -> Wave | None:
-    """Return the largest trial wave within the workspace, None if there is none."""
-    for scale in _WAVE_SCALES:
-        wave = wave_within(base, scale * amplitude, frequency, duration, limits)
-        if np.abs(wave.amplitude).max() < _MIN_STROKE:
-            return None
-        if space.admits_path(wave.at(np.arange(0.0, duration, _CHECK_TIME))[0]):
-            return wave
-    return None
+    def _stroke(self, down: float, up: float, speed: float) -> tuple[float, float]:
+        """Return the ends of a stroke of nominal duration about the base, from -down to up."""
+        length = min(up + down, 0.5 * self.nominal * speed)
+        low = float(np.clip(-0.5 * length, -down, up - length))
+        return low, low + length
 
+    def _part(self, what: str, joints: tuple[int, ...], *segments: Segment) -> Part:
+        return Part(what + self.posture, joints, self.base, segments)
 
-def _centred(down: float, up: float, stroke: float) -> tuple[float, float]:
-    """Return the ends of a stroke about the base, shifted to lie between -down and up."""
-    low = float(np.clip(-0.5 * stroke, -down, up - stroke))
-    return low, low + stroke
+    def _short(self, parts: list[Part], factor: float = 1.0) -> list[Part]:
+        """Return the parts that are not too long."""
+        longest = factor * _MAX_OVERTIME * self.nominal
+        return [part for part in parts if part.duration <= longest]
 
+    def _to_and_fro(self, what: str, joints: tuple[int, ...], axis: FloatArray, low: float,
+                    high: float, speed: float) -> Part:
+        """Return repeated strokes between two points of an axis."""
+        limits = self.limits.slower(speed)
+        bottom, top = self.base + low * axis, self.base + high * axis
+        cycle = 2.0 * Line(bottom, top, limits).duration
+        count = 1
+        if cycle < self.nominal:
+            count = int(np.clip(_MIN_REPEATED / max(cycle, 1e-3), 1, _MAX_CYCLES))
+        # Down and up in each cycle; the first and last legs start and end at the base.
+        stops = [self.base, *[top, bottom] * count, self.base]
+        return self._part(what, joints, *(Line(a, b, limits) for a, b in zip(stops, stops[1:])
+                                          if np.abs(b - a).max() > 1e-12))
 
-def _to_and_fro(what: str, joints: tuple[int, ...], base: FloatArray, axis: FloatArray,
-                low: float, high: float, limits: Limits, nominal: float) -> Part:
-    bottom, top = base + low * axis, base + high * axis
-    cycle = 2.0 * Line(bottom, top, limits).duration
-    count = int(np.clip(_MIN_REPEATED / max(cycle, 1e-3), 1, 8)) if cycle < nominal else 1
-    # Down and up in each cycle; the first and last legs start and end at the base.
-    stops = [base, *[top, bottom] * count, base]
-    return Part(what, joints, base, _legs(stops, limits))
+    def _steps(self, joint: int, axis: FloatArray, down: float, up: float) -> Part:
+        """Return equal steps from -down to up and back, with a stop at each."""
+        steps = np.linspace(-down, up, _STOPS)
+        width = steps[1] - steps[0]
+        reachable = 0.5 * (self.nominal / (2 * _STOPS) - _STOP_TIME) * self.limits.speed
+        steps = steps * min(1.0, max(reachable, _MIN_STROKE) / max(width, 1e-9))
+        segments: list[Segment] = []
+        at = self.base
+        for step in [*steps, *steps[-2::-1]]:
+            pose = self.base + step * axis
+            segments += [Line(at, pose, self.limits), Hold(pose, _STOP_TIME)]
+            at = pose
+        return self._part('in steps up and down', (joint,), *segments,
+                          Line(at, self.base, self.limits))
 
-
-def _stairs(what: str, joint: int, base: FloatArray, axis: FloatArray, down: float, up: float,
-            limits: Limits, nominal: float) -> Part:
-    """Return equal steps from -down to up and back, with a stop at each."""
-    steps = np.linspace(-down, up, _STOPS)
-    width = steps[1] - steps[0]
-    reachable = 0.5 * (nominal / (2 * _STOPS) - _STOP_TIME) * limits.speed
-    steps = steps * min(1.0, max(reachable, _MIN_STROKE) / max(width, 1e-9))
-    segments: list[Segment] = []
-    at = base
-    for step in [*steps, *steps[-2::-1]]:
-        pose = base + step * axis
-        segments += [Line(at, pose, limits), Hold(pose, _STOP_TIME)]
-        at = pose
-    segments.append(Line(at, base, limits))
-    return Part(what, (joint,), base, tuple(segments))
-
-
-def _legs(stops: Sequence[FloatArray], limits: Limits) -> tuple[Segment, ...]:
-    return tuple(Line(a, b, limits) for a, b in zip(stops, stops[1:])
-                 if np.abs(b - a).max() > 1e-12)
+    def _admissible_wave(self, amplitude: FloatArray, frequency: FloatArray,
+                         duration: float) -> Wave | None:
+        """Return the largest trial wave within the workspace, None if there is none."""
+        for scale in _WAVE_SCALES:
+            wave = wave_within(self.base, scale * amplitude, frequency, duration, self.limits)
+            if np.abs(wave.amplitude).max() < _MIN_STROKE:
+                return None
+            if self.space.admits_path(wave.at(np.arange(0.0, duration, _CHECK_TIME))[0]):
+                return wave
+        return None

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.data.samples import FloatArray
@@ -21,41 +20,9 @@ import numpy as np
 _GATE = GateOptions()
 
 
-class Score(Protocol):
-    """The criterion evaluated at an information matrix."""
-
-    @property
-    def utility(self) -> float:
-        """Return the utility that the selection of a motion maximises."""
-
-
-class Objective(Protocol):
-    """An effect or gravity, about which a motion has to give information."""
-
-    @property
-    def uses_gradient(self) -> bool:
-        """Return whether the regressors contain the gradient of gravity by the angles."""
-
-    @property
-    def joint(self) -> int | None:
-        """Return the joint that has to move; None if any joint serves."""
-
-    def recorded_information(self) -> FloatArray:
-        """Return the information matrix of the recordings."""
-
-    def planned_information(self, motion: Motion) -> FloatArray:
-        """Return the information matrix of a planned motion."""
-
-    def score(self, information: FloatArray) -> Score:
-        """Return the score of an information matrix."""
-
-    def untestable(self, both: Motion) -> str | None:
-        """Return why a diagnosis of recordings and motion cannot test it, None if it can."""
-
-
 @dataclass(frozen=True, eq=False)
 class EffectObjective:
-    """Separation of an effect; for an `auxiliary` one the recordings do not count."""
+    """Separation of an effect; of an `auxiliary` one the recordings do not count."""
 
     problem: DesignProblem
     context: DesignContext
@@ -63,10 +30,12 @@ class EffectObjective:
 
     @property
     def uses_gradient(self) -> bool:
+        """Return whether the regressors contain the gradient of gravity by the angles."""
         return len(self.problem.joints) > 1
 
     @property
     def joint(self) -> int | None:
+        """Return the joint that has to move; None if any joint serves."""
         return self.problem.joints[0] if len(self.problem.joints) == 1 else None
 
     @cached_property
@@ -79,21 +48,25 @@ class EffectObjective:
                      for one in (self.problem.target, *self.problem.alternatives))
 
     def recorded_information(self) -> FloatArray:
+        """Return the information matrix of the recordings."""
         information = self.context.information(self.problem, self.context.recorded,
                                                self.context.seconds_per_row)
         return 0.0 * information if self.auxiliary else information
 
     def planned_information(self, motion: Motion) -> FloatArray:
+        """Return the information matrix of a planned motion."""
         context = self.context
         return context.information(self.problem, motion, 1.0 / context.rate, context.n_prefix)
 
     def score(self, information: FloatArray) -> EffectScore:
+        """Return the score of an information matrix."""
         # Absorption by gravity is not considered for effects of the whole arm.
         n_gravity = self.context.n_gravity if len(self.problem.joints) == 1 else 0
         return effect_score(information, self._prior, self._widths, self.problem.size, n_gravity,
                             self.context.gravity_factor)
 
     def untestable(self, both: Motion) -> str | None:
+        """Return why a diagnosis of recordings and motion cannot test it, None if it can."""
         target = self.problem.target
         return target.effect.untestable(both, target.joint or 0)
 
@@ -129,3 +102,7 @@ class GravityObjective:
 
     def untestable(self, both: Motion) -> str | None:
         return None
+
+
+Objective = EffectObjective | GravityObjective
+Score = EffectScore | GravityScore

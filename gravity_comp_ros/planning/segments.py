@@ -11,12 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 _Path = tuple[FloatArray, FloatArray, FloatArray]
+"""q, qd and qdd, each (M, N), at times from 0 to the duration of a segment."""
+
+# Points at which the peak rates of a wave are evaluated.
 _WAVE_GRID = 2000
 # Margin for the largest jerk of a wave between points of the grid.
 _GRID_MARGIN = 1.01
@@ -32,21 +34,6 @@ class Limits:
 
     def slower(self, speed: float) -> Limits:
         return Limits(min(self.speed, speed), self.acceleration, self.jerk)
-
-
-class Segment(Protocol):
-    """A segment of motion."""
-
-    @property
-    def duration(self) -> float:
-        """Return the duration, s."""
-
-    @property
-    def end(self) -> FloatArray:
-        """Return the pose (N,) at its end."""
-
-    def at(self, t: FloatArray) -> _Path:
-        """Return q, qd, qdd, each (M, N), at times from 0 to the duration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +113,9 @@ class Wave:
         window = _window(t, self.duration)
         q, qd, qdd, _ = _wave(t, window, self.amplitude, self.frequency)
         return self.pose + q, qd, qdd
+
+
+Segment = Hold | Line | Wave
 
 
 def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,

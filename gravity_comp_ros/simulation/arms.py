@@ -100,16 +100,10 @@ def iiwa7(names: Sequence[str] | None = None) -> Arm:
         raise OptionError(f'the iiwa 7 has 7 joints; {len(joints)} names given, or they repeat')
     upper = np.radians(_IIWA7_LIMIT_DEG)
     speed = np.radians(_IIWA7_SPEED_DEG)
-    model = empty_model('iiwa7')
-    parent = 0
-    for n, joint in enumerate(joints):
-        (xyz, rpy), (mass, com, inertia) = _IIWA7_ORIGINS[n], _IIWA7_LINKS[n]
-        parent = model.addJoint(
-            parent, pin.JointModelRZ(), pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)), joint)
-        model.appendBodyToJoint(
-            parent, pin.Inertia(mass, np.array(com), _inertia_matrix(inertia)),
-            pin.SE3.Identity())
-    return Arm('iiwa7', joints, model, -upper, upper, speed)
+    bodies = [pin.Inertia(mass, np.array(com), _inertia_matrix(inertia))
+              for mass, com, inertia in _IIWA7_LINKS]
+    return Arm('iiwa7', joints, serial_model('iiwa7', joints, _IIWA7_ORIGINS, bodies), -upper,
+               upper, speed)
 
 
 def from_urdf(path: str | Path) -> Arm:
@@ -149,6 +143,21 @@ def from_urdf(path: str | Path) -> Arm:
     unlimited = ~(upper > lower) | ~np.isfinite(upper - lower) | (upper - lower > 1e3)
     return Arm(model.name or path.stem, joints, model, np.where(unlimited, -pi, lower),
                np.where(unlimited, pi, upper), speed)
+
+
+def serial_model(name: str, joints: Sequence[str], origins: Sequence[Sequence[Sequence[float]]],
+                 bodies: Sequence[pin.Inertia]) -> pin.Model:
+    """
+    Return a chain of revolute joints about z, each with a body.
+
+    :param origins: xyz in m and rpy in rad of each joint in the frame of its parent.
+    """
+    model, parent = empty_model(name), 0
+    for joint, (xyz, rpy), body in zip(joints, origins, bodies):
+        placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, joint)
+        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    return model
 
 
 def empty_model(name: str) -> pin.Model:

@@ -73,7 +73,7 @@ def eq15(duration: float = 20.0, rate: float = 10.0, start: float = 0.0) -> Moti
     amplitude = np.array([1.4, 1.4, 1.8, 1.3, 3.0, 2.0, 3.0])
     omega = np.pi * np.array([0.25, 0.2, 0.167, 0.25, 0.33, 0.167, 0.2])
     phase = np.array([0.0, 0.0, 0.0, -0.167 * np.pi, 0.0, 0.0, 0.0])
-    return sample('eq15', _sines(amplitude, omega, phase, np.zeros(7)), duration, rate, start)
+    return sample('eq15', sines(amplitude, omega, phase, np.zeros(7)), duration, rate, start)
 
 
 def eq17(duration: float = 100.0, rate: float = 5.0, start: float = 0.0) -> Motion:
@@ -88,7 +88,7 @@ def eq17(duration: float = 100.0, rate: float = 5.0, start: float = 0.0) -> Moti
     phase = np.array([1.5, 0.2, 0.3, 0.2, 0.0, 0.4, 0.4]) + cosine
     offset = np.array([0.0, 0.5, 0.0, 0.25, 0.0, 0.25, 0.0]) - amplitude * np.sin(phase)
     offset[0] = 0.0  # Eq. (17) subtracts the value at t = 0 for every joint except the first.
-    return sample('eq17', _sines(amplitude, omega, phase, offset), duration, rate, start)
+    return sample('eq17', sines(amplitude, omega, phase, offset), duration, rate, start)
 
 
 def random_poses(lower: ArrayLike, upper: ArrayLike, count: int, seed: int = 0,
@@ -175,8 +175,9 @@ def sample(name: str, path: Path, duration: float, rate: float, start: float = 0
     return Motion(name, t, *path(t), path)
 
 
-def _sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
-           offset: FloatArray) -> Path:
+def sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
+          offset: FloatArray) -> Path:
+    """Return one sine per joint, each parameter (N,) in rad and s, about an offset."""
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
         return (amplitude * np.sin(angle) + offset, amplitude * omega * np.cos(angle),
@@ -184,13 +185,17 @@ def _sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
     return path
 
 
+def quintic_step(t: FloatArray, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a smooth step from 0 at t = 0 to 1 at the duration, and two derivatives."""
+    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    return (x ** 3 * (10 - 15 * x + 6 * x ** 2), 30 * x ** 2 * (1 - x) ** 2 / duration,
+            60 * x * (1 - x) * (1 - 2 * x) / duration ** 2)
+
+
 def _ramped_sums(shapes: list[tuple[FloatArray, FloatArray, FloatArray]], ramp: float) -> Path:
     """Return a sum of sines for each joint, times a quintic step of `ramp` s."""
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        x = np.clip(np.asarray(t, dtype=float) / ramp, 0.0, 1.0)[:, None]
-        w = x ** 3 * (10 - 15 * x + 6 * x ** 2)
-        wd = 30 * x ** 2 * (1 - x) ** 2 / ramp
-        wdd = 60 * x * (1 - x) * (1 - 2 * x) / ramp ** 2
+        w, wd, wdd = (x[:, None] for x in quintic_step(t, ramp))
         parts = [_sums(t, *shape) for shape in shapes]
         s, sd, sdd = (np.stack(columns, axis=1) for columns in zip(*parts))
         return w * s, w * sd + wd * s, w * sdd + 2 * wd * sd + wdd * s
