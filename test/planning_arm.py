@@ -1,8 +1,8 @@
-"""A small arm with a model, and recordings that leave something open."""
+"""Three-joint arm with its gravity model, and recordings with open targets."""
 
 from dataclasses import replace
 
-from gravity_comp_ros.data.samples import concatenate, JointSamples
+from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -19,21 +19,21 @@ NOISE = 0.05
 
 def model() -> GravityModel:
     """Return the gravity of three parallel axes."""
-    made = GravityModel.from_energy(NAMES, 'chain', expand(CHAIN), np.full(3, NOISE),
-                                    Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
-    return GravityModel(made.joints, 'chain', made.torques, made.energy, made.noise,
-                        made.coverage, {}, CHAIN)
+    gravity = GravityModel.from_energy(NAMES, 'chain', expand(CHAIN), np.full(3, NOISE),
+                                       Coverage(np.full(3, -1.0), np.full(3, 1.0), 1000), {})
+    return GravityModel(gravity.joints, 'chain', gravity.torques, gravity.energy, gravity.noise,
+                        gravity.coverage, {}, CHAIN)
 
 
-def unsure_model(spread: float = 0.2) -> GravityModel:
-    """Return the same, each of its parameters unsure by `spread`."""
-    made = model()
-    return replace(made, uncertainty=ChainUncertainty(CHAIN, spread ** 2 * np.eye(12)))
+def uncertain_model(std: float = 0.2) -> GravityModel:
+    """Return the same with standard deviation `std` of every parameter."""
+    gravity = model()
+    return replace(gravity, uncertainty=ChainUncertainty(CHAIN, std ** 2 * np.eye(12)))
 
 
 def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction: float = 0.0,
             span: float = 1.0) -> JointSamples:
-    """Return a recording in which every joint turns one way all the time, now fast, now slowly."""
+    """Return a recording in which every joint moves in one direction at varying speed."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1.0 / rate)
     x, waves = t[:, None] / duration, np.array([1.0, 2.0, 3.0])
@@ -43,12 +43,8 @@ def one_way(seed: int = 0, duration: float = 30.0, rate: float = 50.0, friction:
     return JointSamples.single_run(NAMES, t, q, qd, tau, 'old')
 
 
-def both(*runs: JointSamples) -> JointSamples:
-    return concatenate(runs)
-
-
 def played(trajectory: Trajectory, seed: int = 1, friction: float = 0.0) -> JointSamples:
-    """Return what the arm records on a motion."""
+    """Return the recording of a trajectory."""
     q, qd = trajectory.q, trajectory.qd
     noise = NOISE * np.random.default_rng(seed).normal(size=q.shape)
     tau = CHAIN.torque(q) + friction * np.tanh(qd / 0.002) + noise

@@ -1,8 +1,8 @@
-"""The bench of planned motion: its recordings lack what they say, and its judge is right."""
+"""Benchmark of planned motion: poor recordings, verdicts and tables."""
 
 from bench.cases.six_axis import six_axis
+from bench.planning.baselines import random_near, random_slow
 from bench.planning.poor import KINDS as POOR_KINDS, RATE
-from bench.planning.rivals import random_near, random_slow
 from bench.planning.run import judged
 from bench.planning.scenes import ARMS, KINDS, known_axes, Scene
 from bench.planning.table import calibration, settled
@@ -20,51 +20,51 @@ import pytest
 JOINT = 1
 
 
-def found(joint, effect, verdict):
+def finding(joint, effect, verdict):
     return Finding(joint, effect, verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '')
 
 
 @pytest.mark.parametrize('poor', POOR_KINDS)
 @pytest.mark.parametrize('arm', ['iiwa7', 'drawn0'])
-def test_poor_recordings_lack_what_they_say(arm, poor):
+def test_poor_recordings(arm, poor):
     scene = Scene(arm, 'coulomb_friction', JOINT, poor, 0)
     motion = scene.poor_motion()
     slope, bend = (np.gradient(x, 1 / RATE, axis=0) for x in (motion.q, motion.qd))
     assert np.abs(slope - motion.qd)[2:-2].max() < 2e-3
     assert np.abs(bend - motion.qdd)[2:-2].max() < 0.1
-    mine, others = motion.qd[:, JOINT], np.delete(motion.q, JOINT, axis=1)
+    own, others = motion.qd[:, JOINT], np.delete(motion.q, JOINT, axis=1)
     if poor == 'one_way':
-        assert mine.min() > 0.0
+        assert own.min() > 0.0
     if poor == 'narrow':
         assert np.ptp(motion.q, axis=0).max() <= 0.3
     if poor == 'one_speed':
-        assert np.mean(np.abs(np.abs(mine) - 0.1) < 1e-9) > 0.85 and mine.min() < 0.0
+        assert np.mean(np.abs(np.abs(own) - 0.1) < 1e-9) > 0.85 and own.min() < 0.0
     if poor == 'one_posture':
         assert not np.ptp(others, axis=0).any() and np.ptp(motion.q[:, JOINT]) > 0.3
     if poor == 'few_reversals':
-        assert np.count_nonzero(np.diff(np.sign(mine[np.abs(mine) > 1e-3]))) == 3
+        assert np.count_nonzero(np.diff(np.sign(own[np.abs(own) > 1e-3]))) == 3
     if poor == 'joint_narrow':
         assert np.ptp(motion.q[:, JOINT]) < 0.31 < np.ptp(others, axis=0).min()
     if poor.startswith('settled'):
-        moving, rest = np.abs(mine) > 1e-6, np.abs(np.delete(motion.qd, JOINT, 1)).max(1) > 1e-6
+        moving, rest = np.abs(own) > 1e-6, np.abs(np.delete(motion.qd, JOINT, 1)).max(1) > 1e-6
         assert moving.any() and rest.any() and not (moving & rest).any()
 
 
 @pytest.mark.parametrize('effect', ['coulomb_friction', 'viscous_friction', 'torque_offset'])
-def test_recordings_and_judge(effect):
+def test_recordings_and_verdicts(effect):
     scene = Scene('six_axis', effect, JOINT, 'narrow', 0)
     motion = scene.poor_motion()
     samples = scene.recorded()
     name = samples.names[JOINT]
-    more = np.sqrt(((samples.tau - synthesise(six_axis(), motion).tau) ** 2).mean(axis=0))
-    # What is hidden is on this joint alone; the others have noise of 0.1 N·m.
-    assert more[JOINT] > 0.11 and np.delete(more, JOINT) == pytest.approx(0.1, rel=0.1)
+    added = np.sqrt(((samples.tau - synthesise(six_axis(), motion).tau) ** 2).mean(axis=0))
+    # The hidden effect is on this joint only; the others have noise of 0.1 N·m.
+    assert added[JOINT] > 0.11 and np.delete(added, JOINT) == pytest.approx(0.1, rel=0.1)
     for findings, verdict in (
-            ((found(name, effect, 'likely'), found(name, 'inertia', 'established')), 'right'),
-            ((found(name, effect, 'ambiguous'),), 'open'), ((), 'open'),
-            ((found(name, effect, 'likely'), found(name, 'joint_spring', 'likely')),
+            ((finding(name, effect, 'likely'), finding(name, 'inertia', 'established')), 'right'),
+            ((finding(name, effect, 'ambiguous'),), 'open'), ((), 'open'),
+            ((finding(name, effect, 'likely'), finding(name, 'joint_spring', 'likely')),
              'wrong: joint_spring'),
-            ((found(samples.names[0], effect, 'likely'),), 'open')):
+            ((finding(samples.names[0], effect, 'likely'),), 'open')):
         assert judged(Diagnosis(findings, {}), scene) == verdict
     options = PlanOptions(20.0)
     other = random_slow(samples, options, 0)
@@ -74,13 +74,13 @@ def test_recordings_and_judge(effect):
     assert np.flatnonzero(np.ptp(near.q, axis=0) > 1e-9).tolist() == [0, 1, 2]
 
 
-def test_a_later_recording_goes_on_with_the_session():
+def test_a_later_recording_continues_the_session():
     scene = Scene('six_axis', 'friction_drift', JOINT, 'few_reversals', 0)
     old, motion = scene.recorded(), random_slow(scene.recorded(), PlanOptions(20.0), 0)
     new = scene.later(motion)
     np.testing.assert_allclose(new.q, motion.q, atol=1e-9)
     assert clock_time(concatenate([old, new]))[-1] == pytest.approx(90.0 + new.t[-1])
-    # A gear that has warmed is weaker than a cold one on the same motion.
+    # A warm gear has less friction than a cold one on the same motion.
     cold = synthesise(six_axis(), motion).tau[:, JOINT]
     fresh = scene._samples(motion, 1).tau[:, JOINT]
     warm = new.tau[:, JOINT]
@@ -93,11 +93,11 @@ def test_axes_are_those_of_the_arm():
     q = np.random.default_rng(0).uniform(-1.0, 1.0, (40, arm.n_joints))
     columns = Chain(axes.rotations, np.ones((arm.n_joints, 2))).jacobian(q)[2 * arm.n_joints:]
     flat, tau = columns.transpose(2, 1, 0).reshape(-1, 2 * arm.n_joints), gravity_torque(arm, q)
-    left = tau.ravel() - flat @ np.linalg.lstsq(flat, tau.ravel(), rcond=None)[0]
-    assert np.abs(left).max() < 1e-9 * np.abs(tau).max()
+    residual = tau.ravel() - flat @ np.linalg.lstsq(flat, tau.ravel(), rcond=None)[0]
+    assert np.abs(residual).max() < 1e-9 * np.abs(tau).max()
 
 
-def test_small_effects_are_drawn_once():
+def test_the_size_of_a_small_effect_is_repeatable():
     scene = Scene('iiwa7', 'coulomb_friction', JOINT, 'narrow', 3, True)
     assert scene.size == scene.size and 0.01 < scene.size / KINDS[scene.effect].size < 0.51
     assert Scene('iiwa7', 'base_tilt', 0, 'settled', 0).truth.alternatives == (
@@ -105,15 +105,15 @@ def test_small_effects_are_drawn_once():
 
 
 def test_the_tables_count():
-    told = {'effect': 'coulomb_friction', 'joint': 'a', 'separation': 100.0, 'untestable': None,
-            'outcome': 'established', 'share': 1.0, 'chance': 1.0}
+    expected = {'effect': 'coulomb_friction', 'joint': 'a', 'separation': 100.0,
+                'untestable': None, 'outcome': 'established', 'share': 1.0, 'chance': 1.0}
     one = {'name': 'a', 'effect': 'coulomb_friction', 'poor': 'narrow', 'tie': False,
            'left': 'absent'}
-    done = [{**one, 'before': 'right', 'ways': {}},
-            {**one, 'before': 'open', 'left': 'weak', 'ways': {
-                'planned': {'verdict': 'right', 'expected': [told]},
-                'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
-    lines = settled(done).splitlines()
+    results = [{**one, 'before': 'right', 'ways': {}},
+               {**one, 'before': 'open', 'left': 'weak', 'ways': {
+                   'planned': {'verdict': 'right', 'expected': [expected]},
+                   'random': {'verdict': 'open'}, 'fourier': {'verdict': 'right'}}}]
+    lines = settled(results).splitlines()
     assert '| narrow | 2 | 1 | 1 | 1 | 0 | 1 | 1 |' in lines
-    assert '| all that the diagnosis says | 1 | 0 | 1 | 1 | 0 | 1 | 1 |' in lines
-    assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(done).splitlines()
+    assert '| all reported open | 1 | 0 | 1 | 1 | 0 | 1 | 1 |' in lines
+    assert '| 90% to 100% | 1 | 100% | 100% |' in calibration(results).splitlines()

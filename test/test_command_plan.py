@@ -1,4 +1,4 @@
-"""`plan`, and `synth --motion` that plays what it has written."""
+"""Command `plan`, and `synth --motion` with its output."""
 
 import json
 
@@ -15,47 +15,47 @@ import urdf_snippets as robots
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    made = tmp_path_factory.mktemp('plan')
-    write_bag(made / 'old.mcap', [joint_states(one_way(0))])
-    save_model(made / 'arm.json', model())
-    (made / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', turn='0 0 0')))
-    return made
+    folder = tmp_path_factory.mktemp('plan')
+    write_bag(folder / 'old.mcap', [joint_states(one_way(0))])
+    save_model(folder / 'arm.json', model())
+    (folder / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', turn='0 0 0')))
+    return folder
 
 
-def planned(folder, output, *argv):
+def command(folder, output, *argv):
     return ['plan', str(folder / 'old.mcap'), '--model', str(folder / 'arm.json'), '--settle',
             'coulomb_friction:elbow', '--duration', '12', '-o', str(output), *map(str, argv)]
 
 
-def test_a_plan_is_written_told_and_played(folder, tmp_path, capsys):
+def test_a_plan_is_written_shown_and_played(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.yaml'
-    assert main(planned(folder, motion)) == 0
-    told = capsys.readouterr().out
+    assert main(command(folder, motion)) == 0
+    shown = capsys.readouterr().out
     for words in (' s: elbow ', 'coulomb_friction:elbow', 'bring the arm to',
                   'obstacles are not known', f'written to {motion}'):
-        assert words in ' '.join(told.split())
+        assert words in ' '.join(shown.split())
     again = tmp_path / 'again.csv'
-    assert main(planned(folder, again, '--effort', '--json')) == 0
+    assert main(command(folder, again, '--effort', '--json')) == 0
     document = json.loads(capsys.readouterr().out)
     (expected,) = document['expected']
     assert expected['effect'] == 'coulomb_friction' and expected['joint'] == 'elbow'
     assert expected['chance'] > expected['chance_before']
     assert document['duration_s'] <= 12.0
-    found = read_trajectory(again)
-    np.testing.assert_allclose(found.q[0], document['start'], atol=1e-6)
-    assert found.effort is not None
-    # The simulated arm follows the file, joints by name.
+    trajectory = read_trajectory(again)
+    np.testing.assert_allclose(trajectory.q[0], document['start'], atol=1e-6)
+    assert trajectory.effort is not None
+    # The simulated arm follows the file, with joints matched by name.
     out = tmp_path / 'new.mcap'
     assert main(['synth', '--arm', str(folder / 'arm.urdf'), '--motion', str(motion), '--noise',
                  '0.01', '-o', str(out)]) == 0
     moved = read_bag(out).samples
-    at = np.interp(moved.t, found.t, found.q[:, 1])
+    at = np.interp(moved.t, trajectory.t, trajectory.q[:, 1])
     np.testing.assert_allclose(moved.q[:, moved.names.index('elbow')], at, atol=2e-3)
 
 
 def test_within_the_limits_of_a_description(folder, tmp_path, capsys):
     out = tmp_path / 'wide.csv'
-    assert main(planned(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
+    assert main(command(folder, out, '--within', 'limits', '--urdf', folder / 'arm.urdf')) == 0
     assert np.abs(read_trajectory(out).q).max() <= 3.0 * 0.96 + 1e-9
 
 
@@ -63,7 +63,7 @@ def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
     old, limited = read_bag(folder / 'old.mcap').samples.q, ['--urdf', folder / 'arm.urdf']
     out, ends = tmp_path / 'wide.csv', (old.min(axis=0), old.max(axis=0))
     for more, argv, limit in ((0.4, [], 9.0), (4.0, limited, 3.0 * 0.96)):
-        assert main(planned(folder, out, '--settle', 'torque_offset', '--widen', more,
+        assert main(command(folder, out, '--settle', 'torque_offset', '--widen', more,
                             *argv)) == 0
         q = read_trajectory(out).q
         assert (q >= np.maximum(ends[0] - more, -limit) - 1e-9).all()
@@ -71,26 +71,26 @@ def test_a_recorded_range_is_widened(folder, tmp_path, capsys):
         assert (q < ends[0] - 0.05).any() or (q > ends[1] + 0.05).any()
 
 
-def test_more_room_is_advised_where_it_is_needed(folder, tmp_path, capsys):
-    # In 0.1 rad gravity looks like an offset.
+def test_wider_limits_are_advised_where_they_are_needed(folder, tmp_path, capsys):
+    # Over 0.1 rad gravity is nearly collinear with an offset.
     write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, span=0.1))])
-    line = planned(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
+    line = command(folder, tmp_path / 'motion.csv', '--settle', 'torque_offset:elbow')
     line = [line[0], str(tmp_path / 'old.mcap'), *line[2:]]
     assert main(line) == 0
-    told = ' '.join(capsys.readouterr().err.split())
-    assert 'gravity may imitate all but' in told
-    assert 'may settle torque_offset:elbow: --widen 0.7' in told
-    assert 'gravity on known axes imitates less' in told
+    shown = ' '.join(capsys.readouterr().err.split())
+    assert 'gravity may absorb all but' in shown
+    assert 'may settle torque_offset:elbow: --widen 0.7' in shown
+    assert 'gravity on known axes imitates less' in shown
     assert main([*line, '--widen', '0.7', '--duration', '20']) == 0
     assert '--widen' not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize('friction, verdict', [(0.5, 'established'), (0.0, 'absent')])
-def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
+def test_the_outcome_of_a_plan(folder, tmp_path, capsys, friction, verdict):
     motion, stated = tmp_path / 'motion.csv', tmp_path / 'plan.json'
     write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0, friction=friction))])
     old = str(tmp_path / 'old.mcap')
-    line = planned(folder, motion, '--json', stated)
+    line = command(folder, motion, '--json', stated)
     assert main([line[0], old, *line[2:]]) == 0
     assert f'--plan {stated}' in ' '.join(capsys.readouterr().out.split())
     new = played(read_trajectory(motion), friction=friction)
@@ -99,12 +99,12 @@ def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
             '--effects', 'coulomb_friction,viscous_friction', '--plan', str(stated)]
     out = tmp_path / 'found.json'
     assert main([*line, '--json', str(out)]) == 0
-    (came,) = json.loads(out.read_text())['plan']
-    assert came['verdict'] == verdict and came['settled'] and came['as_expected']
-    assert '1 of 1 planned for are settled' in ' '.join(capsys.readouterr().out.split())
+    (outcome,) = json.loads(out.read_text())['plan']
+    assert outcome['verdict'] == verdict and outcome['settled'] and outcome['as_expected']
+    assert '1 of 1 targets of the plan are settled' in ' '.join(capsys.readouterr().out.split())
     if friction:
-        # The interval is as wide as it was to be; few blocks of data leave it vague.
-        assert 0.2 < came['found_half_width'] / came['half_width'] < 5.0
+        # The expected width is met within the uncertainty of few blocks of data.
+        assert 0.2 < outcome['found_half_width'] / outcome['half_width'] < 5.0
     stated.write_text('{}')
     assert main(line) == 1
     assert 'is not what `plan --json` writes' in capsys.readouterr().err
@@ -117,21 +117,21 @@ def test_the_loop_closes(folder, tmp_path, capsys, friction, verdict):
     (('--settle', 'rust:elbow'), 1, 'no effect'), (('--max-speed', '0'), 2, 'not above 0'),
     (('--start', '9,9,9'), 1, 'start pose'), (('--duration', '0.5'), 1, 'no motion of 0.5 s'),
 ])
-def test_what_cannot_be_planned_says_so(folder, tmp_path, capsys, argv, status, words):
+def test_invalid_plans_are_reported(folder, tmp_path, capsys, argv, status, words):
     out = tmp_path / 'motion.yaml'
-    assert main(planned(folder, out, *argv)) == status
+    assert main(command(folder, out, *argv)) == status
     assert words in capsys.readouterr().err and not out.exists()
 
 
 @pytest.mark.parametrize('motion, status, words', [
     ('none.yaml', 1, 'no such file'), ('puma', 2, 'no motion puma')])
-def test_synth_refuses_a_motion_that_is_none(tmp_path, capsys, motion, status, words):
+def test_synth_refuses_a_missing_motion(tmp_path, capsys, motion, status, words):
     assert main(['synth', '--motion', motion, '-o', str(tmp_path / 'x.mcap')]) == status
     assert words in capsys.readouterr().err
 
 
 def test_synth_refuses_a_motion_of_another_arm(folder, tmp_path, capsys):
     motion = tmp_path / 'motion.csv'
-    assert main(planned(folder, motion)) == 0
+    assert main(command(folder, motion)) == 0
     assert main(['synth', '--motion', str(motion), '-o', str(tmp_path / 'x.mcap')]) == 1
     assert 'moves shoulder, elbow, wrist, but the joints of iiwa7' in capsys.readouterr().err

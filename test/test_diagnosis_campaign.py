@@ -112,7 +112,7 @@ def test_a_spring_that_pulls_in_one_posture_is_taken_for_nothing_else(arm, joint
     """Each was said to be a ripple, a cable, an offset of -49 N·m or a force in the tool."""
     scene = Scene(arm, 'joint_spring', joint, 'settled', seed)
     diagnosis = diagnose(scene.recorded())
-    name = scene.made.joints[joint]
+    name = scene.arm_model.joints[joint]
     moves = {'rigid_body_dynamics', 'inertia', 'coriolis'}
     found = [f for f in diagnosis.findings if f.verdict in FOUND and f.effect not in moves]
     assert not found, [f.to_json() for f in found]

@@ -66,7 +66,7 @@ def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
 def test_what_corrects_a_friction_that_is_open_is_open_too(arm):
     """At one speed viscous friction was an established hysteresis beside a friction left open."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
-    name = scene.made.joints[1]
+    name = scene.arm_model.joints[1]
     found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
     assert found['coulomb_friction'].verdict == Verdict.UNTESTABLE
     assert found['presliding_hysteresis'].verdict == Verdict.WEAK

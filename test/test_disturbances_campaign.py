@@ -1,4 +1,4 @@
-"""The campaign's judgement, on findings made by hand, and its files."""
+"""Scores of the campaign for given findings, and its files."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -13,7 +13,7 @@ from gravity_comp_ros.errors import OptionError
 import numpy as np
 import pytest
 
-# The campaign is no part of the installed package.
+# The campaign is not part of the installed package.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 results, run, table, score = (
     import_module(f'bench.campaign.{name}') for name in ('results', 'run', 'table', 'score'))
@@ -39,45 +39,45 @@ COULOMB = finding('coulomb_friction', F_c=(2.01, 'N·m', 1.97, 2.05))
 
 
 def test_the_true_effect_on_its_joint_is_right():
-    found = judge('coulomb_large', COULOMB)
-    assert found.right and found.named == (True,) and found.false == ()
-    assert [(i.truth, i.covers) for i in found.intervals] == [(2.0, True)]
+    judged = judge('coulomb_large', COULOMB)
+    assert judged.right and judged.named == (True,) and judged.false == ()
+    assert [(i.truth, i.covers) for i in judged.intervals] == [(2.0, True)]
 
 
-def test_an_interval_beside_the_truth_is_counted():
-    found = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
-    assert found.right and [i.covers for i in found.intervals] == [False]
+def test_an_interval_that_misses_the_truth_is_counted():
+    judged = judge('coulomb_large', finding('coulomb_friction', F_c=(2.1, 'N·m', 2.05, 2.15)))
+    assert judged.right and [i.covers for i in judged.intervals] == [False]
 
 
-def test_another_joint_or_effect_is_a_false_alarm_and_misses():
+def test_another_joint_or_effect_is_a_false_alarm_and_a_miss():
     for wrong in (finding('coulomb_friction', ELBOW), finding('torque_offset')):
-        found = judge('coulomb_large', wrong)
-        assert found.named == (False,) and len(found.false) == 1 and not found.right
+        judged = judge('coulomb_large', wrong)
+        assert judged.named == (False,) and len(judged.false) == 1 and not judged.right
     assert judge('coulomb_large', finding('coulomb_friction', ELBOW)).false == (
         'coulomb_friction:4 (established)',)
 
 
-def test_a_true_effect_beside_a_false_one_is_named_but_not_right():
-    found = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
-    assert found.named == (True,) and not found.right and len(found.false) == 1
+def test_a_true_effect_with_a_false_one_is_named_but_not_right():
+    judged = judge('coulomb_large', COULOMB, finding('stribeck_friction', verdict='likely'))
+    assert judged.named == (True,) and not judged.right and len(judged.false) == 1
 
 
-def test_what_is_there_besides_is_no_false_alarm():
+def test_allowed_effects_are_no_false_alarms():
     assert judge('coulomb_large', COULOMB, finding('presliding_hysteresis'),
                  finding('inertia', ELBOW), finding('coriolis')).right
     assert judge('nothing_white', finding('inertia')).right
     assert not judge('nothing_white', finding('viscous_friction', verdict='likely')).right
 
 
-def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_rivals():
-    def said(verdict, rivals):
+def test_an_ambiguous_finding_counts_if_the_truth_is_among_its_alternatives():
+    def with_verdict(verdict, rivals):
         return judge('coulomb_large', finding('stribeck_friction', verdict=verdict,
                                               rivals=rivals))
-    assert said('ambiguous', ['coulomb_friction']).right
-    assert said('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
-    assert not said('ambiguous', [f'coulomb_friction:{ELBOW}']).right
-    assert not said('ambiguous', ['viscous_friction']).right
-    assert said('weak', ['coulomb_friction']).named == (False,)
+    assert with_verdict('ambiguous', ['coulomb_friction']).right
+    assert with_verdict('ambiguous', [f'coulomb_friction:{SHOULDER}']).right
+    assert not with_verdict('ambiguous', [f'coulomb_friction:{ELBOW}']).right
+    assert not with_verdict('ambiguous', ['viscous_friction']).right
+    assert with_verdict('weak', ['coulomb_friction']).named == (False,)
 
 
 def test_a_weak_finding_is_neither_found_nor_false():
@@ -102,7 +102,7 @@ def test_every_truth_has_to_be_named():
     assert judge('coulomb_and_viscous', one, finding('viscous_friction', ELBOW)).right
 
 
-def test_unexplained_has_to_be_said_of_the_joint():
+def test_unexplained_has_to_name_the_joint():
     assert judge('detent', finding(None, ELBOW, 'unexplained')).right
     assert not judge('detent', finding(None, SHOULDER, 'unexplained')).right
     assert not judge('detent').right
@@ -126,7 +126,7 @@ def test_a_coefficient_in_another_unit_is_not_compared():
     assert not judge('coulomb_large', finding('coulomb_friction', F_c=(2.0, 'A', 1, 3))).intervals
 
 
-def made(name, seed, *findings, floor=0.1):
+def done(name, seed, *findings, floor=0.1):
     entry = case('iiwa7', name)
     joints = {joint: {'untestable': {}, 'rmse_after': 0.11} for joint in JOINTS}
     result = {'diagnosis': {'findings': list(findings), 'joints': joints}, 'seconds': 2.0,
@@ -137,15 +137,15 @@ def made(name, seed, *findings, floor=0.1):
 
 
 def test_totals_by_hand():
-    rows = [made('coulomb_large', 0, COULOMB), made('coulomb_large', 1),
-            made('coulomb_large', 2, COULOMB, floor=0.05),
-            made('nothing_white', 0), made('nothing_white', 1, finding('joint_spring')),
-            made('detent', 0, finding(None, ELBOW, 'unexplained'))]
+    rows = [done('coulomb_large', 0, COULOMB), done('coulomb_large', 1),
+            done('coulomb_large', 2, COULOMB, floor=0.05),
+            done('nothing_white', 0), done('nothing_white', 1, finding('joint_spring')),
+            done('detent', 0, finding(None, ELBOW, 'unexplained'))]
     every = table.summary(rows)['all']
     assert (every['recordings'], every['solvable'], every['nothing_missing']) == (6, 3, 2)
     assert every['named'] == pytest.approx(2 / 3) and every['false_alarms'] == 0.5
     assert every['covered'] == 1.0 and every['intervals'] == 2 and every['open_said'] == 1.0
-    # Errors are 0.11 N·m against 0.1, 0.1 and 0.05.
+    # Errors are 0.11 N·m relative to floors of 0.1, 0.1 and 0.05 N·m.
     assert every['error_within'] == pytest.approx(2 / 3) and every['with_error'] == 3
     assert every['error_ratio_max'] == pytest.approx(2.2)
     assert every['missed'] == ['seed 1: coulomb_friction:2']
@@ -154,8 +154,8 @@ def test_totals_by_hand():
     assert '| iiwa7 coulomb_large | 67 % | 67 % | 0 % | 100 % | 1.1, at most 2.2 |' in text
 
 
-def test_results_are_found_again_by_the_same_code_only(tmp_path):
-    task, result = made('coulomb_large', 0)
+def test_results_are_loaded_for_the_same_code_only(tmp_path):
+    task, result = done('coulomb_large', 0)
     assert results.load(tmp_path, task, 'x') is None
     results.save(tmp_path, task, result)
     assert results.load(tmp_path, task, 'x') == result
@@ -166,9 +166,9 @@ def test_results_are_found_again_by_the_same_code_only(tmp_path):
     assert results.load(tmp_path, task, 'x') is None
 
 
-def test_a_campaign_of_results_that_are_there_runs_nothing(tmp_path, monkeypatch, capsys):
+def test_a_campaign_does_not_repeat_stored_results(tmp_path, monkeypatch, capsys):
     for seed in (0, 1):
-        task, result = made('coulomb_large', seed, COULOMB)
+        task, result = done('coulomb_large', seed, COULOMB)
         results.save(tmp_path, task, {**result, 'code': results.fingerprint()})
     monkeypatch.setattr(sys, 'argv', ['run', str(tmp_path), '--arms', 'iiwa7', '--cases',
                                       'coulomb_large', '--seeds', '2'])

@@ -1,4 +1,4 @@
-"""The hidden-effect recordings: what is in them, and that they repeat."""
+"""Recordings of the hidden-effect cases: content and repeatability."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ from bench.cases.cases import ARMS, Case, recordings, undisturbed
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, inverse_dynamics
 from gravity_comp_ros.simulation.hidden import noise_levels
-from gravity_comp_ros.simulation.motions import sample
+from gravity_comp_ros.simulation.motions import sample, sines
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 import pytest
@@ -20,20 +20,14 @@ def short(name, arm='iiwa7'):
 
 
 def sweep(arm):
-    """Return 40 s in which every joint goes through 95 % of its range, to and fro."""
+    """Return 40 s in which every joint moves to and fro through 95 % of its range."""
     omega = 2 * np.pi * np.arange(1, arm.n_joints + 1) / 40.0
     middle, half = 0.5 * (arm.upper + arm.lower), 0.475 * (arm.upper - arm.lower)
-
-    def path(t):
-        angle = np.outer(t, omega)
-        return (middle + half * np.sin(angle), half * omega * np.cos(angle),
-                -half * omega ** 2 * np.sin(angle))
-
-    return sample('sweep', path, 40.0, 20.0)
+    return sample('sweep', sines(half, omega, 0.0, middle), 40.0, 20.0)
 
 
 def changes(entry, arm, motion):
-    """Return what a case's disturbances change on each joint, in q or tau."""
+    """Return the largest change of each joint, in q or tau, by the disturbances of a case."""
     still = Signals(motion.q, motion.qd, gravity_torque(arm, motion.q))
     signals, rng = still, np.random.default_rng(0)
     for disturbance in (*entry.disturbances, *(d for _, d in entry.in_run)):
@@ -42,7 +36,7 @@ def changes(entry, arm, motion):
 
 
 @pytest.mark.parametrize('arm_name', sorted(ROLES))
-def test_every_case_hides_something_on_its_joints(arm_name):
+def test_every_case_changes_the_signals_of_its_joints(arm_name):
     arm = ARMS[arm_name]()
     motion = sweep(arm)
     for entry in cases(arm_name):
@@ -55,15 +49,15 @@ def test_every_case_hides_something_on_its_joints(arm_name):
 
 
 @pytest.mark.parametrize('arm_name', sorted(ROLES))
-def test_runs_without_a_disturbance_share_motion_and_noise_with_those_that_have_one(arm_name):
+def test_motion_and_noise_do_not_depend_on_disturbances(arm_name):
     entry = replace(case(arm_name, 'payload_half_way'), runs=3, duration=90.0)
-    seen, plain = recordings(entry), recordings(undisturbed(entry))
-    assert np.array_equal(seen.q, plain.q) and np.array_equal(seen.qd, plain.qd)
-    different = np.abs(seen.tau - plain.tau).max(axis=1) > 1e-6
-    # Picked up 75 s into the third run.
-    assert not different[seen.runs < 2].any()
-    late = (seen.runs == 2) & (seen.t >= 75.0)
-    assert different[late].all() and not different[(seen.runs == 2) & (seen.t < 75.0)].any()
+    disturbed, plain = recordings(entry), recordings(undisturbed(entry))
+    assert np.array_equal(disturbed.q, plain.q) and np.array_equal(disturbed.qd, plain.qd)
+    different = np.abs(disturbed.tau - plain.tau).max(axis=1) > 1e-6
+    # Attached 75 s into the third run.
+    assert not different[disturbed.runs < 2].any()
+    last, late = disturbed.runs == 2, disturbed.t >= 75.0
+    assert different[last & late].all() and not different[last & ~late].any()
 
 
 @pytest.mark.parametrize('arm', sorted(ROLES))
@@ -104,14 +98,14 @@ def test_runs_differ_in_motion():
     assert not np.allclose(samples.run(0).q, samples.run(1).q)
 
 
-def test_the_noise_is_as_large_as_said():
-    # Nothing turns the iiwa's last joint: what it measures is noise, and 0.1 mN·m of inertia.
+def test_the_noise_has_the_stated_level():
+    # The last joint of the iiwa has no gravity torque, only noise and 0.1 mN·m of inertia.
     run = recordings(replace(case('iiwa7', 'nothing_white'), runs=1))
     assert noise_levels(ARMS['iiwa7']()) == (0.1,) * 4 + (0.03,) * 3
     assert run.tau[:, 6].std() == pytest.approx(0.03, rel=0.03)
 
 
-def test_the_torque_is_that_of_the_moving_arm():
+def test_the_torque_includes_inertia():
     run = recordings(replace(case('six_axis', 'nothing_white'), runs=1))
     arm, step = ARMS['six_axis'](), 0.1
     q, qd = run.q[::5], np.gradient(run.q[::5], step, axis=0)
@@ -131,7 +125,7 @@ def test_correlated_noise_is_correlated_and_white_noise_is_not():
     assert neighbours('nothing_correlated') > 0.8
 
 
-def test_one_way_moves_one_way_in_every_run():
+def test_one_way_moves_in_one_direction_in_every_run():
     entry = case('iiwa7', 'one_way')
     samples = recordings(entry)
     assert samples.qd[:, entry.one_way].min() > 0
@@ -139,14 +133,14 @@ def test_one_way_moves_one_way_in_every_run():
     assert (samples.q <= arm.upper + 1e-5).all() and (samples.q >= arm.lower - 1e-5).all()
 
 
-def test_speed_is_the_slope_of_position():
+def test_velocity_is_the_derivative_of_position():
     run = recordings(replace(case('iiwa7', 'one_way'), runs=1))
     slope = np.gradient(run.q, run.t, axis=0)
     assert np.abs(slope - run.qd).max() < 0.005
 
 
 @pytest.mark.parametrize('bad', [{'arm': 'puma'}, {'verdict': 'maybe'}, {'runs': 0}])
-def test_impossible_cases_are_refused(bad):
+def test_invalid_cases_are_refused(bad):
     with pytest.raises(OptionError):
         Case(**{'name': 'x', 'arm': 'iiwa7', **bad})
     with pytest.raises(OptionError):

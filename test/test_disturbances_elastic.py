@@ -1,10 +1,10 @@
-"""What holds energy: balancers, dress packs, cogging, detents, bumpers, soft gears."""
+"""Elastic disturbances: balancers, cables, cogging, detents, bumpers, elastic gears."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
-from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
-from gravity_comp_ros.simulation.disturbances.of_angle import (
+from gravity_comp_ros.simulation.disturbances.angle_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
+from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
 from hypothesis import given, settings, strategies as st
@@ -30,33 +30,33 @@ def test_torque_is_the_gradient_of_the_energy(elastic):
 
 @settings(max_examples=40, deadline=None)
 @given(st.floats(0.02, 0.3), st.floats(0.31, 1.0), st.floats(0.0, 0.8), st.floats(-1.0, 1.0))
-def test_a_balancer_gives_back_what_was_put_in(crank, post, free, rest):
+def test_a_balancer_conserves_energy(crank, post, free, rest):
     balancer = SpringBalancer(1, 1000.0, free, crank, post, rest)
     work = trapezoid(balancer.torque(ANGLES), ANGLES)
     gained = balancer.energy(ANGLES[[-1]]) - balancer.energy(ANGLES[[0]])
     assert work == pytest.approx(gained[0], abs=1e-3 * (1 + abs(gained[0])))
 
 
-def test_a_balancer_without_free_length_pulls_with_a_sine_as_gravity_does():
+def test_the_torque_of_a_balancer_without_free_length_is_a_sine():
     balancer = SpringBalancer(1, 1000.0, 0.0, 0.1, 0.6)
     assert balancer.torque(ANGLES) == pytest.approx(60.0 * np.sin(ANGLES))
 
 
-def test_a_detent_pulls_most_one_width_from_its_centre():
+def test_the_torque_of_a_detent_peaks_one_width_from_its_centre():
     torque = Detent(3, 0.5, 4.0, 0.05).torque(ANGLES)
     assert torque.max() == pytest.approx(4.0, rel=1e-4)
     assert ANGLES[torque.argmax()] == pytest.approx(0.55, abs=1e-3)
     assert np.abs(torque[np.abs(ANGLES - 0.5) > 0.3]).max() < 1e-4
 
 
-def test_a_dress_pack_is_slack_then_linear_then_hard():
+def test_a_dress_pack_is_slack_then_linear_then_hardening():
     pack = DressPack(3, 0.4, 2.0, hardening=1.0)
     assert not pack.torque(ANGLES)[ANGLES <= 0.4].any()
     assert pack.torque(np.array([0.41]))[0] == pytest.approx(0.02, rel=0.01)
     assert pack.torque(np.array([1.4]))[0] == pytest.approx(2.0 * np.expm1(1.0))
 
 
-def test_cogging_repeats_with_its_teeth_and_costs_nothing_over_a_turn():
+def test_cogging_is_periodic_with_zero_mean():
     cogging = Cogging(3, 12, 0.8, 0.3, 0.1)
     q = 2 * np.pi * np.arange(7200) / 7200
     torque = cogging.torque(q)
@@ -89,9 +89,9 @@ def motion_and_gravity():
 
 
 @pytest.mark.parametrize('hardening', [0.0, 1e-3])
-def test_a_soft_gear_carries_the_load_through_its_wind_up(hardening):
+def test_the_wind_up_of_an_elastic_gear_transmits_the_load(hardening):
     motion, signals = motion_and_gravity()
-    out = SoftGear(1, 5000.0, hardening).apply(signals, motion, ARM, np.random.default_rng(0))
+    out = ElasticGear(1, 5000.0, hardening).apply(signals, motion, ARM, np.random.default_rng(0))
     wound = out.q[:, 1] - motion.q[:, 1]
     carried = 5000.0 * wound / np.sqrt(1 - hardening * (5000.0 * wound) ** 2)
     assert carried == pytest.approx(signals.tau[:, 1], rel=1e-6)
@@ -99,20 +99,20 @@ def test_a_soft_gear_carries_the_load_through_its_wind_up(hardening):
     assert out.qd[1:-1, 1] == pytest.approx(np.gradient(out.q[:, 1], motion.t)[1:-1], abs=1e-3)
 
 
-def test_a_link_lies_on_one_flank_or_the_other():
+def test_backlash_follows_the_sign_of_the_load():
     t = np.arange(0.0, 4.0, 0.01)
     load = 5.0 * np.cos(np.pi * t / 2)
-    lead = Backlash(1, 0.02, grip=0.5, crossing=0.05).lead(t, load)
+    lead = Backlash(1, 0.02, threshold=0.5, crossing=0.05).lead(t, load)
     assert lead[load > 1.0] == pytest.approx(0.01)
-    # The load passes -0.5 N·m at t = 1.064 s, and is across 0.05 s later.
+    # The load passes -0.5 N·m at t = 1.064 s; the contact has changed 0.05 s later.
     assert lead[t < 1.05] == pytest.approx(0.01)
     assert lead[(t > 1.13) & (t < 3.0)] == pytest.approx(-0.01)
     assert np.abs(np.diff(lead)).max() <= 0.02 * 0.01 / 0.05 + 1e-12
 
 
-def test_a_load_that_hardly_turns_leaves_the_link_where_it_is():
+def test_a_load_below_the_threshold_keeps_the_contact():
     t = np.arange(0.0, 4.0, 0.01)
-    lead = Backlash(1, 0.02, grip=0.5).lead(t, 0.4 * np.cos(5 * t))
+    lead = Backlash(1, 0.02, threshold=0.5).lead(t, 0.4 * np.cos(5 * t))
     assert lead == pytest.approx(0.01)
 
 
@@ -120,8 +120,8 @@ def test_a_load_that_hardly_turns_leaves_the_link_where_it_is():
     lambda: Detent(1, 0.0, 1.0, 0.0), lambda: DressPack(1, 0.0, 1.0, 0.0),
     lambda: DressPack(1, 0.0, 1.0, 1.0, 0), lambda: SpringBalancer(1, 1.0, 0.1, 0.3, 0.2),
     lambda: Cogging(1, 0, 1.0), lambda: Bumper(1, 0.0, 1.0, exponent=0.5),
-    lambda: SoftGear(1, 0.0), lambda: Backlash(1, -0.1),
+    lambda: ElasticGear(1, 0.0), lambda: Backlash(1, -0.1),
 ])
-def test_impossible_parts_are_refused(make):
+def test_invalid_parameters_are_refused(make):
     with pytest.raises(OptionError):
         make()

@@ -1,9 +1,9 @@
-"""Friction on joints: of load, of warmth, of direction, of a shared gear."""
+"""Friction by load, temperature and direction, and of a shared gear."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7
 from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, LoadFriction, WarmFriction)
+    DifferentialFriction, Friction, LoadFriction, ThermalFriction)
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.motions import eq17, multisine, MultisineOptions
 from gravity_comp_ros.simulation.synthesise import Signals
@@ -18,7 +18,7 @@ def motion_of(rate=100.0, duration=60.0, seed=1):
                      duration, rate)
 
 
-def extra(disturbance, motion, load=None):
+def added(disturbance, motion, load=None):
     """Return the torque (M, N) that a disturbance adds to `load`."""
     load = np.zeros_like(motion.q) if load is None else load
     out = disturbance.apply(Signals(motion.q, motion.qd, load), motion, ARM,
@@ -27,35 +27,35 @@ def extra(disturbance, motion, load=None):
     return out.tau - load
 
 
-def test_friction_acts_on_its_joint_alone_and_against_the_motion():
+def test_friction_acts_on_its_joint_only_and_against_the_motion():
     motion = motion_of()
-    torque = extra(Friction(3, LuGre(0.8, 2.0)), motion)
+    torque = added(Friction(3, LuGre(0.8, 2.0)), motion)
     assert not np.delete(torque, 3, axis=1).any()
     sliding = np.abs(motion.qd[:, 3]) > 0.02
     expected = 0.8 * np.sign(motion.qd[:, 3]) + 2.0 * motion.qd[:, 3]
     assert torque[sliding, 3] == pytest.approx(expected[sliding], abs=0.05)
 
 
-def test_coarse_samples_see_the_friction_of_fine_steps():
-    fine, coarse = (extra(Friction(1, LuGre(1.0, 1.0, 2.0)), eq17(100.0, rate))[:, 1]
+def test_friction_does_not_depend_on_the_sample_rate():
+    fine, coarse = (added(Friction(1, LuGre(1.0, 1.0, 2.0)), eq17(100.0, rate))[:, 1]
                     for rate in (200.0, 5.0))
-    # 40 samples of one are a step of the other; both integrate 5 ms at a time.
+    # 40 samples of one are one step of the other; both integrate in steps of 5 ms.
     assert coarse == pytest.approx(fine[::40], abs=1e-9)
 
 
 def test_each_direction_has_its_own_friction():
     motion = motion_of()
-    torque = extra(Friction(2, LuGre(1.6), LuGre(0.8)), motion)[:, 2]
+    torque = added(Friction(2, LuGre(1.6), LuGre(0.8)), motion)[:, 2]
     v = motion.qd[:, 2]
     assert np.median(torque[v > 0.05]) == pytest.approx(1.6, rel=1e-3)
     assert np.median(torque[v < -0.05]) == pytest.approx(-0.8, rel=1e-3)
 
 
-def test_load_friction_is_a_fraction_of_a_large_load_and_of_the_preload_without():
+def test_load_friction_is_a_fraction_of_load_and_preload():
     motion = motion_of()
     sliding = np.abs(motion.qd[:, 1]) > 0.05
     for load, level in ((0.0, 0.05 * 3.0), (4.0, 0.05 * 5.0), (80.0, 0.05 * np.hypot(3, 80))):
-        torque = extra(LoadFriction(1, 0.05, 3.0), motion, np.full_like(motion.q, load))[:, 1]
+        torque = added(LoadFriction(1, 0.05, 3.0), motion, np.full_like(motion.q, load))[:, 1]
         assert np.abs(torque[sliding]) == pytest.approx(level, rel=1e-2)
         assert (np.sign(torque) == np.sign(motion.qd[:, 1]))[sliding].all()
 
@@ -63,14 +63,14 @@ def test_load_friction_is_a_fraction_of_a_large_load_and_of_the_preload_without(
 def test_load_friction_follows_gravity():
     motion = motion_of()
     gravity = gravity_torque(ARM, motion.q)
-    torque = extra(LoadFriction(1, 0.05), motion, gravity)[:, 1]
+    torque = added(LoadFriction(1, 0.05), motion, gravity)[:, 1]
     heavy = (np.abs(gravity[:, 1]) > 30) & (np.abs(motion.qd[:, 1]) > 0.05)
     ratio = np.abs(torque[heavy] / gravity[heavy, 1])
     assert ratio == pytest.approx(0.05, rel=0.02)
 
 
-def test_a_gear_warms_to_where_heat_in_is_heat_out():
-    warm = WarmFriction(1, LuGre(2.0), idle=3.0, resistance=6.0, capacity=12.0, softening=0.0)
+def test_a_gear_warms_to_thermal_equilibrium():
+    warm = ThermalFriction(1, LuGre(2.0), idle=3.0, resistance=6.0, capacity=12.0, softening=0.0)
     t = np.arange(0.0, 800.0, 0.01)
     temperature = warm.temperature(t, np.full(len(t), 0.5))
     assert temperature[0] == 22.0
@@ -79,28 +79,28 @@ def test_a_gear_warms_to_where_heat_in_is_heat_out():
     assert temperature[after] == pytest.approx(22.0 + 21.0 * (1 - np.exp(-1)), abs=0.01)
 
 
-def test_friction_that_falls_with_warmth_feeds_less_heat():
-    warm = WarmFriction(1, LuGre(2.0), idle=0.0, resistance=6.0, capacity=1.0, softening=0.05)
+def test_friction_that_falls_with_temperature_generates_less_heat():
+    warm = ThermalFriction(1, LuGre(2.0), idle=0.0, resistance=6.0, capacity=1.0, softening=0.05)
     t = np.arange(0.0, 100.0, 0.01)
     rise = warm.temperature(t, np.full(len(t), 2.0))[-1] - 22.0
-    # By hand: x = 6 * 2 (1 - 0.05 x).
+    # Analytically: x = 6 * 2 (1 - 0.05 x).
     assert rise == pytest.approx(12.0 / 1.6, rel=1e-3)
 
 
-def test_cold_oil_is_as_given_and_warm_oil_thinner():
-    warm = WarmFriction(1, LuGre(2.0, 6.0))
+def test_viscosity_is_given_cold_and_falls_with_temperature():
+    warm = ThermalFriction(1, LuGre(2.0, 6.0))
     at = np.array([22.0, 32.0, 60.0])
     assert warm.viscosity_factor(at)[0] == 1.0
     assert (np.diff(warm.viscosity_factor(at)) < 0).all()
-    # Vogel by hand: exp(900 / 155 - 900 / 117).
+    # Vogel's law: exp(900 / 155 - 900 / 117).
     assert warm.viscosity_factor(at)[2] == pytest.approx(np.exp(900 / 155 - 900 / 117))
     assert warm.dry_factor(at) == pytest.approx([1.0, 0.85, 0.43])
 
 
 def test_friction_of_a_warming_gear_falls_during_a_run():
     motion = motion_of(duration=150.0)
-    cold = extra(Friction(1, LuGre(2.5, 6.0)), motion)[:, 1]
-    ratio = extra(WarmFriction(1, LuGre(2.5, 6.0)), motion)[:, 1]
+    cold = added(Friction(1, LuGre(2.5, 6.0)), motion)[:, 1]
+    ratio = added(ThermalFriction(1, LuGre(2.5, 6.0)), motion)[:, 1]
     moving = np.abs(motion.qd[:, 1]) > 0.05
     ratio = ratio[moving] / cold[moving]
     assert ratio[0] > 0.9 and ratio[-1] < 0.75
@@ -109,9 +109,9 @@ def test_friction_of_a_warming_gear_falls_during_a_run():
 
 @pytest.mark.parametrize('shafts', [(LuGre(0.3), None), (LuGre(0.3, 0.2), LuGre(0.1, 0.4)),
                                     (None, LuGre(0.2))])
-def test_a_differential_loses_the_power_of_its_shafts(shafts):
+def test_a_differential_dissipates_the_power_of_its_shafts(shafts):
     motion = motion_of()
-    torque = extra(DifferentialFriction((4, 5), *shafts), motion)
+    torque = added(DifferentialFriction((4, 5), *shafts), motion)
     assert not np.delete(torque, [4, 5], axis=1).any()
     va, vb = motion.qd[:, 4], motion.qd[:, 5]
     power = (torque * motion.qd).sum(axis=1)
@@ -124,9 +124,9 @@ def test_a_differential_loses_the_power_of_its_shafts(shafts):
     assert power[sliding].min() >= 0
 
 
-def test_a_joint_feels_the_shared_gear_while_it_stands():
+def test_a_resting_joint_has_the_friction_of_the_shared_gear():
     motion = motion_of()
-    torque = extra(DifferentialFriction((4, 5), LuGre(0.3)), motion)
+    torque = added(DifferentialFriction((4, 5), LuGre(0.3)), motion)
     other = (np.abs(motion.qd[:, 4]) < 0.01) & (np.abs(motion.qd[:, 5]) > 0.1)
     assert other.sum() > 20
     assert torque[other, 4] == pytest.approx(0.3 * np.sign(motion.qd[other, 5]), abs=1e-3)
@@ -134,14 +134,14 @@ def test_a_joint_feels_the_shared_gear_while_it_stands():
 
 @pytest.mark.parametrize('make', [
     lambda: LoadFriction(1, 0.0), lambda: LoadFriction(1, 0.1, preload=0.0),
-    lambda: WarmFriction(1, LuGre(1.0), capacity=0.0),
+    lambda: ThermalFriction(1, LuGre(1.0), capacity=0.0),
     lambda: DifferentialFriction((4, 4), LuGre(1.0)),
 ])
-def test_impossible_friction_is_refused(make):
+def test_invalid_parameters_are_refused(make):
     with pytest.raises(OptionError):
         make()
 
 
-def test_a_joint_that_is_not_there_is_refused():
+def test_a_missing_joint_is_refused():
     with pytest.raises(OptionError, match='joint number 8'):
-        extra(Friction(7, LuGre(1.0)), motion_of(10.0, 10.0))
+        added(Friction(7, LuGre(1.0)), motion_of(10.0, 10.0))

@@ -20,19 +20,19 @@ import pytest
 ARM = iiwa7()
 
 
-def test_a_joint_goes_by_name_or_number_and_a_size_is_taken_as_it_is():
+def test_joint_by_name_or_number_and_explicit_size():
     expected = Friction(3, LuGre(0.8))
     assert hidden('coulomb_friction:4=0.8', ARM).disturbance == expected
     assert hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance == expected
 
 
-def test_sizes_follow_the_joint_unless_given():
+def test_default_sizes_depend_on_the_joint():
     assert hidden('coulomb_friction:2', ARM).disturbance == Friction(1, LuGre(1.0))
     assert hidden('coulomb_friction:6', ARM).size == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize('name', sorted(KINDS))
-def test_everything_by_name_changes_what_is_measured(name):
+def test_every_hidden_foundchanges_the_signals(name):
     def path(t):
         angle = np.outer(t, 0.1 * np.arange(2, 9))
         return 1.9 * np.sin(angle), np.cos(angle) * 0.19 * np.arange(2, 9), -np.sin(angle)
@@ -42,7 +42,7 @@ def test_everything_by_name_changes_what_is_measured(name):
     text = name if SIZES[name].whole_arm else f'{name}:2'
     found = hidden(text, ARM)
     out = found.disturbance.apply(still, motion, ARM, np.random.default_rng(0))
-    assert abs(found.size) <= SIZES[name].most and hidden(f'{text}={found.size}', ARM) == found
+    assert abs(found.size) <= SIZES[name].maximum and hidden(f'{text}={found.size}', ARM) == found
     change = np.abs(out.tau - still.tau).max() + np.abs(out.q - still.q).max()
     assert 0.005 < change < 100.0
     assert np.isfinite(out.tau).all() and np.isfinite(out.q).all()
@@ -57,28 +57,28 @@ def test_everything_by_name_changes_what_is_measured(name):
     ('coulomb_friction', 'on which joint'), ('coulomb_friction=0.8', 'on which joint'),
     ('coulomb_friction:=0.8', 'on which joint'), ('coulomb_friction:4=', 'not a number'),
 ])
-def test_what_cannot_be_hidden_is_refused(text, word):
+def test_invalid_hidden_effects_are_refused(text, word):
     with pytest.raises(OptionError, match=word):
         hidden(text, ARM)
 
 
-def test_synth_hides_it_in_the_bag(tmp_path):
+def test_synth_writes_the_hidden_effect(tmp_path):
     def record(name, *more):
         assert main(['synth', '--motion', 'multisine', '--duration', '30', '--seed', '2', *more,
                      '-o', str(tmp_path / name)]) == 0
         return read_bag(tmp_path / name).samples
 
-    plain = record('plain.mcap')
-    rough = record('rough.mcap', '--hidden', 'coulomb_friction:4=0.8', '--hidden',
-                   'torque_offset:1=-0.5')
-    change = rough.tau - plain.tau
-    moving = np.abs(plain.qd[:, 3]) > 0.02
-    assert change[moving, 3] == pytest.approx(0.8 * np.sign(plain.qd[moving, 3]), abs=0.02)
+    undisturbed = record('undisturbed.mcap')
+    disturbed = record('disturbed.mcap', '--hidden', 'coulomb_friction:4=0.8', '--hidden',
+                       'torque_offset:1=-0.5')
+    change = disturbed.tau - undisturbed.tau
+    moving = np.abs(undisturbed.qd[:, 3]) > 0.02
+    assert change[moving, 3] == pytest.approx(0.8 * np.sign(undisturbed.qd[moving, 3]), abs=0.02)
     assert change[:, 0] == pytest.approx(-0.5)
     assert not change[:, [1, 2, 4, 5, 6]].any()
 
 
-def test_sizes_are_in_the_units_that_diagnose_reports():
+def test_sizes_have_the_units_of_diagnose():
     assert set(SIZES) == set(KINDS)
     for name, effect in all_effects().items():
         if name in SIZES and name != 'tool_force':   # reported by joint, hidden as one force
@@ -86,7 +86,7 @@ def test_sizes_are_in_the_units_that_diagnose_reports():
     assert max(map(len, size_table().splitlines())) < 80
 
 
-def test_sizes_mean_what_they_say():
+def test_sizes_are_those_of_the_disturbance():
     t = np.linspace(0, 10, 2001)
     still = Signals(np.zeros((2001, 7)), np.zeros((2001, 7)), np.zeros((2001, 7)))
     motion = sample('still', lambda t: (np.zeros((len(t), 7)),) * 3, 10.005, 200.0)
@@ -101,27 +101,27 @@ def test_sizes_mean_what_they_say():
     assert hidden('joint_flexibility:2=1e-4', ARM).disturbance.stiffness == pytest.approx(1e4)
 
 
-def test_what_was_hidden_is_said_and_is_in_the_bag(tmp_path, capsys):
+def test_hidden_effects_are_printed_and_stored_in_the_bag(tmp_path, capsys):
     path = tmp_path / 'x.mcap'
     call = ['synth', '--motion', 'multisine', '--duration', '5', '--hidden', 'coulomb_friction:4',
             '--hidden', 'base_tilt=0.05', '-o', str(path)]
     assert main(call) == 0
-    said = capsys.readouterr().out
-    assert 'hidden: coulomb_friction on iiwa_joint_4: 1 N·m' in said
-    assert 'hidden: base_tilt: 0.05 rad' in said
+    printed = capsys.readouterr().out
+    assert 'hidden: coulomb_friction on iiwa_joint_4: 1 N·m' in printed
+    assert 'hidden: base_tilt: 0.05 rad' in printed
     with path.open('rb') as stream:
         (record,) = make_reader(stream).iter_metadata()
-    kept = json.loads(record.metadata['hidden'])
+    stored = json.loads(record.metadata['hidden'])
     assert record.name == 'gravity_comp_synth' and 'base_tilt=0.05' in record.metadata['command']
-    assert kept[0] == {'effect': 'coulomb_friction', 'joint': 'iiwa_joint_4', 'size': 1.0,
-                       'unit': 'N·m'}
+    assert stored[0] == {'effect': 'coulomb_friction', 'joint': 'iiwa_joint_4', 'size': 1.0,
+                         'unit': 'N·m'}
     assert main([*call, '--json']) == 0
-    assert json.loads(capsys.readouterr().out)['hidden_sizes'] == kept
+    assert json.loads(capsys.readouterr().out)['hidden_sizes'] == stored
 
 
-def test_synth_refuses_what_it_does_not_know(tmp_path, capsys):
+def test_synth_refuses_an_unknown_effect(tmp_path, capsys):
     out = str(tmp_path / 'x.mcap')
     assert main(['synth', '--hidden', 'gremlins', '-o', out]) == 1
     assert main(['synth', '--static', '--hidden', 'detent:2', '-o', out]) == 1
-    said = capsys.readouterr().err
-    assert 'gremlins' in said and '--static' in said and 'Traceback' not in said
+    printed = capsys.readouterr().err
+    assert 'gremlins' in printed and '--static' in printed and 'Traceback' not in printed

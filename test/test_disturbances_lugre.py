@@ -1,4 +1,4 @@
-"""LuGre friction against its steady state, its energy, and a slow, general integration."""
+"""LuGre friction: steady state, energy, and comparison with a general integrator."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.disturbances.lugre import deflection, friction_torque, LuGre
@@ -18,13 +18,13 @@ def at_speed(v, duration=2.0, step=0.005):
 @pytest.mark.parametrize('v', [-0.3, -0.03, 0.001, 0.02, 0.2])
 def test_steady_sliding_follows_the_stribeck_curve(v):
     torque = friction_torque(*at_speed(v, 10.0), SURFACES)[-1]
-    # By hand: level (1 + (2.7 / 1.5 - 1) / (1 + (v / 0.03)^2)), and the viscous part.
-    by_hand = np.sign(v) * (1.5 + 1.2 / (1 + (v / 0.03) ** 2)) + 2.0 * v
-    assert torque == pytest.approx(by_hand, rel=1e-6)
-    assert SURFACES.steady(np.array([v]))[0] == pytest.approx(by_hand, rel=1e-12)
+    # Analytically: level (1 + (2.7 / 1.5 - 1) / (1 + (v / 0.03)^2)), and the viscous part.
+    expected = np.sign(v) * (1.5 + 1.2 / (1 + (v / 0.03) ** 2)) + 2.0 * v
+    assert torque == pytest.approx(expected, rel=1e-6)
+    assert SURFACES.steady(np.array([v]))[0] == pytest.approx(expected, rel=1e-12)
 
 
-def test_half_of_the_stribeck_excess_is_gone_at_its_speed():
+def test_the_stribeck_excess_halves_at_its_speed():
     assert SURFACES.steady(np.array([0.03]))[0] == pytest.approx(1.5 + 0.6 + 0.06)
 
 
@@ -40,12 +40,12 @@ def test_agrees_with_a_general_integrator():
     t = np.arange(0.0, 3.0, 2e-4)
     z = solve_ivp(rate, (0, 3), [0.0], t_eval=t, rtol=1e-8, atol=1e-12, max_step=1e-3,
                   method='LSODA').y[0]
-    slow = 7500.0 * z + 15.0 * np.array([rate(a, b) for a, b in zip(t, z)]) + 2.0 * speed(t)
-    ours = friction_torque(t, 0.1 / 3 * (1 - np.cos(3 * t)), speed(t), SURFACES)
-    assert np.abs(ours - slow).max() < 0.02
+    reference = 7500.0 * z + 15.0 * np.array([rate(a, b) for a, b in zip(t, z)]) + 2.0 * speed(t)
+    torque = friction_torque(t, 0.1 / 3 * (1 - np.cos(3 * t)), speed(t), SURFACES)
+    assert np.abs(torque - reference).max() < 0.02
 
 
-def test_a_joint_that_stops_keeps_its_bent_bristles():
+def test_a_joint_that_stops_keeps_its_deflection():
     q = np.concatenate([np.linspace(0, 0.5, 200), np.full(200, 0.5)])
     torque = friction_torque(np.arange(400) * 0.005, q, np.gradient(q, 0.005) * (q < 0.5),
                              LuGre(1.0))
@@ -58,14 +58,14 @@ def test_presliding_is_a_spring_with_the_stiffness_of_the_bristles():
     assert friction_torque(t, q, v, surfaces)[-1] == pytest.approx(100.0 * q[-1], rel=1e-3)
 
 
-def test_a_reversal_turns_the_torque_over_the_presliding_distance():
+def test_the_torque_reverses_over_the_presliding_distance():
     surfaces = LuGre(1.0, presliding=0.01, damping=0.0)
     t = np.arange(0, 2, 0.001)
     q = np.where(t < 1, t, 2 - t) * 0.1
     torque = friction_torque(t, q, np.where(t < 1, 0.1, -0.1), surfaces)
     back = 0.1 - q
     after = (t > 1) & (back > 0)
-    # From +1 to -1 as dz/dq = 1 - z / d along the way back: -1 + 2 exp(-way / d).
+    # From +1 to -1 with dz/dq = 1 - z / d over the distance x back: -1 + 2 exp(-x / d).
     assert torque[after] == pytest.approx(-1 + 2 * np.exp(-back[after] / 0.01), abs=5e-3)
 
 
@@ -77,14 +77,14 @@ def test_two_directions_have_their_own_level():
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2 ** 31), st.floats(0.1, 5.0), st.floats(1e-4, 1e-2))
-def test_friction_never_gives_energy_on_a_closed_way(seed, level, presliding):
+def test_friction_is_passive_on_a_closed_path(seed, level, presliding):
     rng = np.random.default_rng(seed)
     t = np.linspace(0, 10, 4001)
     q = 0.3 * np.sin(np.outer(t, 2 * np.pi * np.arange(1, 4) / 10)) @ rng.standard_normal(3)
     v = np.gradient(q, t)
     surfaces = LuGre(level, 0.5, 2 * level, presliding=presliding)
     torque = friction_torque(t, q, v, surfaces)
-    # What is stored in the bent bristles at the end is all that may be missing.
+    # Only the energy stored in the bristles at the end may be missing.
     stored = 0.5 * surfaces.stiffness * (3 * presliding) ** 2
     assert trapezoid(torque * v, t) > -stored
 
@@ -101,6 +101,6 @@ def test_deflection_never_exceeds_slip(moves, slip):
     {'coulomb': -1.0}, {'coulomb': 1.0, 'static': 0.5}, {'coulomb': 1.0, 'presliding': 0.0},
     {'coulomb': float('nan')}, {'coulomb': 1.0, 'stribeck_speed': -0.1},
 ])
-def test_impossible_parameters_are_refused(bad):
+def test_invalid_parameters_are_refused(bad):
     with pytest.raises(OptionError):
         LuGre(**bad)

@@ -1,4 +1,4 @@
-"""Sensors, mounting and tools: zeros, gains, drift, delay, tilt, payload, tool force, pauses."""
+"""Disturbances of sensors, base and tool; pauses, sensor noise and the six-axis arm."""
 
 from bench.cases.grasp import Grasp
 from bench.cases.pauses import Pause, with_pauses
@@ -7,8 +7,8 @@ from bench.cases.six_axis import six_axis
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
-from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
+    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
 from gravity_comp_ros.simulation.motions import multisine, MultisineOptions, random_poses
 from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
@@ -29,23 +29,23 @@ def apply(disturbance, seed=0, **how):
     return motion, signals, disturbance.apply(signals, motion, ARM, np.random.default_rng(seed))
 
 
-def test_zero_and_gain_of_a_gauge():
-    _, before, after = apply(GaugeZero(2, -0.7))
+def test_offset_and_gain_of_a_torque_sensor():
+    _, before, after = apply(GaugeOffset(2, -0.7))
     assert (after.tau - before.tau)[:, 2] == pytest.approx(-0.7)
     _, before, after = apply(GaugeGain(1, 1.1))
     assert after.tau[:, 1] == pytest.approx(1.1 * before.tau[:, 1])
     assert np.array_equal(np.delete(after.tau, 1, 1), np.delete(before.tau, 1, 1))
 
 
-def test_a_gauge_drifts_as_it_warms():
+def test_a_torque_sensor_drifts_as_it_warms():
     motion, before, after = apply(GaugeDrift(2, 0.5, 20.0), duration=100.0)
     drift = (after.tau - before.tau)[:, 2]
     assert drift[0] == pytest.approx(0.0) and drift[-1] == pytest.approx(0.5, abs=0.01)
     assert drift[2000] == pytest.approx(0.5 * (1 - np.exp(-1)), rel=1e-3)
 
 
-def test_a_gauge_follows_what_it_is_mounted_on():
-    # With the mount at 1 - exp(-t / w), the sensor obeys lag w dx/dt = mount - x.
+def test_a_torque_sensor_follows_the_temperature_of_its_mount():
+    # With the mount at 1 - exp(-t / w), the sensor follows lag w dx/dt = mount - x.
     motion, before, after = apply(GaugeDrift(2, 1.0, 20.0, begun=3.0, lag=0.25), duration=100.0)
     drift = (after.tau - before.tau)[:, 2]
     age = motion.t - motion.t[0] + 3.0
@@ -55,89 +55,89 @@ def test_a_gauge_follows_what_it_is_mounted_on():
     assert GaugeDrift(2, 1.0, lag=0.25).temperature(np.zeros(1)) == pytest.approx(0.0)
 
 
-def test_a_wandering_zero_is_a_random_walk_of_its_seed():
+def test_the_random_walk_of_an_offset_is_seeded():
     walks = np.array([np.subtract(*(s.tau[:, 2] for s in apply(
         GaugeDrift(2, 0.0, wander=0.1), seed, duration=25.0)[:0:-1])) for seed in range(40)])
-    # After 25 s: 0.1 * sqrt(25) N·m, whatever the rate.
+    # After 25 s: 0.1 * sqrt(25) N·m at any rate.
     assert walks[:, -1].std() == pytest.approx(0.5, rel=0.35)
     again = apply(GaugeDrift(2, 0.0, wander=0.1), 7, duration=25.0)
     assert (again[2].tau - again[1].tau)[:, 2] == pytest.approx(walks[7])
 
 
-def test_late_effort_is_late_by_exactly_so_much():
-    _, before, after = apply(LateEffort(0.03))
+def test_delayed_effort_has_the_exact_delay():
+    _, before, after = apply(DelayedEffort(0.03))
     assert after.tau[3:] == pytest.approx(before.tau[:-3])
     assert after.tau[:3] == pytest.approx(np.repeat(before.tau[:1], 3, axis=0))
     assert np.array_equal(after.q, before.q)
 
 
-def test_between_samples_late_effort_runs_straight():
-    motion, before, after = apply(LateEffort(0.025, (1,)))
+def test_delayed_effort_is_interpolated_linearly():
+    motion, before, after = apply(DelayedEffort(0.025, (1,)))
     halfway = 0.5 * (before.tau[:-3, 1] + before.tau[1:-2, 1])
     assert after.tau[3:, 1] == pytest.approx(halfway)
     assert np.array_equal(after.tau[:, 2], before.tau[:, 2])
 
 
-def test_an_encoder_offset_changes_what_is_read_and_not_what_is_felt():
+def test_an_encoder_offset_changes_the_angle_and_not_the_torque():
     _, before, after = apply(EncoderOffset(3, 0.05))
     assert after.q[:, 3] - before.q[:, 3] == pytest.approx(0.05)
     assert np.array_equal(after.tau, before.tau)
 
 
-def test_a_tilted_base_turns_gravity():
+def test_a_tilted_base_rotates_gravity():
     motion, before, after = apply(TiltedBase(0.2, -0.1))
-    # By hand: the arm as it stands in the world, its base turned, and gravity straight down.
+    # Reference: the arm with a rotated base, and vertical gravity.
     model = ARM.model.copy()
     base = pin.rpy.rpyToMatrix(0.2, -0.1, 0.0)
     model.jointPlacements[1] = pin.SE3(base, np.zeros(3)) * model.jointPlacements[1]
     data = model.createData()
-    by_hand = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::50]])
-    assert after.tau[::50] == pytest.approx(by_hand, abs=1e-9)
+    expected = np.array([pin.computeGeneralizedGravity(model, data, q) for q in motion.q[::50]])
+    assert after.tau[::50] == pytest.approx(expected, abs=1e-9)
     assert np.abs(after.tau[:, 0]).max() > 1.0
 
 
-def test_what_is_grasped_weighs_from_then_on():
+def test_a_grasped_payload_adds_gravity_from_then_on():
     motion, before, after = apply(Grasp(Payload(1.5, (0.02, 0.0, 0.1)), 10.0))
     change = after.tau - before.tau
     assert not change[motion.t < 10.0].any()
     still = gravity_torque(with_payload(ARM, Payload(1.5, (0.02, 0.0, 0.1))), motion.q)
     late = motion.t >= 10.0
-    # What is left is the payload's inertia at these speeds.
+    # The remaining difference is the payload's inertia at these speeds.
     assert change[late] == pytest.approx((still - before.tau)[late], abs=0.5)
     assert np.abs(change[late]).max() > 5.0
 
 
 @pytest.mark.parametrize('arm', [iiwa7(), six_axis()], ids=['iiwa7', 'six_axis'])
 def test_drives_and_tool_force_do_opposite_work(arm):
-    jet = ToolJet((6.0, 3.0, -12.0), (0.05, 0.0, 0.1))
+    tool = ToolForce((6.0, 3.0, -12.0), (0.05, 0.0, 0.1))
     poses = random_poses(arm.lower, arm.upper, 20, 3).q
     step, rng = 1e-6, np.random.default_rng(1)
     model, data = arm.model, arm.model.createData()
-    for pose, torque in zip(poses, jet.torque(arm, poses)):
-        way = rng.standard_normal(arm.n_joints)
-        places = []
+    for pose, torque in zip(poses, tool.torque(arm, poses)):
+        direction = rng.standard_normal(arm.n_joints)
+        points = []
         for side in (-1, 1):
-            pin.forwardKinematics(model, data, pose + side * step * way)
-            places.append(data.oMi[model.njoints - 1].act(np.array(jet.point)))
+            pin.forwardKinematics(model, data, pose + side * step * direction)
+            points.append(data.oMi[model.njoints - 1].act(np.array(tool.point)))
         pin.forwardKinematics(model, data, pose)
-        force = data.oMi[model.njoints - 1].rotation @ np.array(jet.force)
-        work = force @ (places[1] - places[0]) / (2 * step)
-        assert torque @ way == pytest.approx(-work, abs=1e-4)
+        force = data.oMi[model.njoints - 1].rotation @ np.array(tool.force)
+        work = force @ (points[1] - points[0]) / (2 * step)
+        assert torque @ direction == pytest.approx(-work, abs=1e-4)
 
 
-def test_a_pause_rests_and_goes_on_where_it_was():
+def test_a_motion_continues_after_a_pause():
     motion, _ = motion_and_signals()
     paused = with_pauses(motion, (Pause(10.0, 3.0), Pause(25.0, 1.0, 0.5)))
     resting = (paused.t > 11.0) & (paused.t < 14.0)
     assert np.abs(paused.qd[resting]).max() < 1e-12
     assert np.ptp(paused.q[resting], axis=0).max() < 1e-9
-    # Each pause costs its rest and half of either ramp.
+    # Each pause takes its rest and half of either ramp.
     assert paused.path(np.array([20.0]))[0] == pytest.approx(motion.path(np.array([16.0]))[0])
     assert paused.path(np.array([38.0]))[0] == pytest.approx(motion.path(np.array([32.5]))[0])
     assert np.array_equal(paused.q[paused.t < 10], motion.q[motion.t < 10])
 
 
-def test_speed_and_acceleration_in_a_pause_are_slopes():
+def test_velocity_and_acceleration_in_a_pause_are_derivatives():
     motion, _ = motion_and_signals(400.0, 20.0)
     paused = with_pauses(motion, (Pause(5.0, 2.0),))
     assert np.gradient(paused.q, paused.t, axis=0)[1:-1] == pytest.approx(
@@ -152,7 +152,7 @@ def test_pauses_that_overlap_are_refused():
         with_pauses(motion, (Pause(5.0, 3.0), Pause(7.0, 1.0)))
 
 
-def test_correlated_noise_forgets_in_its_correlation_time():
+def test_correlated_noise_has_its_correlation_time():
     rng = np.random.default_rng(5)
     noise = ornstein_uhlenbeck(rng.standard_normal((400000, 1)), 0.02, 0.5)[:, 0]
     assert noise.std() == pytest.approx(1.0, rel=0.02)
@@ -170,15 +170,15 @@ def test_white_and_correlated_parts_share_the_variance():
 
 @pytest.mark.parametrize('make', [
     lambda: GaugeDrift(1, 0.1, 0.0), lambda: GaugeDrift(1, 0.1, lag=1.0),
-    lambda: LateEffort(-0.1), lambda: Pause(1.0, -1.0), lambda: ToolJet((np.nan, 0.0, 0.0)),
+    lambda: DelayedEffort(-0.1), lambda: Pause(1.0, -1.0), lambda: ToolForce((np.nan, 0.0, 0.0)),
     lambda: SensorOptions((0.1,), correlated=1.5),
 ])
-def test_impossible_sensors_are_refused(make):
+def test_invalid_parameters_are_refused(make):
     with pytest.raises(OptionError):
         make()
 
 
-def test_the_six_axis_arm_has_three_parallel_axes_and_a_weight():
+def test_the_six_axis_arm_has_three_parallel_axes_and_its_mass():
     arm = six_axis()
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, random_poses(arm.lower, arm.upper, 1, 4).q[0])
@@ -186,7 +186,7 @@ def test_the_six_axis_arm_has_three_parallel_axes_and_a_weight():
     assert axes[1] == pytest.approx(axes[2]) and axes[2] == pytest.approx(axes[3])
     assert abs(axes[0] @ axes[1]) < 1e-12 and abs(axes[3] @ axes[4]) < 1e-12
     assert pin.computeTotalMass(arm.model) == pytest.approx(28.69)
-    # Stretched out level: every link's weight times its distance, by hand.
+    # Stretched out horizontally: sum of weight times distance of the links.
     stretched = gravity_torque(arm, np.zeros((1, 6)))[0, 1]
     moment = (12.7 * 0.232 + 4.27 * (0.612 + 0.331) + 2.0 * (1.184 - 0.003)
               + 2.0 * (1.184 + 0.003) + 0.62 * 1.184)

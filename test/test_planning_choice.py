@@ -1,4 +1,4 @@
-"""What is planned, and what is expected of it, on an arm whose truth is known."""
+"""Planned motion and its expected results on an arm of known gravity."""
 
 from dataclasses import replace
 
@@ -7,33 +7,32 @@ from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions, Target
-from gravity_comp_ros.planning.criterion import answer, chance
-from gravity_comp_ros.planning.questions import observed_separation, open_targets, question
-from gravity_comp_ros.planning.regressors import Alternative, NoiseRate, Question, Situation
+from gravity_comp_ros.planning.context import DesignContext, DesignProblem, Hypothesis
+from gravity_comp_ros.planning.criterion import effect_score, power
+from gravity_comp_ros.planning.targets import design_problem, observed_separation, open_targets
 from hypothesis import given, settings, strategies
 import numpy as np
 from planning_arm import CHAIN, model, NAMES, NOISE, one_way
 import pytest
 
 
-def test_friction_of_a_joint_that_moved_one_way():
-    found = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
-    (expected,) = found.expectations
+def test_friction_of_a_joint_that_moved_in_one_direction():
+    planned = plan(one_way(0), model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    (expected,) = planned.expectations
     assert expected.chance_before < 0.01 and expected.chance > 0.95
-    assert all('elbow' in part.joints for part in found.parts)
-    assert any('coulomb_friction:elbow' in part.settles for part in found.parts)
-    q, qd = found.trajectory.q, found.trajectory.qd
+    assert all('elbow' in part.joints for part in planned.parts)
+    assert any('coulomb_friction:elbow' in part.settles for part in planned.parts)
+    q, qd = planned.trajectory.q, planned.trajectory.qd
     assert qd[:, 1].min() < -0.1 and qd[:, 1].max() > 0.1
-    # Nothing else moves but on the way to another posture.
+    # The other joints move only between postures.
     assert np.ptp(q[:, 1]) > 0.1
 
 
-def test_the_interval_is_what_repeated_recordings_scatter_by():
+def test_the_interval_is_the_scatter_of_repeated_recordings():
     old = one_way(0)
-    found = plan(old, model(), [Target('coulomb_friction', 'elbow')],
-                 PlanOptions(15.0))
-    motion = found.trajectory
-    # Coulomb and viscous friction, offset, inertia, and gravity near its truth, in both.
+    planned = plan(old, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
+    motion = planned.trajectory
+    # Coulomb and viscous friction, offset, inertia and linearised gravity, in both recordings.
     qd = np.vstack([old.qd, motion.qd])[:, 1]
     bend = np.vstack([np.gradient(old.qd, 0.02, axis=0), motion.qdd])
     gravity = CHAIN.jacobian(np.vstack([old.q, motion.q]))[2:, 1].T
@@ -41,94 +40,96 @@ def test_the_interval_is_what_repeated_recordings_scatter_by():
     rng = np.random.default_rng(0)
     tau = NOISE * rng.normal(size=(400, len(columns)))
     scatter = (tau @ np.linalg.pinv(columns, rcond=1e-9).T)[:, 0].std()
-    width, unit = found.expectations[0].half_width['F_c']
+    width, unit = planned.expectations[0].half_width['F_c']
     assert unit == 'N·m' and 0.8 * scatter < width / 1.96 < 1.25 * scatter
 
 
-def test_the_alternative_decides_what_motion_is_worth():
-    # Between load friction and Coulomb only a change of load decides.
+def test_the_alternative_determines_the_motion():
+    # Load friction is distinguished from Coulomb friction by a change of load only.
     target = Target('load_dependent_friction', 'elbow', ('coulomb_friction',))
-    found = plan(one_way(0), model(), [target], PlanOptions(20.0))
-    (expected,) = found.expectations
-    assert expected.hardest in ('coulomb_friction', '', 'torque_offset')
-    load = np.abs(CHAIN.torque(found.trajectory.q)[:, 1])
-    moving = np.abs(found.trajectory.qd[:, 1]) > 0.02
+    planned = plan(one_way(0), model(), [target], PlanOptions(20.0))
+    (expected,) = planned.expectations
+    assert expected.closest_alternative in ('coulomb_friction', '', 'torque_offset')
+    load = np.abs(CHAIN.torque(planned.trajectory.q)[:, 1])
+    moving = np.abs(planned.trajectory.qd[:, 1]) > 0.02
     assert np.ptp(load[moving]) > 0.3
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.integers(0, 10_000))
-def test_an_answer_is_that_of_least_squares(seed):
+def test_a_score_is_that_of_least_squares(seed):
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(40, 6))  # 3 nuisance terms, the target, an alternative of two columns
     size = np.array([rng.uniform(0.5, 2.0)])
-    found = answer(x.T @ x, np.full(3, 1e-9), (1, 2), size)
+    score = effect_score(x.T @ x, np.full(3, 1e-9), (1, 2), size)
     y = x[:, 3] * size[0]
-    left = [np.sqrt(np.linalg.lstsq(x[:, keep], y, rcond=None)[1][0])
-            for keep in ([0, 1, 2], [0, 1, 2, 4, 5])]
-    assert found.separation == pytest.approx(min(left), rel=1e-5)
-    assert found.worst == (None if left[0] <= left[1] else 0)
-    beside = x[:, [0, 1, 2, 3]]
-    assert found.spread[0] == pytest.approx(
-        np.sqrt(np.linalg.inv(beside.T @ beside)[3, 3]), rel=1e-5)
-    # More data never makes it less sure.
+    residual = [np.sqrt(np.linalg.lstsq(x[:, keep], y, rcond=None)[1][0])
+                for keep in ([0, 1, 2], [0, 1, 2, 4, 5])]
+    assert score.separation == pytest.approx(min(residual), rel=1e-5)
+    assert score.closest == (None if residual[0] <= residual[1] else 0)
+    columns = x[:, [0, 1, 2, 3]]
+    assert score.std[0] == pytest.approx(
+        np.sqrt(np.linalg.inv(columns.T @ columns)[3, 3]), rel=1e-5)
+    # More data never reduce the separation.
     more = x.T @ x + np.diag(rng.uniform(0.0, 1.0, 6))
-    assert answer(more, np.full(3, 1e-9), (1, 2), size).separation >= found.separation * (1 - 1e-9)
+    better = effect_score(more, np.full(3, 1e-9), (1, 2), size)
+    assert better.separation >= score.separation * (1 - 1e-9)
 
 
-def test_nothing_left_of_a_column_is_no_information():
+def test_a_collinear_column_has_no_information():
     x = np.random.default_rng(0).normal(size=(40, 2))
     x = np.column_stack([x, x[:, 1], x[:, 0]])
-    found = answer(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
-    assert found.separation < 1e-2 and np.isinf(found.spread[0])
-    assert chance(found.separation) < 1e-3
+    score = effect_score(x.T @ x, np.full(2, 1e-9), (1, 1), np.ones(1))
+    assert score.separation < 1e-2 and np.isinf(score.std[0])
+    assert power(score.separation) < 1e-3
 
 
-def test_other_joints_say_of_gravity_what_least_squares_says():
+def test_the_information_of_other_joints_on_gravity_is_that_of_least_squares():
     # An offset of the elbow, gravity's parameters, and nuisance terms of every joint.
-    old, no_setting = build_motion(one_way(0, duration=20.0, rate=20.0), model()), {}
-    noise = NoiseRate(np.array([400.0, 100.0, 900.0]))
-    situation = Situation(old, model(), noise, 0.05, 20.0)
-    offset = Alternative(all_effects()['torque_offset'], 1, no_setting)
-    asked = Question(offset, (), np.ones(1), (1,), False)
-    found = situation.information(asked, old, 0.05)
-    k, gravity = situation.n_gravity, CHAIN.jacobian(old.samples.q)[2:]
-    own = situation.own_columns(old)
+    old = build_motion(one_way(0, duration=20.0, rate=20.0), model())
+    rate = np.array([400.0, 100.0, 900.0])
+    context = DesignContext(old, model(), rate, 0.05, 20.0)
+    offset = Hypothesis(all_effects()['torque_offset'], 1, {})
+    problem = DesignProblem(offset, (), np.ones(1), (1,), False)
+    information = context.information(problem, old, 0.05)
+    k, gravity = context.n_gravity, CHAIN.jacobian(old.samples.q)[2:]
+    own = context.nuisance_columns(old)
     per_joint = own.shape[2]
     normal = np.zeros((k + 3 * per_joint,) * 2)
     for n in range(3):
         rows = np.zeros((len(old.samples.q), len(normal)))
         rows[:, :k] = gravity[:, n].T
         rows[:, k + n * per_joint:k + (n + 1) * per_joint] = own[:, n]
-        normal += 0.05 * noise.per_second[n] * rows.T @ rows
-    # Of the elbow the offset is the question; the others' nuisance terms are projected out.
+        normal += 0.05 * rate[n] * rows.T @ rows
+    # The offset of the elbow is the target; nuisance terms of the others are projected out.
     others = np.r_[k:k + per_joint, k + 2 * per_joint:len(normal)]
     kept = np.setdiff1d(np.arange(len(normal)), others)
-    left = normal[np.ix_(kept, kept)] - normal[np.ix_(kept, others)] @ np.linalg.pinv(
+    marginal = normal[np.ix_(kept, kept)] - normal[np.ix_(kept, others)] @ np.linalg.pinv(
         normal[np.ix_(others, others)], rcond=1e-12) @ normal[np.ix_(others, kept)]
-    np.testing.assert_allclose(found[:k, :k], left[:k, :k], atol=1e-5 * np.abs(left).max())
+    np.testing.assert_allclose(information[:k, :k], marginal[:k, :k],
+                               atol=1e-5 * np.abs(marginal).max())
 
 
-def test_a_tie_stays_while_the_other_effect_cannot_be_shown():
+def test_a_target_remains_ambiguous_while_its_alternative_is_untestable():
     old, known = one_way(0), all_effects()
-    held = replace(old, q=old.q * [0.0, 1.0, 0.0], qd=old.qd * [0.0, 1.0, 0.0])
-    spring = Alternative(known['joint_spring'], 1, {'centre': 0.0, 'overtones': 1.0})
-    offset = Alternative(known['torque_offset'], 1, {})
-    asked = Question(offset, (spring,), np.ones(1), (1,), False)
-    alone = build_motion(held, model())
+    still = replace(old, q=old.q * [0.0, 1.0, 0.0], qd=old.qd * [0.0, 1.0, 0.0])
+    spring = Hypothesis(known['joint_spring'], 1, {'centre': 0.0, 'overtones': 1.0})
+    offset = Hypothesis(known['torque_offset'], 1, {})
+    problem = DesignProblem(offset, (spring,), np.ones(1), (1,), False)
+    alone = build_motion(still, model())
     reason = known['joint_spring'].untestable(alone, 1)
-    assert reason and asked.tie_stays(alone, ('joint_spring',)) == (
-        f'joint_spring, which may explain it, stays untestable: {reason}')
-    # It is no tie if the diagnosis did not name it, nor where the spring would show.
-    assert not asked.tie_stays(alone, ())
-    assert not asked.tie_stays(build_motion(old, model()), ('joint_spring',))
+    assert reason and problem.remaining_ambiguity(alone, ('joint_spring',)) == (
+        f'its alternative joint_spring remains untestable: {reason}')
+    # It is not ambiguous if the diagnosis does not name the spring, nor if the spring is excited.
+    assert not problem.remaining_ambiguity(alone, ())
+    assert not problem.remaining_ambiguity(build_motion(old, model()), ('joint_spring',))
 
 
 def finding(effect, joint, verdict, before=0.1, after=0.05, rivals=()):
     return Finding(joint, effect, verdict, rivals, {}, before, after, 0.0, 1.0, '', '')
 
 
-def test_what_a_diagnosis_leaves_open():
+def test_open_targets_of_a_diagnosis():
     motion = build_motion(one_way(0), model())
     report = JointReport('', 0.05, 100.0, 0.1, 0.1, {'viscous_friction': 'one speed',
                                                      'end_stop': 'not reached'})
@@ -139,36 +140,38 @@ def test_what_a_diagnosis_leaves_open():
         finding('coulomb_friction', 'elbow', 'ambiguous', rivals=('torque_offset',)),
         finding('inertia', 'elbow', 'weak'), finding(None, 'elbow', 'unexplained')),
         {NAMES[0]: quiet, NAMES[1]: report, NAMES[2]: quiet})
-    found = open_targets(diagnosis, motion)
-    assert [target.name for target in found] == [
+    targets = open_targets(diagnosis, motion)
+    assert [target.name for target in targets] == [
         'coulomb_friction:elbow', 'joint_spring:wrist', 'viscous_friction:elbow']
-    assert found[0].alternatives == ('torque_offset',)
+    assert targets[0].alternatives == ('torque_offset',)
     nothing = Diagnosis((), dict.fromkeys(NAMES, quiet))
-    with pytest.raises(OptionError, match='nothing is left open'):
+    with pytest.raises(OptionError, match='no target is open'):
         plan(one_way(0), model(), None, PlanOptions(), nothing)
 
 
 @pytest.mark.parametrize('first, is_known', [(0, True), (1, False), (4, False)])
-def test_the_size_of_a_payload_is_known_if_the_diagnosis_has_the_same_parts(first, is_known):
-    # The gravity of a diagnosis may have features of more or fewer joints than that of the plan.
+def test_a_payload_size_is_known_if_the_diagnosis_has_the_same_coefficients(first, is_known):
+    # The gravity models of diagnosis and plan may contain features of different joints.
     motion, probe = (build_motion(one_way(seed), model()) for seed in (0, 1))
     setting = {'run': 0.0, 'time': 30.0, 'clock': 0.0}
     parts = all_effects()['payload_change'].coefficients_of(motion, 0, setting)
     values = {part.symbol: Estimate(0.1, '1', (0.0, 0.2)) for part in parts[first:]}
-    found = replace(finding('payload_change', None, 'weak'), setting=setting, coefficients=values)
-    asked = question(Target('payload_change', None), motion, probe, NOISE, Diagnosis((found,), {}))
-    assert asked.known_size == is_known and len(asked.size) == len(parts) == 4
+    payload = replace(finding('payload_change', None, 'weak'), setting=setting,
+                      coefficients=values)
+    problem = design_problem(Target('payload_change', None), motion, probe, NOISE,
+                             Diagnosis((payload,), {}))
+    assert problem.known_size == is_known and len(problem.size) == len(parts) == 4
 
 
 @pytest.mark.parametrize('target, words', [
     (Target('coulomb_friction', None), 'name it'), (Target('no_such', 'elbow'), 'no effect'),
     (Target('coulomb_friction', 'hip'), 'no joint hip')])
-def test_targets_that_make_no_sense(target, words):
+def test_invalid_targets(target, words):
     with pytest.raises(OptionError, match=words):
         plan(one_way(0), model(), [target], PlanOptions(15.0))
 
 
-def test_a_joint_that_may_not_move():
+def test_a_joint_that_cannot_move():
     still = one_way(0, span=1e-4)
     with pytest.raises(OptionError, match='no joint of the targets can move'):
         plan(still, model(), [Target('coulomb_friction', 'elbow')], PlanOptions(15.0))
@@ -177,7 +180,7 @@ def test_a_joint_that_may_not_move():
 @pytest.mark.parametrize('verdict, p, low, high', [
     ('ambiguous', 1e-9, 1.0, 1.0), ('untestable', 1e-9, 1.0, 1.0), ('weak', 0.02, 2.0, 2.1),
     ('weak', 1.0, 0.0, 0.0), ('weak', 1e-12, 3.0, 3.0), ('established', 1e-9, np.inf, np.inf)])
-def test_what_recordings_left_open_they_have_not_shown(verdict, p, low, high):
+def test_observed_separation_of_open_and_settled_targets(verdict, p, low, high):
     finding = Finding('a', 'coulomb_friction', verdict, (), {}, 0.1, 0.05, 0.0, 1.0, '', '', p)
     report = JointReport('', 0.1, 50.0, 1.0, 0.5, {'viscous_friction': 'one speed'})
     diagnosis = Diagnosis((finding,), {'a': report})

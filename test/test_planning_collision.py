@@ -1,4 +1,4 @@
-"""Links that hit each other, by the collision geometry of a description."""
+"""Self-collision check with the collision geometry of a description."""
 
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.errors import OptionError
@@ -21,7 +21,7 @@ def link(name: str, shape: str = '', x: float = 0.2) -> str:
     return f'<link name="{name}">{box if shape else ""}</link>'
 
 
-def turning(name: str, parent: str, child: str, x: float, kind: str = 'revolute') -> str:
+def joint(name: str, parent: str, child: str, x: float, kind: str = 'revolute') -> str:
     return (f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="{x} 0 0"/><axis xyz="0 1 0"/>'
             f'<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>')
@@ -30,20 +30,20 @@ def turning(name: str, parent: str, child: str, x: float, kind: str = 'revolute'
 def planar(shape: str = '<box size="0.3 0.04 0.04"/>', *more: str, kind: str = 'revolute') -> str:
     """Return three links of 0.4 m in a row, each with a shape of 0.3 m in its middle."""
     return ('<robot name="r">' + link('base') + link('one', shape) + link('two', shape)
-            + link('three', shape) + turning(NAMES[0], 'base', 'one', 0.0)
-            + turning(NAMES[1], 'one', 'two', 0.4, kind) + turning(NAMES[2], 'two', 'three', 0.4)
+            + link('three', shape) + joint(NAMES[0], 'base', 'one', 0.0)
+            + joint(NAMES[1], 'one', 'two', 0.4, kind) + joint(NAMES[2], 'two', 'three', 0.4)
             + ''.join(more) + '</robot>')
 
 
 def wall(z: float) -> str:
-    """Return a wall that stands on the base, 0.1 m thick, at a height."""
+    """Return a wall fixed to the base, 0.1 m thick, at height z in m."""
     return (f'<link name="wall"><collision><origin xyz="0.9 0 {z}"/><geometry>'
             f'<box size="0.6 1 0.1"/></geometry></collision></link>'
             f'<joint name="stands" type="fixed"><parent link="base"/><child link="wall"/></joint>')
 
 
 def folded() -> np.ndarray:
-    """Return the angle at which the last link lies on the first: both bent by the same."""
+    """Return a straight pose and one in which the last link lies on the first."""
     return np.array([[0.0, 0.0, 0.0], [0.0, 2.6, 2.6]])
 
 
@@ -52,7 +52,7 @@ def test_a_folded_arm_hits_itself(kind):
     check = self_collision(planar(kind=kind), NAMES, np.zeros((3, 3)))
     assert check.first_hit(folded()) == (1, 'one_0 and three_0')
     assert check.hits(folded()) and not check.hits(folded()[:1]) and not check.overlapping
-    # Neighbours may touch: the elbow alone hits nothing.
+    # Neighbours may touch: the elbow alone cannot collide.
     assert not check.hits(np.array([[0.0, 3.1, 0.0]]))
 
 
@@ -64,7 +64,7 @@ def test_the_margin():
         assert check.hits(np.zeros((1, 3))) is hit
 
 
-def test_what_touches_in_recorded_poses_may_touch():
+def test_links_that_touch_in_recorded_poses_are_excluded():
     check = self_collision(planar(), NAMES, folded())
     assert check.overlapping == ('one_0 and three_0',) and not check.hits(folded())
 
@@ -74,7 +74,7 @@ def test_what_touches_in_recorded_poses_may_touch():
     (planar().replace('elbow', 'knee'), 'no moving joint elbow'),
     (planar('<mesh filename="package://arm/link.stl"/>'), 'link.stl could not be found'),
     ('<robot', 'XML')])
-def test_what_cannot_be_checked_is_said_in_a_line(urdf, words, tmp_path):
+def test_the_reason_of_a_missing_check_is_one_line(urdf, words, tmp_path):
     with pytest.raises(CollisionsUnchecked, match=words) as caught:
         self_collision(urdf, NAMES, np.zeros((1, 3)), tmp_path)
     assert '\n' not in str(caught.value)
@@ -84,8 +84,8 @@ def test_what_cannot_be_checked_is_said_in_a_line(urdf, words, tmp_path):
     assert check is None and line.startswith('not checked') and words in line
 
 
-def test_a_plan_stays_clear_of_what_it_would_hit():
-    # A positive angle turns the arm down, towards the wall.
+def test_a_plan_avoids_collisions():
+    # A positive angle rotates the arm down, towards the wall.
     old = one_way(0)
     deep = old.q[:, 0] + 0.5 * old.q[:, 1]
     above = old.select(deep < 0.1)
@@ -102,7 +102,7 @@ def test_a_plan_stays_clear_of_what_it_would_hit():
              obstacles=check)
 
 
-def test_the_command_says_what_was_checked(tmp_path, capsys):
+def test_the_command_reports_the_check(tmp_path, capsys):
     write_bag(tmp_path / 'old.mcap', [joint_states(one_way(0))])
     save_model(tmp_path / 'arm.json', model())
     (tmp_path / 'arm.urdf').write_text(planar())

@@ -1,12 +1,12 @@
-"""Gravity that the model is unsure of: what a motion does about it."""
+"""Standard deviation of the gravity torque before and after a planned motion."""
 
 from gravity_comp_ros.diagnosis.findings import Diagnosis, JointReport
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.gravity_doubt import gravity_doubt
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.gravity_uncertainty import gravity_uncertainty
+from gravity_comp_ros.planning.targets import named_targets
 import numpy as np
-from planning_arm import CHAIN, model, NAMES, NOISE, one_way, unsure_model
+from planning_arm import CHAIN, model, NAMES, NOISE, one_way, uncertain_model
 import pytest
 
 
@@ -14,25 +14,26 @@ def rms(std):
     return np.sqrt((std ** 2).mean(axis=0))
 
 
-def test_the_doubt_is_that_of_the_model():
+def test_the_uncertainty_is_that_of_the_model():
     old = one_way(0)
-    doubt = gravity_doubt(unsure_model(), old.q, old.tau, np.full(3, NOISE))
-    answer = doubt.answer(doubt.nothing())
+    uncertainty = gravity_uncertainty(uncertain_model(), old.q, old.tau, np.full(3, NOISE))
+    score = uncertainty.score(uncertainty.zero_information())
     poses = old.q[np.unique(np.linspace(0, len(old.q) - 1, 300).round().astype(int))]
-    std = rms(unsure_model().predict_std(poses))
-    assert doubt.joints == tuple(np.argsort(-std))
-    np.testing.assert_allclose(answer.std, std[list(doubt.joints)], rtol=0.02)
-    np.testing.assert_array_equal(answer.std, answer.before)
-    assert answer.value == pytest.approx(0.0) and doubt.cost == pytest.approx(std.max(), rel=0.02)
+    std = rms(uncertain_model().predict_std(poses))
+    assert uncertainty.joints == tuple(np.argsort(-std))
+    np.testing.assert_allclose(score.std, std[list(uncertainty.joints)], rtol=0.02)
+    np.testing.assert_array_equal(score.std, score.before)
+    assert score.utility == pytest.approx(0.0)
+    assert score.before.max() == pytest.approx(std.max(), rel=0.02)
 
 
 def test_information_is_that_of_least_squares():
-    # Prior C, and rows of torque with nuisance terms: the posterior by normal equations.
+    # Posterior of prior C and rows of torque with nuisance terms, by normal equations.
     old, rng = one_way(1), np.random.default_rng(0)
-    doubt = gravity_doubt(unsure_model(), old.q, old.tau, np.full(3, NOISE))
+    uncertainty = gravity_uncertainty(uncertain_model(), old.q, old.tau, np.full(3, NOISE))
     q, own = rng.uniform(-1.0, 1.0, (50, 3)), rng.normal(size=(50, 3, 6))
     weights = np.array([400.0, 100.0, 900.0])
-    answer = doubt.answer(doubt.information(q, own, weights))
+    score = uncertainty.score(uncertainty.information(q, own, weights))
     normal = np.zeros((12 + 18, 12 + 18))
     normal[:12, :12] += np.eye(12) / 0.2 ** 2
     normal[12:, 12:] += 1e-6 * np.eye(18)
@@ -44,26 +45,26 @@ def test_information_is_that_of_least_squares():
     posterior = np.linalg.inv(normal)[:12, :12]
     poses = old.q[np.unique(np.linspace(0, len(old.q) - 1, 300).round().astype(int))]
     columns = CHAIN.jacobian(poses)
-    left = [np.sqrt(np.einsum('ip,ij,jp->p', columns[:, n], posterior, columns[:, n]).mean())
-            for n in doubt.joints]
-    np.testing.assert_allclose(answer.std, left, rtol=0.02)
+    std = [np.sqrt(np.einsum('ip,ij,jp->p', columns[:, n], posterior, columns[:, n]).mean())
+           for n in uncertainty.joints]
+    np.testing.assert_allclose(score.std, std, rtol=0.02)
 
 
-def test_a_plan_makes_the_model_surer():
+def test_a_plan_reduces_the_uncertainty():
     old = one_way(0)
-    found = plan(old, unsure_model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
-    assert {each.joint for each in found.gravity} == set(NAMES) and not found.expectations
-    assert all(each.after < 0.6 * each.before for each in found.gravity)
-    assert any('gravity' in part.settles for part in found.parts)
-    assert 'unsure by' in found.gravity[0].sentence and found.to_json()['gravity']
-    with pytest.raises(OptionError, match='holds no uncertainty'):
+    planned = plan(old, uncertain_model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
+    assert {each.joint for each in planned.gravity} == set(NAMES) and not planned.expectations
+    assert all(each.after < 0.6 * each.before for each in planned.gravity)
+    assert any('gravity' in part.settles for part in planned.parts)
+    assert 'uncertain by' in planned.gravity[0].sentence and planned.to_json()['gravity']
+    with pytest.raises(OptionError, match='has no uncertainty'):
         plan(old, model(), named_targets(['gravity'], NAMES), PlanOptions(15.0))
 
 
-def test_by_default_gravity_is_asked_for_where_it_costs():
+def test_uncertain_gravity_is_a_default_target():
     nothing = Diagnosis((), dict.fromkeys(NAMES, JointReport('', NOISE, 100.0, 0.1, 0.1, {})))
-    found = plan(one_way(0), unsure_model(), None, PlanOptions(15.0), nothing)
-    costs = [each.before for each in found.gravity]
-    assert costs == sorted(costs, reverse=True) and costs[0] > 0.1
-    with pytest.raises(OptionError, match='nothing is left open'):
-        plan(one_way(0), unsure_model(1e-4), None, PlanOptions(15.0), nothing)
+    planned = plan(one_way(0), uncertain_model(), None, PlanOptions(15.0), nothing)
+    stds = [each.before for each in planned.gravity]
+    assert stds == sorted(stds, reverse=True) and stds[0] > 0.1
+    with pytest.raises(OptionError, match='no target is open'):
+        plan(one_way(0), uncertain_model(1e-4), None, PlanOptions(15.0), nothing)

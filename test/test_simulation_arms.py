@@ -1,4 +1,4 @@
-"""The simulated arms against published figures and hand-worked torques."""
+"""Simulated arms compared with published figures and analytical torques."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import arms
@@ -18,7 +18,7 @@ def pendulum(kind: str = 'revolute') -> str:
             '</robot>')
 
 
-def test_iiwa_gravity_has_the_published_size():
+def test_iiwa_gravity_has_the_published_rms():
     arm = arms.iiwa7()
     q = np.random.default_rng(0).uniform(arm.lower, arm.upper, (20000, 7))
     rms = np.sqrt((arms.gravity_torque(arm, q) ** 2).mean(axis=0))
@@ -26,16 +26,16 @@ def test_iiwa_gravity_has_the_published_size():
     np.testing.assert_allclose(rms, published, rtol=0.02, atol=1e-12)
 
 
-def test_iiwa_upright_needs_only_what_its_small_offsets_ask():
-    # Upright, only the centres of mass off the vertical matter: every com's y of the odd links
-    # lies across the axis of J2, which turns about the base's y.
+def test_iiwa_upright_has_little_gravity_torque():
+    # Upright, only centres of mass off the vertical contribute: the y of the odd links is
+    # perpendicular to the axis of J2, the y axis of the base.
     arm = arms.iiwa7()
     tau = arms.gravity_torque(arm, np.zeros((1, 7)))[0]
     assert tau[0] == pytest.approx(0, abs=1e-12)
     assert np.abs(tau).max() < 2
 
 
-def test_iiwa_centres_and_flange_are_where_the_data_sheet_has_them():
+def test_iiwa_centres_and_flange_are_those_of_the_data_sheet():
     arm = arms.iiwa7()
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, np.zeros(7))
@@ -47,14 +47,14 @@ def test_iiwa_centres_and_flange_are_where_the_data_sheet_has_them():
     np.testing.assert_allclose(axes, [z, y, z, -y, z, y, z], atol=1e-12)
 
 
-def test_pendulum_torque_by_hand(tmp_path):
+def test_pendulum_torque_is_analytical(tmp_path):
     path = tmp_path / 'pendulum.urdf'
     path.write_text(pendulum())
     arm = arms.from_urdf(path)
     assert arm.joints == ('swing',)
     assert (arm.lower[0], arm.upper[0], arm.max_speed[0]) == (-1, 2, 3)
     q = np.array([[0.0], [0.7]])
-    # Turning about +y lowers a mass on +x, so the drive must push the other way.
+    # Rotation about +y lowers a mass on +x, so the gravity torque is negative.
     expected = -2 * 9.80665 * 0.5 * np.cos(q)
     np.testing.assert_allclose(arms.gravity_torque(arm, q), expected, atol=1e-12)
     inertia = 0.01 + 2 * 0.5 ** 2
@@ -62,7 +62,7 @@ def test_pendulum_torque_by_hand(tmp_path):
     np.testing.assert_allclose(moving, expected + 3 * inertia, atol=1e-12)
 
 
-def test_continuous_joint_turns_like_a_revolute_one(tmp_path):
+def test_continuous_joint_equals_a_revolute_one(tmp_path):
     path = tmp_path / 'pendulum.urdf'
     path.write_text(pendulum('continuous'))
     arm = arms.from_urdf(path)
@@ -79,7 +79,7 @@ def test_prismatic_joint_is_refused_with_its_name_and_the_reason(tmp_path):
 
 
 @pytest.mark.parametrize('text', ['', '<robot', '<robot name="x"><link name="a"/></robot>'])
-def test_not_a_robot_is_one_line(tmp_path, text):
+def test_an_invalid_urdf_gives_one_line(tmp_path, text):
     path = tmp_path / 'x.urdf'
     path.write_text(text)
     with pytest.raises(OptionError) as error:
@@ -93,7 +93,7 @@ def test_missing_urdf(tmp_path):
         arms.from_urdf(tmp_path / 'none.urdf')
 
 
-def test_payload_adds_its_own_weight_and_leaves_the_arm_alone(tmp_path):
+def test_payload_adds_its_torque_and_leaves_the_arm_unchanged(tmp_path):
     path = tmp_path / 'pendulum.urdf'
     path.write_text(pendulum())
     bare = arms.from_urdf(path)
@@ -102,27 +102,27 @@ def test_payload_adds_its_own_weight_and_leaves_the_arm_alone(tmp_path):
     extra = arms.gravity_torque(loaded, q) - arms.gravity_torque(bare, q)
     np.testing.assert_allclose(extra, -3 * 9.80665 * 0.2 * np.sin(q), atol=1e-12)
     np.testing.assert_allclose(arms.gravity_torque(bare, q), -9.80665 * np.cos(q), atol=1e-12)
-    spun = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
-            - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
-    np.testing.assert_allclose(spun, 0.01 + 0.5 + 3 * 0.04 + 0.2, atol=1e-12)
+    inertial = (arms.inverse_dynamics(loaded, q, [[0.0]], [[1.0]])
+                - arms.inverse_dynamics(loaded, q, [[0.0]], [[0.0]]))
+    np.testing.assert_allclose(inertial, 0.01 + 0.5 + 3 * 0.04 + 0.2, atol=1e-12)
 
 
 @pytest.mark.parametrize('bad', [
     {'mass': 0.0}, {'mass': -1.0}, {'mass': float('nan')}, {'mass': 1.0, 'com': (0, 0)},
     {'mass': 1.0, 'com': (0, 0, float('inf'))}, {'mass': 1.0, 'inertia': (-1, 0, 0, 0, 0, 0)}])
-def test_payload_that_cannot_be(bad):
+def test_invalid_payload(bad):
     with pytest.raises(OptionError, match='payload'):
         arms.Payload(**bad)
 
 
-def test_tilt_wakes_the_base_joint():
+def test_tilt_loads_the_base_joint():
     arm = arms.iiwa7()
     q = np.random.default_rng(1).uniform(arm.lower, arm.upper, (50, 7))
     tilted = arms.with_base_tilt(arm, 0.0, 0.1)
     assert np.abs(arms.gravity_torque(arm, q)[:, 0]).max() < 1e-12
     assert np.abs(arms.gravity_torque(tilted, q)[:, 0]).max() > 1
-    turned = arms.with_base_tilt(arm, np.pi, 0.0)  # hanging from the ceiling
-    np.testing.assert_allclose(arms.gravity_torque(turned, q), -arms.gravity_torque(arm, q),
+    inverted = arms.with_base_tilt(arm, np.pi, 0.0)  # ceiling-mounted
+    np.testing.assert_allclose(arms.gravity_torque(inverted, q), -arms.gravity_torque(arm, q),
                                atol=1e-9)
 
 

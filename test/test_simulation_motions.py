@@ -1,4 +1,4 @@
-"""Motions: the paper's formulas, exact derivatives, limits kept for all time."""
+"""Motions: the paper's formulas, exact derivatives, limits for all time."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import motions
@@ -43,7 +43,7 @@ def all_motions():
 @pytest.mark.parametrize('motion', all_motions(), ids=lambda m: m.name)
 def test_speed_and_acceleration_are_the_derivatives(motion):
     step = 1e-4
-    t = motion.t + 0.037  # not at the joint of the ramp, where the third derivative jumps
+    t = motion.t + 0.037  # not at the end of the ramp, where the third derivative jumps
     before, after, here = (motion.path(t + dt) for dt in (-step, step, 0.0))
     for order in (0, 1):
         numeric = (after[order] - before[order]) / (2 * step)
@@ -58,7 +58,7 @@ def test_multisine_stays_within_every_limit_for_all_time(seed, max_speed, n_sine
     motion = motions.multisine(LOW, HIGH, SPEED, seed, options, duration=250.0, rate=97.0)
     assert (np.abs(motion.qd) <= np.minimum(max_speed, SPEED) + 1e-12).all()
     assert (motion.q >= LOW).all() and (motion.q <= HIGH).all()
-    # Each joint is driven to one of its bounds: it does not creep without reason.
+    # Each joint reaches one of its bounds.
     fast = np.abs(motion.qd).max(axis=0) > 0.98 * np.minimum(max_speed, SPEED)
     wide = np.ptp(motion.q, axis=0) > 0.9 * (HIGH - LOW)
     assert (fast | wide).all()
@@ -90,6 +90,6 @@ def test_random_poses_are_seeded_at_rest_and_spread_over_the_limits():
     lambda: motions.eq15(duration=0.01), lambda: motions.random_poses(LOW, HIGH, 0),
     lambda: motions.random_poses(LOW, HIGH, 5, period=0),
     lambda: MultisineOptions(max_speed=0), lambda: MultisineOptions(band=0.001)])
-def test_motion_that_cannot_be(make):
+def test_invalid_motion(make):
     with pytest.raises(OptionError):
         make()

@@ -1,4 +1,4 @@
-"""Synthesised samples: noise of the asked size, payload in time, disturbances before noise."""
+"""Synthesised samples: noise level, time of the payload, order of disturbances and noise."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation import arms, motions
@@ -19,7 +19,7 @@ def test_torque_without_noise_is_the_inverse_dynamics():
     assert np.abs(samples.tau - arms.gravity_torque(ARM, motion.q)).max() > 1
 
 
-def test_static_samples_hold_gravity_alone_at_rest():
+def test_static_samples_contain_gravity_only():
     motion = motions.eq15(duration=3)
     samples = synthesise(ARM, motion, SynthesisOptions(static=True))
     np.testing.assert_array_equal(samples.tau, arms.gravity_torque(ARM, motion.q))
@@ -30,7 +30,7 @@ def test_slow_motion_is_nearly_static():
     motion = motions.eq17()
     moving, still = (synthesise(ARM, motion, SynthesisOptions(static=s)) for s in (False, True))
     difference = np.abs(moving.tau - still.tau).max(axis=0)
-    assert 0.01 < difference[1] < 0.5  # the inertia is really there
+    assert 0.01 < difference[1] < 0.5  # inertia is included
 
 
 def test_payload_at_a_time():
@@ -44,7 +44,7 @@ def test_payload_at_a_time():
     assert np.abs(full.tau - bare.tau)[:, 1].max() > 5
 
 
-def test_noise_is_seeded_and_of_the_asked_size():
+def test_noise_is_seeded_and_has_the_given_level():
     motion = motions.random_poses(ARM.lower, ARM.upper, 3000, seed=1)
     clean = synthesise(ARM, motion)
     noise = NoiseOptions(relative=0.01)
@@ -58,7 +58,7 @@ def test_noise_is_seeded_and_of_the_asked_size():
     np.testing.assert_allclose((absolute.tau - clean.tau).std(axis=0), 0.1, rtol=0.06)
 
 
-def test_correlated_noise_has_its_size_and_time_at_any_spacing():
+def test_correlated_noise_has_its_level_and_time_at_any_spacing():
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(0.05, 0.35, 40000))
     noise = add_noise(t, np.zeros((t.size, 1)), NoiseOptions(absolute=0.5, correlation=1.0),
@@ -80,13 +80,13 @@ class Offset:
 
 
 class Gain:
-    """A gain error; with Offset it shows the order."""
+    """A gain error, to test the order with Offset."""
 
     def apply(self, signals, motion, arm, rng):
         return Signals(signals.q, signals.qd, 2 * signals.tau)
 
 
-def test_disturbances_act_in_order_and_leave_the_noise_alone():
+def test_disturbances_act_in_order_and_do_not_change_the_noise():
     motion = motions.eq17(duration=5)
     noise = NoiseOptions(absolute=0.1)
     clean = synthesise(ARM, motion)
@@ -105,7 +105,7 @@ def test_motion_for_another_arm_is_refused():
 
 @pytest.mark.parametrize('field', ['relative', 'absolute', 'correlation'])
 @pytest.mark.parametrize('value', [-1.0, float('nan'), float('inf')])
-def test_noise_that_cannot_be(field, value):
+def test_invalid_noise(field, value):
     with pytest.raises(OptionError, match=field):
         NoiseOptions(**{field: value})
 

@@ -15,7 +15,7 @@ from bench.cases.drawn import draws
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import gravity_torque
 from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift
-from gravity_comp_ros.simulation.disturbances.friction import Friction, WarmFriction
+from gravity_comp_ros.simulation.disturbances.friction import Friction, ThermalFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
 from gravity_comp_ros.simulation.hidden import noise_levels
 import numpy as np
@@ -109,11 +109,11 @@ def _warming(arm: str, rng: np.random.Generator) -> Case:
     joint = int(rng.integers(len(noise)))
     level = float(rng.uniform(15.0, 30.0) * noise[joint])
     minutes = float(rng.uniform(300.0, 700.0))
-    gear = WarmFriction(joint, LuGre(level, 2.0 * level), capacity=minutes / 6.0)
+    gear = ThermalFriction(joint, LuGre(level, 2.0 * level), capacity=minutes / 6.0)
     period, idle = 100.0 + _SESSION_PAUSE, gear.resistance * gear.idle
     runs = tuple(
-        (k, WarmFriction(joint, gear.surfaces, capacity=gear.capacity,
-                         begin=gear.room - idle * float(np.expm1(-k * period / minutes))))
+        (k, ThermalFriction(joint, gear.surfaces, capacity=gear.capacity,
+                            begin=gear.room - idle * float(np.expm1(-k * period / minutes))))
         for k in range(_SESSION_RUNS))
     return Case('warming', arm, truths=(Truth('friction_drift', joint),), in_run=runs,
                 allowed=bristles(joint) | {('coulomb_friction', joint),

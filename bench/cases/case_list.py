@@ -1,4 +1,4 @@
-"""The hidden-effect cases: what is wrong with the arm, joint by joint."""
+"""List of hidden-effect cases of each arm."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from bench.cases.cases import ARMS, Case, Pair, Truth
 from bench.cases.grasp import Grasp
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Payload
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
-from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, GreasedGear, LoadFriction, WarmFriction)
-from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.of_angle import (
+from gravity_comp_ros.simulation.disturbances.angle_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
+    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
+from gravity_comp_ros.simulation.disturbances.friction import (
+    DifferentialFriction, Friction, GreasedGear, LoadFriction, ThermalFriction)
+from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
 
 
 @dataclass(frozen=True)
 class Roles:
-    """The joints, counted from 0, that do the same work in arms of different builds."""
+    """Joints of corresponding function in different arms, counted from 0."""
 
     base: int
     shoulder: int
@@ -56,12 +56,12 @@ def case(arm: str, name: str) -> Case:
     """
     Return one case by its name.
 
-    :raises OptionError: if there is none of that name.
+    :raises OptionError: if there is no case of that name.
     """
-    found = {entry.name: entry for entry in cases(arm)}
-    if name not in found:
-        raise OptionError(f'no case {name}; there are {", ".join(found)}')
-    return found[name]
+    by_name = {entry.name: entry for entry in cases(arm)}
+    if name not in by_name:
+        raise OptionError(f'no case {name}; there are {", ".join(by_name)}')
+    return by_name[name]
 
 
 def _nothing(arm: str) -> tuple[Case, ...]:
@@ -98,7 +98,7 @@ def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('load', arm, disturbances=(LoadFriction(s, 0.05),),
              truths=(Truth('load_dependent_friction', s),),
              allowed=bristles(s) | {('coulomb_friction', s)}),
-        Case('warming', arm, disturbances=(WarmFriction(s, LuGre(2.5, 6.0)),),
+        Case('warming', arm, disturbances=(ThermalFriction(s, LuGre(2.5, 6.0)),),
              truths=(Truth('friction_drift', s),),
              allowed=bristles(s) | {('coulomb_friction', s), ('viscous_friction', s)}),
         Case('hysteresis', arm, disturbances=(Friction(s, LuGre(1.5, presliding=0.03)),),
@@ -110,13 +110,13 @@ def _friction(arm: str, roles: Roles) -> tuple[Case, ...]:
 
 def _wrist(arm: str, roles: Roles) -> tuple[Case, ...]:
     a, b = roles.pair
-    rubbing = tuple(Truth('coupled_friction', joint) for joint in roles.pair)
+    coupled = tuple(Truth('coupled_friction', joint) for joint in roles.pair)
     return (
         Case('coupled_wrist', arm, disturbances=(DifferentialFriction((a, b), LuGre(0.3)),),
              truths=(coupling(a, 0.3), coupling(b, 0.3)), allowed=bristles(a, b)),
         Case('differential', arm,
              disturbances=(DifferentialFriction((a, b), LuGre(0.3, 0.1), LuGre(0.15, 0.1)),),
-             truths=rubbing, allowed=bristles(a, b) | frozenset(
+             truths=coupled, allowed=bristles(a, b) | frozenset(
                  (name, joint) for joint in roles.pair
                  for name in ('coulomb_friction', 'viscous_friction'))),
     )
@@ -130,7 +130,7 @@ def _several(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('coulomb_and_viscous', arm, disturbances=(Friction(e, LuGre(0.8, viscous=2.0)),),
              truths=(coulomb(e, 0.8), viscous(e, 2.0)), allowed=bristles(e)),
         Case('coulomb_and_offset', arm,
-             disturbances=(Friction(s, LuGre(1.0)), GaugeZero(w, 0.2)),
+             disturbances=(Friction(s, LuGre(1.0)), GaugeOffset(w, 0.2)),
              truths=(coulomb(s, 1.0), offset(w, 0.2)), allowed=bristles(s)),
         Case('friction_everywhere', arm,
              disturbances=tuple(Friction(j, LuGre(c, v)) for j, (c, v) in enumerate(everywhere)),
@@ -152,7 +152,7 @@ def _elastic(arm: str, roles: Roles) -> tuple[Case, ...]:
              truths=(Truth('torque_ripple', e),)),
         Case('bumper', arm, disturbances=(Bumper(e, 0.9, 30.0),),
              truths=(Truth('end_stop', e, (('cable_stiffness', e),)),)),
-        Case('soft_gear', arm, disturbances=(SoftGear(s, 6000.0),),
+        Case('soft_gear', arm, disturbances=(ElasticGear(s, 6000.0),),
              truths=(Truth('joint_flexibility', s, values=(1 / 6000.0,), unit='rad/(N·m)'),)),
     )
 
@@ -161,12 +161,12 @@ def _sensors(arm: str, roles: Roles) -> tuple[Case, ...]:
     e, w = roles.elbow, roles.wrist
     slipped = tuple((run, EncoderOffset(e, 0.03)) for run in (2, 3, 4))
     return (
-        Case('offset', arm, disturbances=(GaugeZero(roles.base, 1.0),),
+        Case('offset', arm, disturbances=(GaugeOffset(roles.base, 1.0),),
              truths=(offset(roles.base, 1.0),)),
         Case('gain', arm, disturbances=(GaugeGain(e, 1.15),), truths=(Truth('torque_gain', e),)),
         Case('zero_drift', arm, disturbances=(GaugeDrift(w, 0.5, 200.0, 0.002, lag=0.25),),
              truths=(Truth('torque_drift', w),), allowed=frozenset({('torque_offset', w)})),
-        Case('late_effort', arm, disturbances=(LateEffort(0.04),),
+        Case('late_effort', arm, disturbances=(DelayedEffort(0.04),),
              truths=(Truth('time_delay', None, values=(0.04,), unit='s'),)),
         Case('encoder_slipped', arm, in_run=slipped,
              truths=(Truth('encoder_offset', e, (('payload_change', None),)),)),
@@ -182,7 +182,7 @@ def _whole_arm(arm: str, roles: Roles) -> tuple[Case, ...]:
         Case('payload_half_way', arm, in_run=picked, truths=(Truth('payload_change', None),)),
         Case('tilted_base', arm, disturbances=(TiltedBase(radians(2.0), 0.0),),
              truths=(Truth('base_tilt', None),)),
-        Case('tool_force', arm, disturbances=(ToolJet((6.0, 3.0, -12.0)),),
+        Case('tool_force', arm, disturbances=(ToolForce((6.0, 3.0, -12.0)),),
              truths=(Truth('tool_force', None),)),
     )
 
@@ -214,12 +214,12 @@ def offset(joint: int, *zero: float) -> Truth:
 
 
 def coupling(joint: int, level: float) -> Truth:
-    """Return friction of a shared gear, seen from one of its joints."""
+    """Return the friction of a shared gear on one of its joints."""
     return Truth('coupled_friction', joint, values=(level,), unit='N·m')
 
 
 def bristles(*joints: int) -> frozenset[Pair]:
-    """Return the hysteresis that bristles bring to every reversal."""
+    """Return the presliding hysteresis of LuGre friction at reversals."""
     return frozenset(('presliding_hysteresis', joint) for joint in joints)
 
 

@@ -1,4 +1,4 @@
-"""Recordings with a hidden effect in them, and what a diagnosis of them ought to say."""
+"""Hidden-effect cases: simulated recordings, and the expected diagnosis."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from gravity_comp_ros.simulation.synthesise import Disturbance, synthesise, Synt
 import numpy as np
 
 Pair = tuple[str, int | None]
-"""An effect and its joint, counted from 0; None for the arm as a whole, or any joint of it."""
+"""An effect and its joint, counted from 0; None for the whole arm, or any joint."""
 
 ARMS: dict[str, Callable[[], Arm]] = {
     'iiwa7': iiwa7, 'six_axis': six_axis,
@@ -29,29 +29,28 @@ ARMS: dict[str, Callable[[], Arm]] = {
     'right_six': partial(generated_arm, 24, 6, True), 'any_six': partial(generated_arm, 28, 6)}
 VERDICTS = ('found', 'nothing', 'unexplained', 'untestable', 'weak')
 
-# A delay or a bristle wants finer steps than a recording has.
+# Delays and LuGre friction require finer steps than those of a recording, Hz.
 _SIMULATION_RATE = 200.0
 
 
 @dataclass(frozen=True)
 class Truth:
     """
-    One thing to be found: an effect on a joint, or one of its named `ties` instead.
+    A true effect on a joint; its `equivalents` explain the same torque.
 
-    `values` are the coefficients that the effect should have, in their order and in `unit`,
-    where the simulation's law and the library's agree on their meaning; empty where they do
-    not.
+    `values` are the expected coefficients, in their order and in `unit`; empty where the
+    coefficients of simulation and library differ in meaning.
     """
 
     effect: str
     joint: int | None
-    ties: tuple[Pair, ...] = ()
+    equivalents: tuple[Pair, ...] = ()
     values: tuple[float, ...] = ()
     unit: str = ''
 
     @property
     def answers(self) -> frozenset[Pair]:
-        return frozenset(((self.effect, self.joint), *self.ties))
+        return frozenset(((self.effect, self.joint), *self.equivalents))
 
 
 @dataclass(frozen=True)
@@ -59,16 +58,15 @@ class Case:
     """
     A hidden-effect case on an arm of `ARMS`.
 
-    `disturbances` act in every run, and those of `in_run` in the run of their number alone.
-    `verdict` says what a right diagnosis ends with: 'found' (every one of `truths`),
-    'nothing', 'unexplained' or 'untestable' (on the truths' joints), or 'weak' (too small to
-    ask for, but no false finding either). `allowed` are effects that are there as well, or
-    follow from the truth, without being asked for.
+    `disturbances` act in every run, those of `in_run` in the run of their number only. `verdict`
+    is the result of a correct diagnosis: 'found' (all of `truths`), 'nothing', 'unexplained' or
+    'untestable' (on the joints of the truths), or 'weak' (the truths are optional, but nothing
+    else may be found). `allowed` are further effects that are present or follow from the truths.
 
-    `correlated` is the part of the torque noise's variance that is correlated over
+    `correlated` is the share of the torque noise's variance with a correlation time of
     `correlation` s, `max_speed` in rad/s that of the fastest run. `one_way` is a joint that
     moves in one direction only, and never rests. With a `pause` in s between runs, their stamps
-    are on one clock. `degraded` is what happens to messages on their way to the recording.
+    are on one clock. `degraded` are losses between arm and recording.
 
     :raises OptionError: if arm or verdict is unknown.
     """
@@ -93,49 +91,51 @@ class Case:
         if self.arm not in ARMS:
             raise OptionError(f'case {self.name}: no arm {self.arm}; there are {", ".join(ARMS)}')
         if self.verdict not in VERDICTS:
-            raise OptionError(f'case {self.name}: verdict {self.verdict} is none of '
-                              f'{", ".join(VERDICTS)}')
+            raise OptionError(f'case {self.name}: verdict {self.verdict} is not '
+                              f'among {", ".join(VERDICTS)}')
         if self.runs < 1 or not self.duration > 0:
-            raise OptionError(f'case {self.name}: needs at least one run longer than 0 s')
+            raise OptionError(f'case {self.name}: requires at least one run longer than 0 s')
 
     @property
     def expected(self) -> frozenset[Pair]:
-        """Return every pair that names a truth rightly."""
+        """Return all pairs that are correct answers to a truth."""
         return frozenset(pair for truth in self.truths for pair in truth.answers)
 
 
 def undisturbed(case: Case) -> Case:
-    """Return the case with the same motion and noise from the same seed, and nothing hidden."""
+    """Return the case without hidden effects; motion and noise of a seed are the same."""
     return replace(case, disturbances=(), in_run=(), truths=(), verdict='nothing')
 
 
 def recordings(case: Case, seed: int = 0, rate: float = 50.0) -> JointSamples:
     """
-    Return the case's runs as the arm's sensors would record them at `rate` Hz.
+    Return the simulated recordings of a case at `rate` Hz.
 
-    The motion is a multisine of a seed of its own in every run, with pauses; the torque is
-    that of the moving rigid arm. The same case and seed give the same samples.
+    The motion of every run is another multisine with pauses. The same case and seed give the same
+    samples.
     """
     arm = ARMS[case.arm]()
     streams = np.random.SeedSequence([crc32(f'{case.arm} {case.name}'.encode()), seed])
-    noisy = SensorOptions(noise_levels(arm), case.correlated, case.correlation)
+    sensors = SensorOptions(noise_levels(arm), case.correlated, case.correlation)
+    every = max(1, int(np.ceil(_SIMULATION_RATE / rate)))
     runs = []
     for number, stream in enumerate(streams.spawn(case.runs)):
-        moving, hidden, sensing = stream.spawn(3)
-        every = max(1, int(np.ceil(_SIMULATION_RATE / rate)))
-        motion = run_motion(case, arm, number, rate * every, np.random.default_rng(moving))
+        motion_seed, disturbance_seed, noise_seed = stream.spawn(3)
+        motion = run_motion(case, arm, number, rate * every, np.random.default_rng(motion_seed))
         acting = case.disturbances + tuple(d for run, d in case.in_run if run == number)
-        options = SynthesisOptions(seed=int(hidden.generate_state(1)[0]), disturbances=acting)
+        options = SynthesisOptions(seed=int(disturbance_seed.generate_state(1)[0]),
+                                   disturbances=acting)
         run = synthesise(arm, motion, options, f'{case.name} {number + 1}')
         run = run.select(np.arange(0, len(run), every))
-        runs.append(_received(case, number, measured(run, noisy, np.random.default_rng(sensing)),
-                              np.random.default_rng([number, *sensing.generate_state(2)])))
+        run = measured(run, sensors, np.random.default_rng(noise_seed))
+        runs.append(_recorded(case, number, run,
+                              np.random.default_rng([number, *noise_seed.generate_state(2)])))
     return concatenate(runs)
 
 
-def _received(case: Case, number: int, run: JointSamples,
+def _recorded(case: Case, number: int, run: JointSamples,
               rng: np.random.Generator) -> JointSamples:
-    """Return a run as it is recorded, with its start on a clock if there is one."""
+    """Return a run after the losses, with its start on a clock if there are pauses."""
     for degradation in case.degraded:
         run = degradation.apply(run, rng)
     if case.pause is None:
@@ -145,21 +145,21 @@ def _received(case: Case, number: int, run: JointSamples,
 
 def run_motion(case: Case, arm: Arm, number: int, rate: float,
                rng: np.random.Generator) -> Motion:
-    """Return the motion of one run: each run has another speed, the first the highest."""
+    """Return the motion of a run; the first has the highest speed."""
     speed = case.max_speed * (1.0 if number == 0 else rng.uniform(0.4, 1.0))
     options = MultisineOptions(max_speed=speed)
     motion = multisine(arm.lower, arm.upper, arm.max_speed, int(rng.integers(2 ** 31)), options,
                        case.duration, rate)
     if case.one_way is not None:
         return _one_way(motion, arm, case, case.one_way, rng)
-    places = case.duration * (np.array([0.2, 0.5, 0.8]) + rng.uniform(-0.04, 0.04, 3))
+    starts = case.duration * (np.array([0.2, 0.5, 0.8]) + rng.uniform(-0.04, 0.04, 3))
     rests = rng.uniform(1.0, 4.0, 3) * min(1.0, case.duration / 60.0)
-    return with_pauses(motion, tuple(Pause(float(a), float(b)) for a, b in zip(places, rests)))
+    return with_pauses(motion, tuple(Pause(float(a), float(b)) for a, b in zip(starts, rests)))
 
 
 def _one_way(motion: Motion, arm: Arm, case: Case, joint: int,
              rng: np.random.Generator) -> Motion:
-    """Return the motion with one joint sweeping upwards, at a speed that comes and goes."""
+    """Return the motion with one joint moving upwards only, at varying speed."""
     cycles = int(rng.integers(3, 8))
     omega = 2 * np.pi * cycles / case.duration
     phase, depth = float(rng.uniform(0, 2 * np.pi)), 0.6

@@ -1,4 +1,4 @@
-"""What happens to joint states between the arm and the recording."""
+"""Losses of joint states between arm and recording."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ import numpy as np
 
 
 class Degradation(Protocol):
-    """A loss on the way to the recording, of the samples of one run."""
+    """A loss in the samples of one run."""
 
     def apply(self, run: JointSamples, rng: np.random.Generator) -> JointSamples:
-        """Return the run as it arrives."""
-        ...
+        """Return the run after the loss."""
 
 
 @dataclass(frozen=True)
 class LostMessages:
-    """Messages that are lost: the share `single` one by one, and `bursts` gaps of a second."""
+    """Lost messages: the share `single` at random, and `bursts` gaps of a second."""
 
     single: float = 0.1
     bursts: int = 3
@@ -39,12 +38,12 @@ class LostMessages:
 
 @dataclass(frozen=True)
 class FilteredTorque:
-    """A torque that the driver smooths by a Butterworth filter of second order."""
+    """Torque smoothed by a second-order Butterworth filter with `cutoff` Hz."""
 
     cutoff: float = 5.0
 
     def apply(self, run: JointSamples, rng: np.random.Generator) -> JointSamples:
-        from scipy import signal  # it takes seconds to load
+        from scipy import signal  # slow to import
 
         rate = 1.0 / float(np.median(np.diff(run.t)))
         sections = signal.butter(2, self.cutoff, fs=rate, output='sos')
@@ -54,7 +53,7 @@ class FilteredTorque:
 
 @dataclass(frozen=True)
 class SteppedTorque:
-    """A torque in steps of `step` N·m, as a converter of few bits gives it."""
+    """Torque quantised to `step` N·m."""
 
     step: float = 0.1
 
@@ -64,7 +63,7 @@ class SteppedTorque:
 
 @dataclass(frozen=True)
 class NoVelocity:
-    """A driver without velocities: they are found from the positions."""
+    """Missing velocities, differentiated from the positions."""
 
     def apply(self, run: JointSamples, rng: np.random.Generator) -> JointSamples:
         qd = differentiate(run.t, run.q)

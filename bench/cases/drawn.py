@@ -1,4 +1,4 @@
-"""Hidden-effect cases drawn at random, so that no diagnosis can be fitted to a list of them."""
+"""Randomly drawn hidden-effect cases, on which no diagnosis can be tuned."""
 
 from __future__ import annotations
 
@@ -6,43 +6,43 @@ from collections.abc import Callable, Sequence
 
 from bench.cases.case_list import bristles, ROLES
 from bench.cases.cases import ARMS, Case, Pair, Truth
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift, GaugeZero
+from gravity_comp_ros.simulation.disturbances.angle_torque import Cogging, DressPack
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import GaugeDrift, GaugeOffset
 from gravity_comp_ros.simulation.disturbances.friction import Friction, LoadFriction
 from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.of_angle import Cogging, DressPack
 from gravity_comp_ros.simulation.hidden import noise_levels
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 
 Draw = tuple[Disturbance, Truth, frozenset[Pair]]
 Maker = Callable[[int, float, np.random.Generator], Draw]
-# The joints of arms of `ROLES` that carry load.
+# Joints of the arms of `ROLES` that carry load.
 _LOADED = (1, 2, 3)
 
 
 def drawn_case(arm: str, number: int) -> Case:
     """
-    Return case `number` of an arm: nothing, one effect or two, each on a joint of its own.
+    Return case `number` of an arm, with none to two effects on different joints.
 
-    Effects are 3 to 30 times the joint's torque noise; speed, number of runs and the noise's
-    correlation are drawn as well.
+    Effects are 3 to 30 times the joint's torque noise. Speed, number of runs and noise correlation
+    are random as well.
     """
     rng = np.random.default_rng([number, len(arm), 20])
     noise = noise_levels(ARMS[arm]())
     count = int(rng.choice([0, 1, 2], p=[0.2, 0.5, 0.3]))
     joints = rng.permutation(ROLES[arm].count)[:count]
-    found = [_draw(int(joint), noise[joint], rng, joint in _LOADED) for joint in joints]
+    draws = [_draw(int(joint), noise[joint], rng, joint in _LOADED) for joint in joints]
     return Case(
-        f'drawn_{number}', arm, 'found' if found else 'nothing',
-        tuple(draw[0] for draw in found), tuple(draw[1] for draw in found),
-        frozenset(pair for draw in found for pair in draw[2]),
+        f'drawn_{number}', arm, 'found' if draws else 'nothing',
+        tuple(draw[0] for draw in draws), tuple(draw[1] for draw in draws),
+        frozenset(pair for draw in draws for pair in draw[2]),
         runs=int(rng.integers(3, 7)), max_speed=float(rng.uniform(0.15, 0.4)),
         correlated=float(rng.uniform(0.0, 0.8)), correlation=float(rng.uniform(0.1, 1.0)))
 
 
 def draws(arm: str, joints: Sequence[int], rng: np.random.Generator,
           loads: frozenset[int]) -> list[Draw]:
-    """Return an effect for each joint, of those that are not friction of every joint."""
+    """Return a random effect for each joint, other than Coulomb and viscous friction."""
     noise = noise_levels(ARMS[arm]())
     return [_draw(joint, noise[joint], rng, joint in loads, _MAKERS[2:]) for joint in joints]
 
@@ -51,7 +51,7 @@ def _draw(joint: int, noise: float, rng: np.random.Generator, loaded: bool,
           makers: tuple[Maker, ...] | None = None) -> Draw:
     size = noise * float(np.exp(rng.uniform(np.log(3.0), np.log(30.0))))
     makers = makers or _MAKERS
-    # A joint without load has no friction of load.
+    # Load friction requires a loaded joint.
     makers = makers if loaded else makers[:-1]
     return makers[int(rng.integers(len(makers)))](joint, size, rng)
 
@@ -68,10 +68,10 @@ def _viscous(joint: int, size: float, rng: np.random.Generator) -> Draw:
     return Friction(joint, LuGre(0.0, coefficient)), truth, frozenset()
 
 
-def _zero(joint: int, size: float, rng: np.random.Generator) -> Draw:
-    zero = size * float(rng.choice([-1.0, 1.0]))
-    return GaugeZero(joint, zero), Truth('torque_offset', joint, values=(zero,),
-                                         unit='N·m'), frozenset()
+def _offset(joint: int, size: float, rng: np.random.Generator) -> Draw:
+    offset = size * float(rng.choice([-1.0, 1.0]))
+    truth = Truth('torque_offset', joint, values=(offset,), unit='N·m')
+    return GaugeOffset(joint, offset), truth, frozenset()
 
 
 def _drift(joint: int, size: float, rng: np.random.Generator) -> Draw:
@@ -80,13 +80,13 @@ def _drift(joint: int, size: float, rng: np.random.Generator) -> Draw:
             Truth('torque_drift', joint), frozenset({('torque_offset', joint)}))
 
 
-def _pack(joint: int, size: float, rng: np.random.Generator) -> Draw:
+def _cable(joint: int, size: float, rng: np.random.Generator) -> Draw:
     pack = DressPack(joint, float(rng.uniform(-0.5, 0.5)), 4.0 * size,
                      float(rng.uniform(2.0, 5.0)), int(rng.choice([-1, 1])))
     return pack, Truth('cable_stiffness', joint, (('joint_spring', joint),)), frozenset()
 
 
-def _teeth(joint: int, size: float, rng: np.random.Generator) -> Draw:
+def _cogging(joint: int, size: float, rng: np.random.Generator) -> Draw:
     cogging = Cogging(joint, int(rng.integers(8, 40)), 2.0 * size, float(rng.uniform(0.4, 1.5)),
                       float(rng.uniform(0.0, 1.0)))
     return cogging, Truth('torque_ripple', joint), frozenset()
@@ -99,4 +99,4 @@ def _load(joint: int, size: float, rng: np.random.Generator) -> Draw:
             bristles(joint) | {('coulomb_friction', joint)})
 
 
-_MAKERS: tuple[Maker, ...] = (_coulomb, _viscous, _zero, _drift, _pack, _teeth, _load)
+_MAKERS: tuple[Maker, ...] = (_coulomb, _viscous, _offset, _drift, _cable, _cogging, _load)

@@ -1,26 +1,27 @@
-"""Arms that nobody built: six or seven axes with drawn twists, links and base tilts."""
+"""Randomly generated arms: six or seven axes with random twists, links and base tilts."""
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Arm, empty_model, with_base_tilt
-from gravity_comp_ros.simulation.motions import Motion, sample
+from gravity_comp_ros.simulation.motions import Motion, sample, sines
 import numpy as np
 import pinocchio as pin
 
-_REACH = 2.6
+# Joint limit in rad, and largest speed of the slow motion in rad/s.
+_LIMIT = 2.6
 _SPEED = 0.15
 
 
 def generated_arm(seed: int, n_joints: int | None = None, right_angles: bool = False) -> Arm:
     """
-    Return a drawn arm: links of 5 to 40 cm and 2 to 5 kg, lighter and shorter at the wrist.
+    Return a random arm: links of 5 to 40 cm and 2 to 5 kg, lighter and shorter at the wrist.
 
-    Every other seed stands on a base that is tilted by up to a radian each way. Joints turn by
-    ±2.6 rad.
+    The base of every other pair of seeds is tilted by up to 1 rad in roll and pitch. Joint limits
+    are ±2.6 rad.
 
     :param n_joints: six for even and seven for odd seeds, if not given.
-    :param right_angles: turns of 0, 90 and 180 degrees between the axes instead of any.
+    :param right_angles: rotations between the axes are multiples of 90 degrees.
     """
     rng = np.random.default_rng([seed, int(right_angles)])
     n = n_joints or 6 + seed % 2
@@ -31,13 +32,13 @@ def generated_arm(seed: int, n_joints: int | None = None, right_angles: bool = F
         direction = rng.normal(size=3)
         length = rng.uniform(0.05, 0.15 if wrist else 0.4)
         origin = length * direction / np.linalg.norm(direction)
-        turn = _turn(rng, right_angles) if k else np.eye(3)
-        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(turn, origin), name)
+        rotation = _random_rotation(rng, right_angles) if k else np.eye(3)
+        parent = model.addJoint(parent, pin.JointModelRZ(), pin.SE3(rotation, origin), name)
         mass = rng.uniform(0.5, 2.5) if wrist else rng.uniform(2.0, 5.0)
         inertia = np.diag(rng.uniform(0.005, 0.03, 3))
         model.appendBodyToJoint(parent, pin.Inertia(mass, rng.normal(scale=0.08, size=3), inertia),
                                 pin.SE3.Identity())
-    limit = np.full(n, _REACH)
+    limit = np.full(n, _LIMIT)
     arm = Arm(f'generated_{seed}', names, model, -limit, limit, np.full(n, 1.5))
     if seed // 2 % 2:
         return with_base_tilt(arm, *rng.uniform(-1.0, 1.0, 2))
@@ -47,26 +48,20 @@ def generated_arm(seed: int, n_joints: int | None = None, right_angles: bool = F
 def small_motion(arm: Arm, seed: int, duration: float = 100.0, rate: float = 5.0,
                  start: float = 0.0) -> Motion:
     """
-    Return a slow motion like Yu 2022, Eq. (17): a sine a joint, 0.4 to 0.7 rad about a centre.
+    Return a slow motion like Yu 2022, Eq. (17): one sine per joint, 0.4 to 0.7 rad.
 
-    Speeds stay under 0.15 rad/s.
+    Speeds are below 0.15 rad/s.
     """
     rng = np.random.default_rng([seed, 17])
     n = arm.n_joints
     amplitude = rng.uniform(0.4, 0.7, n)
     omega = rng.uniform(0.5, 1.0, n) * _SPEED / amplitude
     phase, centre = rng.uniform(0.0, 2 * np.pi, n), rng.uniform(-0.5, 0.5, n)
-
-    def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
-        return (centre + amplitude * np.sin(angle), amplitude * omega * np.cos(angle),
-                -amplitude * omega ** 2 * np.sin(angle))
-
-    return sample('small', path, duration, rate, start)
+    return sample('small', sines(amplitude, omega, phase, centre), duration, rate, start)
 
 
-def _turn(rng: np.random.Generator, right_angles: bool) -> FloatArray:
-    """Return a rotation between two joint frames."""
+def _random_rotation(rng: np.random.Generator, right_angles: bool) -> FloatArray:
+    """Return a random rotation between two joint frames."""
     if right_angles:
         quarters = rng.integers(0, 4, 2) * np.pi / 2
         return np.asarray(pin.rpy.rpyToMatrix(quarters[0], 0.0, quarters[1]))

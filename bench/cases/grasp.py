@@ -1,4 +1,4 @@
-"""Something is picked up on the way."""
+"""Payload that is grasped during a motion."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Grasp:
-    """A payload that the arm holds from `after` s into the motion, 0 being its beginning."""
+    """A payload that is attached from `after` s after the start of the motion."""
 
     payload: Payload
     after: float = 0.0
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
-        held = motion.t - motion.t[0] >= self.after
-        q, qd, qdd = motion.q[held], motion.qd[held], motion.qdd[held]
+        loaded = motion.t - motion.t[0] >= self.after
+        q, qd, qdd = motion.q[loaded], motion.qd[loaded], motion.qdd[loaded]
         tau = signals.tau.copy()
-        if held.any():
-            tau[held] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
-                          - inverse_dynamics(arm, q, qd, qdd))
+        if loaded.any():
+            tau[loaded] += (inverse_dynamics(with_payload(arm, self.payload), q, qd, qdd)
+                            - inverse_dynamics(arm, q, qd, qdd))
         return replace(signals, tau=tau)

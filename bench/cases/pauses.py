@@ -1,4 +1,4 @@
-"""A motion that stops on its way now and then, and goes on."""
+"""Motions with pauses."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.motions import Motion, sample
+from gravity_comp_ros.simulation.motions import Motion, quintic_step, sample
 import numpy as np
 
 
 @dataclass(frozen=True)
 class Pause:
-    """The motion slows down from `start` s, rests for `rest` s and speeds up, `ramp` s each."""
+    """A pause from `start` s: `ramp` s of deceleration, `rest` s, `ramp` s of acceleration."""
 
     start: float
     rest: float
@@ -20,8 +20,8 @@ class Pause:
 
     def __post_init__(self) -> None:
         if not (self.rest >= 0 and self.ramp > 0):
-            raise OptionError(f'pause: rests {self.rest} s, must be 0 or more, with a ramp of '
-                              f'{self.ramp} s, must be positive')
+            raise OptionError(f'pause: the rest is {self.rest} s; it must be 0 or more; the ramp '
+                              f'is {self.ramp} s; it must be positive')
 
     @property
     def end(self) -> float:
@@ -30,16 +30,16 @@ class Pause:
 
 def with_pauses(motion: Motion, pauses: tuple[Pause, ...]) -> Motion:
     """
-    Return the motion along the same curve, all joints resting in the pauses.
+    Return the motion along the same curve with pauses.
 
-    The curve runs on a clock s(t) of its own: ds/dt is 1, and falls to 0 in a pause. The
-    sample times stay, so that less of the curve is covered.
+    The curve parameter s(t) has ds/dt = 1, which falls to 0 in a pause. The sample times are
+    unchanged, so that less of the curve is covered.
 
     :raises OptionError: if two pauses overlap.
     """
     pauses = tuple(sorted(pauses, key=lambda pause: pause.start))
     if any(a.end > b.start for a, b in zip(pauses, pauses[1:])):
-        raise OptionError('pauses overlap; leave time between them')
+        raise OptionError('pauses overlap; separate them')
 
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         s, rate, change = np.asarray(t, dtype=float), np.ones_like(t), np.zeros_like(t)
@@ -56,16 +56,15 @@ def with_pauses(motion: Motion, pauses: tuple[Pause, ...]) -> Motion:
 
 
 def _slowing(t: FloatArray, pause: Pause) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the time lost to a pause (K,) in s, and its first and second derivative."""
-    down = _step((t - pause.start) / pause.ramp, pause.ramp)
-    up = _step((t - pause.start - pause.ramp - pause.rest) / pause.ramp, pause.ramp)
+    """Return the time lost by a pause (K,) in s, and its first and second derivative."""
+    down = _step(t - pause.start, pause.ramp)
+    up = _step(t - pause.start - pause.ramp - pause.rest, pause.ramp)
     return down[0] - up[0], down[1] - up[1], down[2] - up[2]
 
 
-def _step(x: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the integral, the value and the slope of a quintic step from 0 to 1 in `ramp` s."""
+def _step(t: FloatArray, ramp: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return integral, value and slope of a quintic step in `ramp` s."""
+    x = t / ramp
     y = np.clip(x, 0.0, 1.0)
     integral = ramp * (y ** 4 * (2.5 - 3 * y + y ** 2) + np.maximum(x - 1.0, 0.0))
-    value = y ** 3 * (10 - 15 * y + 6 * y ** 2)
-    slope = 30 * y ** 2 * (1 - y) ** 2 / ramp
-    return integral, value, slope
+    return integral, *quintic_step(t, ramp)[:2]

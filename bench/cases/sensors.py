@@ -1,4 +1,4 @@
-"""What joint sensors add: encoder counts, noise on speeds, white and correlated torque noise."""
+"""Sensor errors: encoder resolution, velocity noise, white and correlated torque noise."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from numpy.typing import ArrayLike
 @dataclass(frozen=True)
 class SensorOptions:
     """
-    How well the joints are measured.
+    Errors of the joint sensors.
 
-    `resolution` of the encoders in rad; `speed_noise` in rad/s, white; `torque_noise` (one a
-    joint, or one for all) the standard deviation in N·m, of whose variance the fraction
-    `correlated` has the correlation time `correlation` in s and the rest is white.
+    `resolution` of the encoders in rad; `speed_noise` in rad/s, white; `torque_noise` the
+    standard deviation in N·m (one value per joint, or one for all). The fraction `correlated` of
+    its variance has the correlation time `correlation` in s; the rest is white.
 
-    :raises OptionError: if a value is negative, or the fraction not between 0 and 1.
+    :raises OptionError: if a value is negative, or the fraction is not between 0 and 1.
     """
 
     torque_noise: tuple[float, ...]
@@ -33,13 +33,13 @@ class SensorOptions:
             if not np.all(np.asarray(getattr(self, field)) >= 0):
                 raise OptionError(f'sensors: {field} must be 0 or more')
         if not 0 <= self.correlated <= 1:
-            raise OptionError(f'sensors: the correlated part is {self.correlated}; it must lie '
+            raise OptionError(f'sensors: the correlated part is {self.correlated}; it must be '
                               f'between 0 and 1')
 
 
 def measured(samples: JointSamples, options: SensorOptions,
              rng: np.random.Generator) -> JointSamples:
-    """Return one run of samples, evenly spaced in time, as the sensors would say it."""
+    """Return one run of evenly spaced samples with sensor errors."""
     shape = samples.q.shape
     q = samples.q
     if options.resolution:
@@ -52,7 +52,7 @@ def measured(samples: JointSamples, options: SensorOptions,
 
 def torque_noise(shape: tuple[int, ...], step: float, options: SensorOptions,
                  rng: np.random.Generator) -> FloatArray:
-    """Return noise (M, N) in N·m: white, and an Ornstein-Uhlenbeck process, stationary."""
+    """Return noise (M, N) in N·m: white, and a stationary Ornstein-Uhlenbeck process."""
     white, driver = rng.standard_normal(shape), rng.standard_normal(shape)
     slow = ornstein_uhlenbeck(driver, step, options.correlation)
     share = options.correlated
@@ -61,10 +61,10 @@ def torque_noise(shape: tuple[int, ...], step: float, options: SensorOptions,
 
 
 def ornstein_uhlenbeck(driver: ArrayLike, step: float, correlation: float) -> FloatArray:
-    """Return (M, N) of unit variance from white (M, N), `step` s apart."""
-    from scipy.signal import lfilter  # half a second that only a simulation needs
+    """Return an Ornstein-Uhlenbeck process (M, N) of unit variance from white noise (M, N)."""
+    from scipy.signal import lfilter  # slow to import
     white = np.asarray(driver, dtype=np.float64)
     keep = float(np.exp(-step / correlation)) if correlation > 0 else 0.0
-    fresh = np.sqrt(1 - keep ** 2) * white
-    fresh[0] = white[0]
-    return np.asarray(lfilter([1.0], [1.0, -keep], fresh, axis=0))
+    increments = np.sqrt(1 - keep ** 2) * white
+    increments[0] = white[0]
+    return np.asarray(lfilter([1.0], [1.0, -keep], increments, axis=0))

@@ -1,9 +1,8 @@
 """
-A six-axis arm of another build than the iiwa: parallel shoulder, elbow and first wrist axis.
+Six-axis arm with parallel shoulder, elbow and first wrist axes.
 
-Lengths and masses are those of a collaborative arm of 10 kg payload and 1.3 m reach (after the
-table of Universal Robots' UR10 that its public description holds, rounded); inertias are those
-of solid cylinders of the links' size.
+Lengths and masses are rounded from the public description of Universal Robots' UR10 (10 kg
+payload, 1.3 m reach); inertias are those of solid cylinders of the links' size.
 """
 
 from __future__ import annotations
@@ -12,11 +11,11 @@ from collections.abc import Sequence
 from math import pi
 
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.simulation.arms import Arm, empty_model
+from gravity_comp_ros.simulation.arms import Arm, serial_model
 import numpy as np
 import pinocchio as pin
 
-# One row a joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
+# One row per joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
 _ORIGINS = (
     ((0.0, 0.0, 0.127), (0.0, 0.0, 0.0)),
     ((0.0, 0.0, 0.0), (pi / 2, 0.0, 0.0)),
@@ -25,8 +24,8 @@ _ORIGINS = (
     ((0.0, -0.116, 0.0), (pi / 2, 0.0, 0.0)),
     ((0.0, 0.092, 0.0), (pi / 2, pi, pi)),
 )
-# One row a link: mass in kg, centre of mass in m in the link's frame, and the solid cylinder
-# that stands for it: radius and length in m, and its axis.
+# One row per link: mass in kg, centre of mass in m in the link's frame; radius in m, length in m
+# and axis of the substitute cylinder.
 _LINKS = (
     (7.1, (0.021, -0.027, 0.0), 0.075, 0.18, 2),
     (12.7, (-0.232, 0.002, 0.158), 0.075, 0.61, 0),
@@ -42,24 +41,19 @@ NAMES = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_jo
 
 def six_axis(names: Sequence[str] | None = None) -> Arm:
     """
-    Return the six-axis arm, with limits that keep cables whole: 2.8 rad, 2.6 at the elbow.
+    Return the six-axis arm, with limits of ±2.8 rad, ±2.6 rad at the elbow.
 
-    :param names: six joint names; those usual for such an arm if not given.
+    :param names: six joint names; the names of Universal Robots if not given.
     :raises OptionError: if there are not six names.
     """
     joints = tuple(names) if names else NAMES
     if len(set(joints)) != 6:
         raise OptionError(f'the arm has 6 joints; {len(joints)} names given, or they repeat')
-    model = empty_model('six_axis')
-    parent = 0
-    for joint, (xyz, rpy), (mass, com, radius, length, axis) in zip(joints, _ORIGINS, _LINKS):
-        parent = model.addJoint(
-            parent, pin.JointModelRZ(), pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)), joint)
-        model.appendBodyToJoint(
-            parent, pin.Inertia(mass, np.array(com), _cylinder(mass, radius, length, axis)),
-            pin.SE3.Identity())
+    bodies = [pin.Inertia(mass, np.array(com), _cylinder(mass, radius, length, axis))
+              for mass, com, radius, length, axis in _LINKS]
     upper = np.array([2.8, 2.8, 2.6, 2.8, 2.8, 2.8])
-    return Arm('six_axis', joints, model, -upper, upper, np.array(_SPEED))
+    return Arm('six_axis', joints, serial_model('six_axis', joints, _ORIGINS, bodies), -upper,
+               upper, np.array(_SPEED))
 
 
 def _cylinder(mass: float, radius: float, length: float, axis: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Arms with one hidden effect, what is recorded of them, and what is asked of a plan."""
+"""Benchmark scenes: an arm with one hidden effect, its poor recording, and the target."""
 
 from __future__ import annotations
 
@@ -19,35 +19,36 @@ from gravity_comp_ros.simulation.noise import NoiseOptions
 from gravity_comp_ros.simulation.synthesise import synthesise, SynthesisOptions
 import numpy as np
 
-# The stated chances were fitted to the drawn arms. The arms of the campaign are judged, with seeds
-# that were not looked at before.
+# The power was fitted to the drawn arms. Results are those of the arms of the campaign, with
+# unused seeds.
 ARMS: dict[str, Callable[[], Arm]] = {
     **JUDGED, **{f'drawn{k}': partial(generated_arm, k, right_angles=True) for k in (0, 1, 4, 5)}}
 POOR = ('one_way', 'narrow', 'one_speed', 'one_posture')
 _NOISE = 0.1
-# The new recording begins this long after the end of the old one, s; the arm gets there before.
-_PAUSE, _GOES = 30.0, 15.0
+# Pause between both recordings, and travel time to the start of the second, s.
+_PAUSE, _TRAVEL = 30.0, 15.0
+# Time stamp of the first recording, s.
 _CLOCK = 1.7e9
 
 
 @dataclass(frozen=True)
 class Kind:
     """
-    What is hidden: its size in the simulation's own laws, and how it comes to be open.
+    A hidden effect, with its size in the simulation, and the recordings that leave it open.
 
-    Of a tie, `poor` is the recording that leaves it open, `alternative` the effect that it is
-    taken for (`NAME` on the same joint, `NAME:+1` on the next), and `known_axes` says that the
-    gravity model has the axes of the arm. `beside` are effects that may be found as well, and
-    `answers` describe the same torque: a balancer's spring is loose at its rest, as a cable is.
+    Of an ambiguous pair, `poor` is the recording that leaves it open, `alternative` the other
+    effect (`NAME` on the same joint, `NAME:+1` on the next), and the gravity model has the axes of
+    the arm if `known_axes`. `allowed` are effects that may be found as well. `equivalent` effects
+    have the same torque: a balancer's spring is slack at its rest, as a cable is.
     """
 
     size: float
     poor: tuple[str, ...] = POOR
     alternative: str = ''
     known_axes: bool = False
-    beside: tuple[str, ...] = ()
+    allowed: tuple[str, ...] = ()
     whole_arm: bool = False
-    answers: tuple[str, ...] = ()
+    equivalent: tuple[str, ...] = ()
 
     @property
     def is_tie(self) -> bool:
@@ -57,23 +58,23 @@ class Kind:
 KINDS = {
     'coulomb_friction': Kind(1.0), 'viscous_friction': Kind(8.0), 'torque_offset': Kind(1.5),
     'presliding_hysteresis': Kind(1.5, ('few_reversals',), 'coulomb_friction',
-                                  beside=('coulomb_friction',)),
+                                  allowed=('coulomb_friction',)),
     'load_dependent_friction': Kind(0.03, ('settled_narrow',), 'coulomb_friction'),
-    'joint_spring': Kind(20.0, ('settled',), 'torque_offset', beside=('torque_offset',),
-                         answers=('cable_stiffness',)),
+    'joint_spring': Kind(20.0, ('settled',), 'torque_offset', allowed=('torque_offset',),
+                         equivalent=('cable_stiffness',)),
     'joint_flexibility': Kind(3e-4, ('joint_narrow',), 'encoder_offset', True),
     'base_tilt': Kind(0.01, ('settled',), 'encoder_offset:+1', whole_arm=True),
     'friction_drift': Kind(6.0, ('few_reversals',), 'torque_drift',
-                           beside=('coulomb_friction', 'viscous_friction'))}
+                           allowed=('coulomb_friction', 'viscous_friction'))}
 
 
 @dataclass(frozen=True)
 class Scene:
     """
-    An arm, what is hidden on joint number `joint` (from 0), and what its recording lacks.
+    An arm with an effect hidden on joint number `joint` (from 0), and its poor recording.
 
-    A `small` effect has a share of its usual size, drawn from 1 to 50 %: about half of them are
-    found by a motion of some seconds. Of a `described` arm the axes are known.
+    A `small` effect has a random share of its size, from 1 to 50 %: about half of them are found
+    by a motion of some seconds. The axes of a `described` arm are known.
     """
 
     arm: str
@@ -91,7 +92,7 @@ class Scene:
 
     @property
     def size(self) -> float:
-        """Return the size of what is hidden."""
+        """Return the size of the hidden effect."""
         if not self.small:
             return self.kind.size
         drawn = np.random.default_rng([self.seed, len(self.name), *self.name.encode()])
@@ -102,20 +103,20 @@ class Scene:
         return KINDS[self.effect]
 
     @property
-    def made(self) -> Arm:
+    def arm_model(self) -> Arm:
         return ARMS[self.arm]()
 
     @property
     def truth(self) -> Target:
-        """Return what is hidden, and the alternative that it is taken for."""
-        joints, (name, _, next_one) = self.made.joints, self.kind.alternative.partition(':')
+        """Return the hidden effect with its alternative."""
+        joints, (name, _, next_one) = self.arm_model.joints, self.kind.alternative.partition(':')
         other = f'{name}:{joints[self.joint + 1]}' if next_one else name
         return Target(self.effect, None if self.kind.whole_arm else joints[self.joint],
                       (other,) if name else ())
 
     def poor_motion(self) -> motions.Motion:
-        """Return 60 s of motion that lacks something on the joint under test."""
-        return poor_motion(self.poor, self.made, self.joint, self.seed)
+        """Return 60 s of poor motion of the joint under test."""
+        return poor_motion(self.poor, self.arm_model, self.joint, self.seed)
 
     def recorded(self) -> JointSamples:
         """Return the poor recording."""
@@ -123,39 +124,39 @@ class Scene:
 
     def later(self, motion: motions.Motion) -> JointSamples:
         """
-        Return what the arm records of another motion half a minute after the poor recording.
+        Return the recording of another motion half a minute after the poor recording.
 
-        What has a memory, such as a gear that warms, goes on from there.
+        States, such as the temperature of a gear, continue.
         """
         before, begin = self.poor_motion(), SECONDS + _PAUSE
         last, first = before.path(np.array([SECONDS]))[0], motion.path(np.zeros(1))[0]
 
         def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-            share = np.clip((t - SECONDS) / _GOES, 0.0, 1.0)[:, None]
-            way = last + 0.5 * (1.0 - np.cos(np.pi * share)) * (first - last)
-            speed = (first - last) * 0.5 * np.pi / _GOES * np.sin(np.pi * share)
-            places: list[FloatArray] = [way, speed, np.zeros_like(way)]
+            share = np.clip((t - SECONDS) / _TRAVEL, 0.0, 1.0)[:, None]
+            q = last + 0.5 * (1.0 - np.cos(np.pi * share)) * (first - last)
+            qd = (first - last) * 0.5 * np.pi / _TRAVEL * np.sin(np.pi * share)
+            qdd = np.zeros_like(q)
             for part, (here, clock) in ((before, (t < SECONDS, t)),
                                         (motion, (t >= begin, t - begin))):
-                for values, moved in zip(places, part.path(np.clip(clock, 0.0, None))):
+                for values, moved in zip((q, qd, qdd), part.path(np.clip(clock, 0.0, None))):
                     values[here] = moved[here]
-            return places[0], places[1], places[2]
+            return q, qd, qdd
 
         whole = motions.sample('both', path, begin + len(motion.t) / RATE, RATE)
         both = self._samples(whole, 1)
         new = both.select(np.flatnonzero(both.t >= begin - 1e-9))
         return replace(new, t=new.t - begin, starts=(_CLOCK + begin,))
 
-    def _samples(self, motion: motions.Motion, again: int) -> JointSamples:
-        arm, place = self.made, '' if self.kind.whole_arm else f':{self.joint + 1}'
-        what = hidden(f'{self.effect}{place}={self.size}', arm).disturbance
-        options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + again,
-                                   disturbances=(what,))
+    def _samples(self, motion: motions.Motion, repetition: int) -> JointSamples:
+        arm, place = self.arm_model, '' if self.kind.whole_arm else f':{self.joint + 1}'
+        disturbance = hidden(f'{self.effect}{place}={self.size}', arm).disturbance
+        options = SynthesisOptions(NoiseOptions(0.0, _NOISE), 100 * self.seed + repetition,
+                                   disturbances=(disturbance,))
         return synthesise(arm, motion, options)
 
 
 def known_axes(arm: Arm) -> Geometry:
-    """Return where the axes of a simulated arm are."""
+    """Return the geometry of the axes of a simulated arm."""
     placed = [arm.model.jointPlacements[k + 1] for k in range(arm.n_joints)]
     return Geometry(arm.joints, np.array([p.rotation for p in placed]),
                     np.array([p.translation for p in placed]), 'hand', np.eye(3))

@@ -15,27 +15,27 @@ from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.planning import plan, PlanOptions
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.targets import named_targets
 
-ASKED = (None, ('coulomb_friction:iiwa_joint_2',), ('coulomb_friction',), ('gravity',),
-         ('base_tilt',), ('joint_flexibility:iiwa_joint_2', 'base_tilt', 'gravity'))
+TARGETS = (None, ('coulomb_friction:iiwa_joint_2',), ('coulomb_friction',), ('gravity',),
+           ('base_tilt',), ('joint_flexibility:iiwa_joint_2', 'base_tilt', 'gravity'))
 
 
 def main() -> int:
-    """Print what was asked, how many parts came, and the time that it took."""
+    """Print targets, processor time and number of parts."""
     old = Scene('iiwa7', 'coulomb_friction', 1, 'one_way', 0).recorded()
     model = fit(slow_samples(old).samples, FitOptions('chain')).model
     diagnosis = diagnose(old, model)
-    for asked in ASKED:
-        targets = None if asked is None else named_targets(asked, old.names)
+    for names in TARGETS:
+        targets = None if names is None else named_targets(names, old.names)
         started = time.process_time()
         try:
-            found = plan(old, model, targets, PlanOptions(), diagnosis)
-            said = f'{len(found.expectations)} effects, {len(found.parts)} parts'
+            planned = plan(old, model, targets, PlanOptions(), diagnosis)
+            result = f'{len(planned.expectations)} effects, {len(planned.parts)} parts'
         except OptionError as problem:
-            said = str(problem)
-        print(f'{", ".join(asked or ("what is open",))}: {time.process_time() - started:.1f} s, '
-              f'{said}')
+            result = str(problem)
+        print(f'{", ".join(names or ("all open",))}: {time.process_time() - started:.1f} s, '
+              f'{result}')
     return 0
 
 

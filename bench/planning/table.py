@@ -1,5 +1,5 @@
 """
-Tables of `bench.planning.run`: what was settled by which motion, and how often effects were found.
+Tables of `bench.planning.run`: settled cases by motion, and calibration of the stated chance.
 
     python -m bench.planning.table results.jsonl [more.jsonl ...]
 """
@@ -13,11 +13,11 @@ import sys
 from typing import Any
 
 from gravity_comp_ros.diagnosis.findings import FOUND
-from gravity_comp_ros.planning.criterion import chance
-from gravity_comp_ros.planning.questions import OPEN
+from gravity_comp_ros.planning.criterion import power
+from gravity_comp_ros.planning.targets import OPEN
 import numpy as np
 
-# Columns of the table, by way; that of a user who heeds the plan stands beside them.
+# Columns of the table by motion; the last column is that of a user who follows the plan.
 WAYS = {'planned': 'planned 20 s', 'planned_short': 'planned 7 s',
         'planned_wide': 'planned wide 20 s', 'random': 'random 20 s',
         'random_near': 'random, 3 joints', 'fourier': 'Fourier 20 s',
@@ -27,43 +27,43 @@ _BINS = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0)
 
 def main() -> int:
     """Print the tables of some files."""
-    found = [json.loads(line) for name in sys.argv[1:]
-             for line in Path(name).read_text().splitlines()]
-    print(settled(found), calibration(found), sep='\n\n')
+    results = [json.loads(line) for name in sys.argv[1:]
+               for line in Path(name).read_text().splitlines()]
+    print(settled(results), calibration(results), sep='\n\n')
     return 0
 
 
 def settled(results: Sequence[dict[str, Any]]) -> str:
     """
-    Return the counts of cases that are right, by poor recording or tie.
+    Return the counts of settled cases by poor recording or ambiguous pair.
 
-    The last row has those of which the diagnosis says itself that the effect is open.
+    The last row counts the cases whose diagnosis reports the effect as open.
     """
     groups = dict.fromkeys(_group(r) for r in results)
     ways = [way for way in WAYS if any(way in r['ways'] for r in results)]
-    heads = ('recording', 'cases', 'right at once', 'left', *map(WAYS.get, ways), 'as advised')
+    heads = ('recording', 'cases', 'right at first', 'open', *map(WAYS.get, ways), 'as advised')
     lines = ['| ' + ' | '.join(map(str, heads)) + ' |', '|' + '---|' * len(heads)]
     rows = [(name, [r for r in results if _group(r) == name]) for name in groups]
-    said = [r for r in results if r.get('left') in OPEN]
-    for name, cases in [*rows, ('all', list(results)), ('all that the diagnosis says', said)]:
-        left = [r for r in cases if r['ways']]
-        counts = [sum(_is_right(r, way) for r in left) for way in ways]
-        counts.append(sum(_is_right(r, advised(r)) for r in left))
-        at_once = sum(r.get('before') == 'right' for r in cases)
-        lines.append(f'| {name} | {len(cases)} | {at_once} | {len(left)} | '
+    reported = [r for r in results if r.get('left') in OPEN]
+    for name, cases in [*rows, ('all', list(results)), ('all reported open', reported)]:
+        unsettled = [r for r in cases if r['ways']]
+        counts = [sum(_is_right(r, way) for r in unsettled) for way in ways]
+        counts.append(sum(_is_right(r, advised(r)) for r in unsettled))
+        at_first = sum(r.get('before') == 'right' for r in cases)
+        lines.append(f'| {name} | {len(cases)} | {at_first} | {len(unsettled)} | '
                      + ' | '.join(map(str, counts)) + ' |')
     return '\n'.join(lines)
 
 
 def advised(result: dict[str, Any]) -> str:
     """
-    Return the way that a user goes who heeds the plan.
+    Return the motion of a user who follows the plan.
 
-    Where it states less than an even chance near recorded poses for the hidden effect, or does
-    not plan for it, that is the plan with wider limits.
+    It is the plan with wider limits if that near recorded poses states a chance below one half for
+    the hidden effect, or does not include it.
     """
     expected = result['ways'].get('planned', {}).get('expected', ())
-    # Of the targets the hidden effect alone has a share of the size that was assumed.
+    # Only the hidden effect has the key `share`, its size relative to the assumed one.
     likely = any('share' in e and e['chance'] >= 0.5 for e in expected)
     return 'planned' if likely else 'planned_wide'
 
@@ -74,9 +74,9 @@ def _is_right(result: dict[str, Any], way: str) -> bool:
 
 def calibration(results: Sequence[dict[str, Any]]) -> str:
     """
-    Return how often a hidden effect was found, by the chance that is stated of its true size.
+    Return the frequency of found effects by their stated chance at the true size.
 
-    A plan assumes a size where none was measured. Here it is that of the simulation.
+    A plan assumes a size without an estimate; here the size is that of the simulation.
     """
     pairs = [(true_chance(e), e['outcome'] in FOUND) for e in expectations(results)
              if 'share' in e]
@@ -84,22 +84,22 @@ def calibration(results: Sequence[dict[str, Any]]) -> str:
     for low, high in zip(_BINS, _BINS[1:]):
         here = [p for p in pairs if low <= p[0] < high or p[0] == high == 1.0]
         if here:
-            stated, came = np.mean(here, axis=0)
-            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {came:.0%} |')
+            stated, found = np.mean(here, axis=0)
+            lines.append(f'| {low:.0%} to {high:.0%} | {len(here)} | {stated:.0%} | {found:.0%} |')
     return '\n'.join(lines)
 
 
 def true_chance(expected: dict[str, Any]) -> float:
-    """Return the chance that a plan would state if it knew the size of the effect."""
+    """Return the power of the diagnosis at the true size of the effect."""
     if expected['untestable']:
         return 0.0
-    return chance(expected['share'] * expected['separation'])
+    return power(expected['share'] * expected['separation'])
 
 
 def expectations(results: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return every target of every motion, with what was expected and what came."""
-    return [{**e, 'way': way, 'name': r['name'], 'verdict': done['verdict']} for r in results
-            for way, done in r['ways'].items() for e in done.get('expected', ())]
+    """Return the expected and actual result of every target of every motion."""
+    return [{**e, 'way': way, 'name': r['name'], 'verdict': outcome['verdict']} for r in results
+            for way, outcome in r['ways'].items() for e in outcome.get('expected', ())]
 
 
 def _group(result: dict[str, Any]) -> str:

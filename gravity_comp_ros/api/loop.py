@@ -34,7 +34,7 @@ from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.planning.collision import collision_check
 from gravity_comp_ros.planning.options import PlanOptions
 from gravity_comp_ros.planning.plan import plan as plan_motion
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.targets import named_targets
 
 
 def fit(recording: Recording, *, formulation: str | None = None,

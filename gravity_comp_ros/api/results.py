@@ -122,7 +122,7 @@ def expected_row(one: Expectation) -> tuple[str, ...]:
         f'{symbol} ± {width:.2g} {unit}'.strip() if math.isfinite(width) else f'{symbol} unknown'
         for symbol, (width, unit) in one.half_width.items())
     return (one.target.name, f'{100 * one.chance_before:.0f} %', f'{100 * one.chance:.0f} %',
-            widths, one.hardest or '–')
+            widths, one.closest_alternative or '–')
 
 
 def is_found(finding: Finding) -> bool:

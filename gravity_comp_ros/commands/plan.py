@@ -14,7 +14,7 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.planning import Plan, plan, PlanOptions, Target
 from gravity_comp_ros.planning.collision import collision_check
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.targets import named_targets
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.trajectory_files import write_trajectory
 import numpy as np

@@ -1,4 +1,4 @@
-"""Motions that settle what recordings leave open."""
+"""Experiment design: motions that resolve the open findings of earlier recordings."""
 
 from gravity_comp_ros.planning.expected import Expectation, Plan, PlannedPart
 from gravity_comp_ros.planning.options import PlanOptions, Target

@@ -1,43 +1,44 @@
 """
-Parts that a planned motion may be made of, each as a person would move to test something.
+Candidate parts of a planned motion.
 
-Every part begins and ends at rest at one pose, its `base`, and moves one to three joints. Where
-more joints than that are asked about, there are parts that move all of them.
-Short strokes at creeping speed are none of them: by the criterion they tell much, but the
-direction of the joint is then the least certain, and a diagnosis sees little in them.
+A part starts and ends at rest at one pose, its `base`, and moves one to three joints. With targets
+on more joints there are also tours that move all of them. Short strokes at creeping speed are not
+candidates: their information is large, but the direction of motion is then the least certain, and
+a diagnosis uses little of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.models.gravity_model import GravityModel
-from gravity_comp_ros.planning.segments import Hold, Line, Pace, Segment, Wave, wave_within
+from gravity_comp_ros.planning.segments import Hold, Limits, Line, Segment, Wave, wave_within
 from gravity_comp_ros.planning.workspace import Workspace
 import numpy as np
 
-# Shares of the largest speed.
-_SPEEDS, _TOGETHER = (1.0, 0.6, 0.3), 0.45
-# No part takes longer, s: several short ones are better than one long one.
-_LONGEST = 8.0
-_SHORTEST = 3.0
-# One may take longer by this factor, and one that goes through a joint's whole range by twice it.
-_OVER = 1.5
-_STOPS, _STOP = 4, 0.6
-_LEAST_STROKE = 0.02
-# Sizes of waves that are tried, and time between the points at which they are checked, s.
-_SHARES, _CHECK = (1.0, 0.7, 0.5, 0.3, 0.15), 0.02
-_MOST_BASES = 5
-# Tours of all joints: how far their postures are from the start, rad; the share of the whole
-# duration that one takes; how many postures are drawn for one, and how many tours.
-_WIDEST, _WHOLE, _POSTURES, _TOURS = 1.2, (1.0, 0.6), 40, 16
+# Speeds of strokes of one joint and of two joints, as shares of the speed limit.
+_SPEEDS, _SPEED_OF_TWO = (1.0, 0.6, 0.3), 0.45
+# Shortest time of repeated strokes, s, and their largest number.
+_MIN_REPEATED, _MAX_CYCLES = 3.0, 8
+# Longest part in nominal durations; twice that for one through a joint's whole range.
+_MAX_OVERTIME = 1.5
+# Stops of a staircase, and the time at each, s.
+_STOPS, _STOP_TIME = 4, 0.6
+# Smallest stroke and largest search distance of one joint and of several joints, rad.
+_MIN_STROKE, _MAX_STROKE, _MAX_STROKE_OF_SEVERAL = 0.02, 3.0, 1.0
+# Trial scales of waves, and the time between the points at which they are checked, s.
+_WAVE_SCALES, _CHECK_TIME = (1.0, 0.7, 0.5, 0.3, 0.15), 0.02
+_MAX_WAVE_DURATION = 8.0
+_MAX_BASES = 5
+# Tours of all joints: largest distance of a posture from the start, rad; shares of the whole
+# duration; number of postures drawn for each; number of tours.
+_TOUR_WIDTH, _TOUR_SHARES, _POSTURES, _TOURS = 1.2, (1.0, 0.6), 40, 16
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Segments from `base` back to it; `what` says in words how which joints move."""
+    """Segments from `base` back to it; `what` describes the motion of the joints in words."""
 
     what: str
     joints: tuple[int, ...]
@@ -49,66 +50,72 @@ class Part:
         return sum(segment.duration for segment in self.segments)
 
 
-def candidates(space: Workspace, model: GravityModel, joint: int, pace: Pace,
-               longest: float = _LONGEST, whole: bool = False) -> list[Part]:
+def candidates(space: Workspace, model: GravityModel, joint: int, limits: Limits,
+               nominal: float, whole: bool) -> list[Part]:
     """
-    Return parts that move a joint, alone or with a neighbour, at several postures.
+    Return parts that move a joint, alone or with neighbours, at several postures.
 
-    :param whole: whether the joint has to go once through its whole range as well.
+    :param nominal: nominal duration of a part, s: several short ones are better than a long one.
+    :param whole: include a part through the whole range of the joint.
     """
-    found: list[Part] = []
-    for words, base in _bases(space, model, joint):
-        found += _of_one_joint(space, joint, words, base, pace, longest)
+    parts: list[Part] = []
+    for posture, base in _bases(space, model, joint):
+        builder = _PartBuilder(space, limits, nominal, base, posture)
+        parts += builder.of_one_joint(joint)
         if whole:
-            found += _whole_range(space, joint, words, base, pace, longest)
+            parts += builder.through_whole_range(joint)
         for partner in (joint - 1, joint + 1):
             if 0 <= partner < space.n_joints:
-                found += _of_two_joints(space, (joint, partner), words, base, pace, longest)
-        found += _of_three_joints(space, joint, words, base, pace, longest)
-    return found
+                parts += builder.of_two_joints((joint, partner))
+        parts += builder.of_three_joints(joint)
+    return parts
 
 
-def of_all_joints(space: Workspace, pace: Pace, duration: float) -> list[Part]:
+def of_all_joints(space: Workspace, limits: Limits, duration: float) -> list[Part]:
     """
-    Return tours of drawn postures, all joints moving at once, of up to `duration` s.
+    Return tours of random postures, all joints moving at once, of up to `duration` s.
 
-    Gravity is then seen at other postures for all joints at once: one joint at a time takes longer
-    than a short motion has.
+    They excite gravity at other postures of all joints, for which a short motion of one joint at a
+    time has no time.
     """
-    rng, found = np.random.default_rng(0), []
+    rng, parts = np.random.default_rng(0), []
     for number in range(_TOURS):
-        length = duration * _WHOLE[number % len(_WHOLE)]
+        length = duration * _TOUR_SHARES[number % len(_TOUR_SHARES)]
         legs: list[Segment] = []
         back: list[Segment] = []
         at, time = space.start, 0.0
-        for pose in rng.uniform(np.maximum(space.low, space.start - _WIDEST),
-                                np.minimum(space.high, space.start + _WIDEST),
+        for pose in rng.uniform(np.maximum(space.low, space.start - _TOUR_WIDTH),
+                                np.minimum(space.high, space.start + _TOUR_WIDTH),
                                 (_POSTURES, space.n_joints)):
             if not (space.admits_line(at, pose) and space.admits_line(pose, space.start)):
                 continue
-            leg, home = Line(at, pose, pace), Line(pose, space.start, pace)
+            leg, home = Line(at, pose, limits), Line(pose, space.start, limits)
             if time + leg.duration + home.duration > length:
                 continue
             legs, back, at, time = [*legs, leg], [home], pose, time + leg.duration
         if len(legs) > 1:
-            found.append(Part(f'together through {len(legs)} postures, tour {number + 1}',
+            parts.append(Part(f'together through {len(legs)} postures, tour {number + 1}',
                               tuple(range(space.n_joints)), space.start, (*legs, *back)))
-    return found
+    return parts
 
 
-def travel(space: Workspace, a: FloatArray, b: FloatArray, pace: Pace) -> list[Segment] | None:
-    """Return the way from pose to pose: straight, else by the start; None if there is none."""
+def travel(space: Workspace, a: FloatArray, b: FloatArray, limits: Limits) -> list[Segment] | None:
+    """Return the travel between poses, straight or via the start; None if inadmissible."""
     if np.abs(b - a).max() < 1e-12:
         return []
     if space.admits_line(a, b):
-        return [Line(a, b, pace)]
+        return [Line(a, b, limits)]
     if space.admits_line(a, space.start) and space.admits_line(space.start, b):
-        return [Line(a, space.start, pace), Line(space.start, b, pace)]
+        return [Line(a, space.start, limits), Line(space.start, b, limits)]
     return None
 
 
 def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str, FloatArray]]:
-    """Return postures that a straight way leads to: of little, middle and much load."""
+    """
+    Return base poses in reach of a straight line from the start, with words that follow `what`.
+
+    These are the start, those of largest and smallest load, and others far from them.
+    """
     near = list(space.poses[::max(1, len(space.poses) // 60)])
     for m in range(space.n_joints):
         for sign in (1.0, -1.0):
@@ -117,145 +124,147 @@ def _bases(space: Workspace, model: GravityModel, joint: int) -> list[tuple[str,
             near.append(space.start + far * direction)
     poses = np.array([pose for pose in near if space.admits_line(space.start, pose)])
     load = np.abs(model.predict(np.vstack([space.start, poses]))[:, joint])
-    found = [('', space.start)]
-    for words, pick in (('where it carries most', np.argmax(load)),
-                        ('where it carries least', np.argmin(load))):
+    bases = [('', space.start)]
+    for words, pick in ((' at its largest load', np.argmax(load)),
+                        (' at its smallest load', np.argmin(load))):
         if pick:
-            found.append((words, poses[pick - 1]))
-    # Then the poses farthest from those that are there already.
-    while len(found) < _MOST_BASES:
-        apart = np.min([np.abs(poses - base).max(axis=1) for _, base in found], axis=0)
+            bases.append((words, poses[pick - 1]))
+    while len(bases) < _MAX_BASES:
+        apart = np.min([np.abs(poses - base).max(axis=1) for _, base in bases], axis=0)
         if apart.max() < 0.1:
             break
-        found.append(('in another posture', poses[np.argmax(apart)]))
-    return found
+        bases.append((' in another posture', poses[np.argmax(apart)]))
+    return bases
 
 
-def _of_one_joint(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
-                  longest: float) -> list[Part]:
-    axis = np.eye(space.n_joints)[joint]
-    up, down = (space.extent(base, sign * axis, 3.0) for sign in (1.0, -1.0))
-    if up + down < _LEAST_STROKE:
-        return []
-    where = f' {words}' if words else ''
-    found = []
-    for share in _SPEEDS:
-        speed = share * pace.speed
-        stroke = min(up + down, 0.5 * longest * speed)
-        low, high = _centred(down, up, stroke)
-        found.append(_to_and_fro(f'to and fro at {speed:.2g} rad/s{where}', (joint,), base, axis,
-                                 low, high, pace.slower(speed), longest))
-    slow = 2.0 * (up + down) / longest
-    if slow < pace.speed:
-        found.append(_to_and_fro(f'slowly through its range{where}', (joint,), base, axis, -down,
-                                 up, pace.slower(slow), longest))
-    found.append(_stairs(f'in steps up and down{where}', joint, base, axis, down, up, pace,
-                         longest))
-    amplitude = min(up, down) * axis
-    if min(up, down) > _LEAST_STROKE:
-        wave = wave_within(base, amplitude, np.full(len(base), 0.25), min(longest, 8.0), pace)
-        found.append(Part(f'in a sine{where}', (joint,), base, (wave,)))
-    return [part for part in found if part.duration <= _OVER * longest]
+@dataclass(frozen=True, eq=False)
+class _PartBuilder:
+    """Builder of parts from a base pose, which `posture` describes in words."""
 
+    space: Workspace
+    limits: Limits
+    nominal: float
+    base: FloatArray
+    posture: str
 
-def _whole_range(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
-                 longest: float) -> list[Part]:
-    """Return a part that goes once to both ends of a joint's travel, if shorter ones do not."""
-    axis = np.eye(space.n_joints)[joint]
-    up, down = (space.extent(base, sign * axis, 3.0) for sign in (1.0, -1.0))
-    if up + down <= 0.5 * longest * pace.speed:
-        return []
-    where = f' {words}' if words else ''
-    part = _to_and_fro(f'once through its whole range{where}', (joint,), base, axis, -down, up,
-                       pace, longest)
-    return [part] if part.duration <= 2.0 * _OVER * longest else []
+    def of_one_joint(self, joint: int) -> list[Part]:
+        """Return strokes at several speeds, a slow one through the range, steps and a sine."""
+        axis = self._axis(joint)
+        up, down = self._extents(axis, _MAX_STROKE)
+        if up + down < _MIN_STROKE:
+            return []
+        parts = []
+        for speed in (share * self.limits.speed for share in _SPEEDS):
+            parts.append(self._to_and_fro(f'to and fro at {speed:.2g} rad/s', (joint,), axis,
+                                          *self._stroke(down, up, speed), speed))
+        slow = 2.0 * (up + down) / self.nominal
+        if slow < self.limits.speed:
+            parts.append(self._to_and_fro('slowly through its range', (joint,), axis, -down, up,
+                                          slow))
+        parts.append(self._steps(joint, axis, down, up))
+        if min(up, down) > _MIN_STROKE:
+            wave = wave_within(self.base, min(up, down) * axis, np.full(len(axis), 0.25),
+                               min(self.nominal, _MAX_WAVE_DURATION), self.limits)
+            parts.append(self._part('in a sine', (joint,), wave))
+        return self._short(parts)
 
+    def through_whole_range(self, joint: int) -> list[Part]:
+        """Return a part to both ends of a joint's travel, if shorter ones do not reach them."""
+        axis = self._axis(joint)
+        up, down = self._extents(axis, _MAX_STROKE)
+        if up + down <= 0.5 * self.nominal * self.limits.speed:
+            return []
+        return self._short([self._to_and_fro('once through its whole range', (joint,), axis, -down,
+                                             up, self.limits.speed)], 2.0)
 
-def _of_two_joints(space: Workspace, joints: tuple[int, int], words: str, base: FloatArray,
-                   pace: Pace, longest: float) -> list[Part]:
-    found = []
-    where = f' {words}' if words else ''
-    for sign, how in ((1.0, 'the same way'), (-1.0, 'against each other')):
-        axis = np.zeros(space.n_joints)
-        axis[list(joints)] = 1.0, sign
-        up, down = (space.extent(base, s * axis, 1.0) for s in (1.0, -1.0))
-        if up + down < _LEAST_STROKE:
-            continue
-        speed = _TOGETHER * pace.speed
-        low, high = _centred(down, up, min(up + down, 0.5 * longest * speed))
-        found.append(_to_and_fro(f'both {how}{where}', joints, base, axis, low, high,
-                                 pace.slower(speed), longest))
-    return [part for part in found if part.duration <= _OVER * longest]
+    def of_two_joints(self, joints: tuple[int, int]) -> list[Part]:
+        """Return strokes of two joints in equal and in opposite directions."""
+        parts = []
+        speed = _SPEED_OF_TWO * self.limits.speed
+        for sign, how in ((1.0, 'the same direction'), (-1.0, 'opposite directions')):
+            axis = self._axis(joints[0]) + sign * self._axis(joints[1])
+            up, down = self._extents(axis, _MAX_STROKE_OF_SEVERAL)
+            if up + down >= _MIN_STROKE:
+                parts.append(self._to_and_fro(f'both in {how}', joints, axis,
+                                              *self._stroke(down, up, speed), speed))
+        return self._short(parts)
 
+    def of_three_joints(self, joint: int) -> list[Part]:
+        """Return sines of a joint and its neighbours at different frequencies."""
+        n_joints = self.space.n_joints
+        joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < n_joints]
+        frequency, amplitude = np.ones(n_joints), np.zeros(n_joints)
+        duration = min(self.nominal, _MAX_WAVE_DURATION)
+        for order, n in enumerate(joints):
+            frequency[n] = (order % 3 + 1) / duration
+            amplitude[n] = min(self._extents(self._axis(n), _MAX_STROKE_OF_SEVERAL))
+        parts = []
+        for how, shift in (('slowly', 0), ('in another order', 1)):
+            frequency[joints] = np.roll(frequency[joints], shift)
+            wave = self._admissible_wave(amplitude, frequency, duration)
+            if wave is not None:
+                parts.append(self._part(f'in sines of different frequency, {how}', tuple(joints),
+                                        wave))
+        return parts
 
-def _of_three_joints(space: Workspace, joint: int, words: str, base: FloatArray, pace: Pace,
-                     longest: float) -> list[Part]:
-    """Return sines of a joint and its neighbours, each with a frequency of its own."""
-    joints = [n for n in (joint - 1, joint, joint + 1) if 0 <= n < space.n_joints]
-    frequency, amplitude = np.ones(space.n_joints), np.zeros(space.n_joints)
-    duration = min(longest, 8.0)
-    for order, n in enumerate(joints):
-        frequency[n] = (order % 3 + 1) / duration
-        axis = np.eye(space.n_joints)[n]
-        amplitude[n] = min(space.extent(base, sign * axis, 1.0) for sign in (1.0, -1.0))
-    found = []
-    for how, turn in (('slowly', 0), ('in another order', 1)):
-        frequency[joints] = np.roll(frequency[joints], turn)
-        wave = _admissible(space, base, amplitude, frequency, duration, pace)
-        if wave is not None:
-            where = f' {words}' if words else ''
-            found.append(Part(f'in sines of their own, {how}{where}', tuple(joints), base,
-                              (wave,)))
-    return found
+    def _axis(self, joint: int) -> FloatArray:
+        return np.eye(self.space.n_joints)[joint]
 
+    def _extents(self, axis: FloatArray, limit: float) -> tuple[float, float]:
+        """Return the admissible travel along an axis and against it, rad."""
+        return (self.space.extent(self.base, axis, limit),
+                self.space.extent(self.base, -axis, limit))
 
-def _admissible(space: Workspace, base: FloatArray, amplitude: FloatArray, frequency: FloatArray,
-                duration: float, pace: Pace) -> Wave | None:
-    """Return the widest of some waves that stays within the workspace."""
-    for share in _SHARES:
-        wave = wave_within(base, share * amplitude, frequency, duration, pace)
-        if np.abs(wave.amplitude).max() < _LEAST_STROKE:
-            return None
-        if space.admits_path(wave.at(np.arange(0.0, duration, _CHECK))[0]):
-            return wave
-    return None
+    def _stroke(self, down: float, up: float, speed: float) -> tuple[float, float]:
+        """Return the ends of a stroke of nominal duration about the base, from -down to up."""
+        length = min(up + down, 0.5 * self.nominal * speed)
+        low = float(np.clip(-0.5 * length, -down, up - length))
+        return low, low + length
 
+    def _part(self, what: str, joints: tuple[int, ...], *segments: Segment) -> Part:
+        return Part(what + self.posture, joints, self.base, segments)
 
-def _centred(down: float, up: float, stroke: float) -> tuple[float, float]:
-    """Return the ends of a stroke about the base, moved to lie between -down and up."""
-    low = float(np.clip(-0.5 * stroke, -down, up - stroke))
-    return low, low + stroke
+    def _short(self, parts: list[Part], factor: float = 1.0) -> list[Part]:
+        """Return the parts that are not too long."""
+        longest = factor * _MAX_OVERTIME * self.nominal
+        return [part for part in parts if part.duration <= longest]
 
+    def _to_and_fro(self, what: str, joints: tuple[int, ...], axis: FloatArray, low: float,
+                    high: float, speed: float) -> Part:
+        """Return repeated strokes between two points of an axis."""
+        limits = self.limits.slower(speed)
+        bottom, top = self.base + low * axis, self.base + high * axis
+        cycle = 2.0 * Line(bottom, top, limits).duration
+        count = 1
+        if cycle < self.nominal:
+            count = int(np.clip(_MIN_REPEATED / max(cycle, 1e-3), 1, _MAX_CYCLES))
+        # Down and up in each cycle; the first and last legs start and end at the base.
+        stops = [self.base, *[top, bottom] * count, self.base]
+        return self._part(what, joints, *(Line(a, b, limits) for a, b in zip(stops, stops[1:])
+                                          if np.abs(b - a).max() > 1e-12))
 
-def _to_and_fro(what: str, joints: tuple[int, ...], base: FloatArray, axis: FloatArray,
-                low: float, high: float, pace: Pace, longest: float) -> Part:
-    bottom, top = base + low * axis, base + high * axis
-    cycle = 2.0 * Line(bottom, top, pace).duration
-    count = int(np.clip(_SHORTEST / max(cycle, 1e-3), 1, 8)) if cycle < longest else 1
-    stops = [base, top]
-    for _ in range(count):
-        stops += [bottom, top]
-    # One way down and up for each cycle; the first and last legs lead from and to the base.
-    stops = [*stops[:-1], base]
-    return Part(what, joints, base, _legs(stops, pace))
+    def _steps(self, joint: int, axis: FloatArray, down: float, up: float) -> Part:
+        """Return equal steps from -down to up and back, with a stop at each."""
+        steps = np.linspace(-down, up, _STOPS)
+        width = steps[1] - steps[0]
+        reachable = 0.5 * (self.nominal / (2 * _STOPS) - _STOP_TIME) * self.limits.speed
+        steps = steps * min(1.0, max(reachable, _MIN_STROKE) / max(width, 1e-9))
+        segments: list[Segment] = []
+        at = self.base
+        for step in [*steps, *steps[-2::-1]]:
+            pose = self.base + step * axis
+            segments += [Line(at, pose, self.limits), Hold(pose, _STOP_TIME)]
+            at = pose
+        return self._part('in steps up and down', (joint,), *segments,
+                          Line(at, self.base, self.limits))
 
-
-def _stairs(what: str, joint: int, base: FloatArray, axis: FloatArray, down: float, up: float,
-            pace: Pace, longest: float) -> Part:
-    steps = np.linspace(-down, up, _STOPS)
-    width = steps[1] - steps[0]
-    reachable = 0.5 * (longest / (2 * _STOPS) - _STOP) * pace.speed
-    steps = steps * min(1.0, max(reachable, _LEAST_STROKE) / max(width, 1e-9))
-    segments: list[Segment] = []
-    at = base
-    for step in [*steps, *steps[-2::-1]]:
-        pose = base + step * axis
-        segments += [Line(at, pose, pace), Hold(pose, _STOP)]
-        at = pose
-    segments.append(Line(at, base, pace))
-    return Part(what, (joint,), base, tuple(segments))
-
-
-def _legs(stops: Sequence[FloatArray], pace: Pace) -> tuple[Segment, ...]:
-    return tuple(Line(a, b, pace) for a, b in zip(stops, stops[1:])
-                 if np.abs(b - a).max() > 1e-12)
+    def _admissible_wave(self, amplitude: FloatArray, frequency: FloatArray,
+                         duration: float) -> Wave | None:
+        """Return the largest trial wave within the workspace, None if there is none."""
+        for scale in _WAVE_SCALES:
+            wave = wave_within(self.base, scale * amplitude, frequency, duration, self.limits)
+            if np.abs(wave.amplitude).max() < _MIN_STROKE:
+                return None
+            if self.space.admits_path(wave.at(np.arange(0.0, duration, _CHECK_TIME))[0]):
+                return wave
+        return None

@@ -1,38 +1,39 @@
 """
-Whether the links of an arm hit each other, by the collision geometry of its description.
+Self-collision check of planned poses with the collision geometry of a robot description.
 
-Pinocchio and coal do the geometry; without them, or without geometry, nothing is checked, and
-`CollisionsUnchecked` says why. Links that touch in recorded poses overlap in the description only:
-the arm was there. Neighbours on a joint always may touch.
+The geometry is computed by Pinocchio and coal. Without them, or without collision geometry, poses
+are not checked, and `CollisionsUnchecked` gives the reason. Pairs of links that touch in recorded
+poses are excluded: they overlap in the description only. So are neighbours on one joint.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 import numpy as np
 
-# Links that come as near as this hit each other, m: points of a path are a hundredth of a radian
-# apart, and the arm moves by up to half of that times its length beside them.
+# Distance below which links count as colliding, m. Points of a path are 0.01 rad apart, and
+# between them the arm moves by up to half of that times its length.
 MARGIN = 0.01
-_RECORDED = 400
+# Number of recorded poses that are checked for overlapping links.
+_MAX_RECORDED = 400
 
 
 class CollisionsUnchecked(Exception):
-    """Collisions cannot be checked; the text says why."""
+    """Collisions cannot be checked; the text gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class SelfCollision:
     """
-    The pairs of links of an arm that may hit each other.
+    Pairs of links of an arm that may collide.
 
     `joints` (N,) are the joints of Pinocchio in the order of poses; all others are at `rest`.
-    `overlapping` names pairs that are left out, since they touch in recorded poses.
+    `overlapping` names the excluded pairs, which touch in recorded poses.
     """
 
     model: Any
@@ -42,40 +43,40 @@ class SelfCollision:
     overlapping: tuple[str, ...]
 
     def hits(self, q: FloatArray) -> bool:
-        """Return whether links hit each other at one of the poses q (M, N)."""
+        """Return whether links collide at one of the poses q (M, N)."""
         return self.first_hit(q) is not None
 
     def first_hit(self, q: FloatArray) -> tuple[int, str] | None:
-        """Return the number of the first pose at which links hit, and their names."""
+        """Return the number of the first pose with a collision, and the names of the links."""
         import pinocchio as pin
-        data, about = self.model.createData(), _data(self.geometry)
+        data, geometry_data = self.model.createData(), _geometry_data(self.geometry)
         for number, pose in enumerate(np.atleast_2d(q)):
-            if pin.computeCollisions(self.model, data, self.geometry, about,
-                                     self._configuration(pose), True):
-                return number, self._names(about)
+            if pin.computeCollisions(self.model, data, self.geometry, geometry_data,
+                                     self.configuration(pose), True):
+                pair = next(pair for pair, result in zip(
+                    self.geometry.collisionPairs, geometry_data.collisionResults)
+                    if result.isCollision())
+                return number, _pair_name(self.geometry, pair)
         return None
 
-    def _names(self, about: Any) -> str:
-        return next(_pair(self.geometry, pair) for pair, result in zip(
-            self.geometry.collisionPairs, about.collisionResults) if result.isCollision())
-
-    def _configuration(self, pose: FloatArray) -> FloatArray:
-        found = self.rest.copy()
+    def configuration(self, pose: FloatArray) -> FloatArray:
+        """Return the configuration of Pinocchio at a pose (N,)."""
+        configuration = self.rest.copy()
         for joint, angle in zip(self.joints, pose):
-            # A continuous joint is a cosine and a sine.
-            found[joint.idx_q:joint.idx_q + joint.nq] = (
+            # Pinocchio represents a continuous joint by its cosine and sine.
+            configuration[joint.idx_q:joint.idx_q + joint.nq] = (
                 angle if joint.nq == 1 else (np.cos(angle), np.sin(angle)))
-        return found
+        return configuration
 
 
 def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
                    folder: Path | None = None) -> SelfCollision:
     """
-    Return the check of a description's collision geometry.
+    Return the self-collision check of a description.
 
     :param urdf: the text of the description. :param joints: N names, in the order of poses.
-    :param recorded: poses (M, N) at which the arm has been.
-    :param folder: where the description lies; meshes are sought beside it and above.
+    :param recorded: recorded poses (M, N).
+    :param folder: the folder of the description; meshes are searched in it and its parents.
     :raises CollisionsUnchecked: if Pinocchio, a joint, geometry or a mesh is missing.
     """
     try:
@@ -96,30 +97,30 @@ def self_collision(urdf: str, joints: Sequence[str], recorded: FloatArray,
         raise CollisionsUnchecked(f'the description has no moving joint {", ".join(missing)}')
     _add_pairs(model, geometry)
     moving = tuple(model.joints[model.getJointId(joint)] for joint in joints)
-    whole = SelfCollision(model, geometry, moving, pin.neutral(model), ())
-    return _without_overlaps(whole, recorded[evenly_picked(len(recorded), _RECORDED)])
+    check = SelfCollision(model, geometry, moving, pin.neutral(model), ())
+    return _without_overlaps(check, recorded[evenly_picked(len(recorded), _MAX_RECORDED)])
 
 
 def collision_check(urdf: Path | None, joints: Sequence[str],
                     recorded: FloatArray) -> tuple[SelfCollision | None, str]:
-    """Return the check that a file allows, if any, and a line on what is checked."""
+    """Return the self-collision check of a file, if possible, and a message about it."""
     if urdf is None:
-        return None, ('not checked whether the links of the arm hit each other: a description '
-                      'with collision geometry (--urdf) would tell')
+        return None, ('not checked whether the links of the arm hit each other: this requires a '
+                      'description with collision geometry (--urdf)')
     from gravity_comp_ros.description.urdf import read_text
     text = read_text(urdf).decode('utf-8', 'replace')
     try:
-        found = self_collision(text, joints, recorded, urdf.resolve().parent)
+        check = self_collision(text, joints, recorded, urdf.resolve().parent)
     except CollisionsUnchecked as problem:
         return None, f'not checked whether the links of the arm hit each other: {problem}'
-    left_out = (f'; {", ".join(found.overlapping)} overlap in recorded poses and are left out'
-                if found.overlapping else '')
-    return found, (f'the links of the arm stay {MARGIN:g} m apart by the collision geometry of '
-                   f'{urdf.name}{left_out}')
+    excluded = (f'; {", ".join(check.overlapping)} overlap in recorded poses and are excluded'
+                if check.overlapping else '')
+    return check, (f'the links of the arm stay {MARGIN:g} m apart by the collision geometry of '
+                   f'{urdf.name}{excluded}')
 
 
 def _add_pairs(model: Any, geometry: Any) -> None:
-    """Add all pairs of links but those on one joint and neighbours."""
+    """Add all pairs of links except those on one joint and neighbours."""
     import pinocchio as pin
     parents = [obj.parentJoint for obj in geometry.geometryObjects]
     for a, one in enumerate(parents):
@@ -130,28 +131,30 @@ def _add_pairs(model: Any, geometry: Any) -> None:
 
 
 def _without_overlaps(check: SelfCollision, recorded: FloatArray) -> SelfCollision:
+    """Return the check without the pairs that touch in recorded poses (M, N)."""
     import pinocchio as pin
-    data, about = check.model.createData(), _data(check.geometry)
+    data, geometry_data = check.model.createData(), _geometry_data(check.geometry)
     touching: set[int] = set()
     for pose in recorded:
-        pin.computeCollisions(check.model, data, check.geometry, about,
-                              check._configuration(pose), False)
-        touching.update(k for k, result in enumerate(about.collisionResults)
+        pin.computeCollisions(check.model, data, check.geometry, geometry_data,
+                              check.configuration(pose), False)
+        touching.update(k for k, result in enumerate(geometry_data.collisionResults)
                         if result.isCollision())
     pairs = list(check.geometry.collisionPairs)
-    names = tuple(_pair(check.geometry, pairs[k]) for k in sorted(touching))
-    for k in sorted(touching):
-        check.geometry.removeCollisionPair(pairs[k])
-    return SelfCollision(check.model, check.geometry, check.joints, check.rest, names)
+    overlapping = [pairs[k] for k in sorted(touching)]
+    names = tuple(_pair_name(check.geometry, pair) for pair in overlapping)
+    for pair in overlapping:
+        check.geometry.removeCollisionPair(pair)
+    return replace(check, overlapping=names)
 
 
-def _data(geometry: Any) -> Any:
-    about = geometry.createData()
-    for request in about.collisionRequests:
+def _geometry_data(geometry: Any) -> Any:
+    data = geometry.createData()
+    for request in data.collisionRequests:
         request.security_margin = MARGIN
-    return about
+    return data
 
 
-def _pair(geometry: Any, pair: Any) -> str:
+def _pair_name(geometry: Any, pair: Any) -> str:
     one, other = (geometry.geometryObjects[k].name for k in (pair.first, pair.second))
     return f'{one} and {other}'

@@ -1,13 +1,14 @@
 """
-What information says of a question: how surely it will be settled, and how exactly.
+Design criteria of a target effect: T-optimality for discrimination, D-optimality for estimation.
 
-T-optimality (Atkinson & Fedorov 1975) asks how far the torque of the effect is from the best that
-an alternative can do in its place, nuisance terms fitted along,
+T-optimality (Atkinson & Fedorov 1975) is the squared distance of the target's torque from the
+closest fit of an alternative, nuisance terms fitted jointly,
 
     lambda = theta.T (S_ee - S_ea S_aa^-1 S_ae) theta,
 
-S being the information that the nuisance terms leave (a Schur complement). The worst alternative
-counts. D-optimality asks for the information on the coefficients, S_ee itself.
+where S is the information matrix with the nuisance terms projected out (a Schur complement). The
+criterion is the minimum over the alternatives. D-optimality uses the information on the
+coefficients, S_ee.
 """
 
 from __future__ import annotations
@@ -21,92 +22,96 @@ import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
 
-# Separation, in standard errors, with which a diagnosis finds every other effect, and the standard
-# deviation of its logarithm. It tests many effects on many joints, on data that it has not fitted.
-# Fitted to simulated arms (`bench.planning.calibrate`).
-_HALF, _WIDTH = 7.69, 0.59
-# Information is worth its logarithm from about this separation on.
-_SCALE = 4.0
+# Power of a diagnosis: the separation, in standard errors, with power 0.5, and the standard
+# deviation of its logarithm. They allow for the many effects and joints that a diagnosis tests, on
+# held-out data. Fitted to simulated arms (`bench.planning.calibrate`).
+_HALF_POWER, _LOG_STD = 7.69, 0.59
+# Separation from which on the utility grows with the logarithm of the information.
+_UTILITY_SCALE = 4.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class EffectScore:
     """
-    How far a target is from what could explain it, and how exactly its size is known.
+    Separation of a target from its alternatives, and standard errors of its coefficients.
 
-    `separations` are the square roots of lambda beside nuisance terms alone, then beside each
-    alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
-    terms. `left` is the share of the target's torque that the gravity of a diagnosis cannot
-    imitate: below `LEAST_LEFT` it calls the size uncertain whatever the noise.
+    `separations` are the square roots of lambda: first with nuisance terms only, then with each
+    alternative. `std` (K,) are standard errors of the target's coefficients, fitted jointly with
+    the nuisance terms. `unabsorbed` is the share of the target's torque outside the gravity terms
+    of a diagnosis; below `LEAST_LEFT` the diagnosis reports the size as uncertain at any noise.
     """
 
     separations: tuple[float, ...]
-    spread: FloatArray
-    left: float = 1.0
+    std: FloatArray
+    unabsorbed: float = 1.0
 
     @property
     def separation(self) -> float:
-        """Return that of the worst alternative."""
+        """Return the separation from the closest alternative."""
         return min(self.separations)
 
     @property
-    def worst(self) -> int | None:
-        """Return the number of the worst alternative, None if nuisance terms come closest."""
+    def closest(self) -> int | None:
+        """Return the number of the closest alternative, None if nuisance terms are closer."""
         number = int(np.argmin(self.separations))
         return number - 1 if number else None
 
-    def without(self, alternatives: Collection[int]) -> Answer:
-        """Return what is left if some alternatives are none."""
+    def without(self, alternatives: Collection[int]) -> EffectScore:
+        """Return the score without some alternatives, given by number."""
         return replace(self, separations=tuple(
             np.inf if k - 1 in alternatives else s for k, s in enumerate(self.separations)))
 
     @property
-    def value(self) -> float:
+    def utility(self) -> float:
         """
-        What the choice of a motion maximises.
+        Return the utility that the selection of a motion maximises.
 
-        It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
-        one target is not worth all the time.
+        It is logarithmic in the information: the effect may be smaller than assumed, and one
+        target must not take the whole duration.
         """
-        shown = min(1.0, self.left / LEAST_LEFT) * self.separation
-        return float(np.log1p((shown / _SCALE) ** 2))
+        effective = min(1.0, self.unabsorbed / LEAST_LEFT) * self.separation
+        return float(np.log1p((effective / _UTILITY_SCALE) ** 2))
 
 
-def chance(separation: float) -> float:
-    """Return the chance that a diagnosis finds an effect with this separation."""
-    return float(special.ndtr(np.log(max(separation, 1e-9) / _HALF) / _WIDTH))
+def power(separation: float) -> float:
+    """Return the probability that a diagnosis detects an effect with this separation."""
+    return float(special.ndtr(np.log(max(separation, 1e-9) / _HALF_POWER) / _LOG_STD))
 
 
-def answer(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
-           size: FloatArray, n_gravity: int = 0, imitation: float = 1.0) -> Answer:
+def effect_score(information: FloatArray, prior: FloatArray, widths: tuple[int, ...],
+                 size: FloatArray, n_gravity: int = 0, gravity_factor: float = 1.0
+                 ) -> EffectScore:
     """
-    Return what an information matrix (P, P) says of a question.
+    Return the score of a target from an information matrix (P, P).
 
-    :param prior: information (Z,) on the nuisance terms, which come first.
-    :param widths: how many columns the target has, then each alternative.
-    :param size: coefficients (K,) of the target.
-    :param n_gravity: of the nuisance terms so many, the first ones, are gravity's.
-    :param imitation: the share that the gravity of a diagnosis leaves of what these leave.
+    :param prior: prior information (Z,) on the nuisance terms, which come first.
+    :param widths: the number of columns of the target, then of each alternative.
+    :param size: assumed coefficients (K,) of the target.
+    :param n_gravity: the number of gravity parameters, the first of the nuisance terms.
+    :param gravity_factor: ratio of the torque shares outside the gravity terms of a diagnosis and
+        outside these.
     """
     z, k = len(prior), widths[0]
-    left = _beside(information, prior, slice(z, None))
-    own = left[:k, :k]
-    separations = [_separation(own, size)]
+    marginal = _schur_complement(information, prior, slice(z, None))
+    own = marginal[:k, :k]
+    separations = [_norm(own, size)]
     at = k
     for width in widths[1:]:
         there, full = slice(at, at + width), slice(z + at, z + at + width)
-        inverse = _inverse(left[there, there], information[full, full])
-        separations.append(_separation(own - left[:k, there] @ inverse @ left[there, :k], size))
+        inverse = _pseudo_inverse(marginal[there, there], information[full, full])
+        cross = marginal[:k, there]
+        separations.append(_norm(own - cross @ inverse @ marginal[there, :k], size))
         at += width
-    variance = np.diag(_inverse(own, information[z:z + k, z:z + k]))
-    spread = np.where(np.diag(own) > 1e-9 * np.diag(information[z:z + k, z:z + k]),
-                      np.sqrt(np.maximum(variance, 0.0)), np.inf)
-    return Answer(tuple(separations), spread,
-                  imitation * _left(information, prior[:n_gravity], slice(z, z + k), size))
+    target = slice(z, z + k)
+    variance = np.diag(_pseudo_inverse(own, information[target, target]))
+    std = np.where(np.diag(own) > 1e-9 * np.diag(information[target, target]),
+                   np.sqrt(np.maximum(variance, 0.0)), np.inf)
+    unabsorbed = _unabsorbed(information, prior[:n_gravity], target, size)
+    return EffectScore(tuple(separations), std, gravity_factor * unabsorbed)
 
 
-def _beside(information: FloatArray, prior: FloatArray, columns: slice) -> FloatArray:
-    """Return the information on columns that the first terms leave, with their prior (Z,)."""
+def _schur_complement(information: FloatArray, prior: FloatArray, columns: slice) -> FloatArray:
+    """Return the information on columns with the first Z terms, of this prior, projected out."""
     z = len(prior)
     known = information[:z, :z] + np.diag(prior)
     scale = 1.0 / np.sqrt(np.diag(known))
@@ -115,20 +120,21 @@ def _beside(information: FloatArray, prior: FloatArray, columns: slice) -> Float
     return np.asarray(information[columns, columns] - cross.T @ cho_solve(factor, cross))
 
 
-def _left(information: FloatArray, gravity: FloatArray, own: slice, size: FloatArray) -> float:
-    """Return the share of the target's torque that gravity, with its prior, cannot imitate."""
-    whole = _separation(information[own, own], size)
+def _unabsorbed(information: FloatArray, gravity: FloatArray, target: slice,
+                size: FloatArray) -> float:
+    """Return the share of the target's torque outside the gravity columns, with their prior."""
+    whole = _norm(information[target, target], size)
     if not len(gravity) or whole == 0.0:
         return 1.0
-    return _separation(_beside(information, gravity, own), size) / whole
+    return _norm(_schur_complement(information, gravity, target), size) / whole
 
 
-def _separation(information: FloatArray, size: FloatArray) -> float:
+def _norm(information: FloatArray, size: FloatArray) -> float:
     return float(np.sqrt(max(0.0, float(size @ information @ size))))
 
 
-def _inverse(matrix: FloatArray, full: FloatArray) -> FloatArray:
-    """Return the inverse of what is left of information, 0 where nothing is left of it."""
+def _pseudo_inverse(matrix: FloatArray, full: FloatArray) -> FloatArray:
+    """Return the inverse of marginal information, 0 in directions without any."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     floor = 1e-9 * max(float(np.trace(full)), 1e-12)
     inverse = np.where(values > floor, 1.0 / np.maximum(values, floor), 0.0)

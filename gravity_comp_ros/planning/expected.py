@@ -1,4 +1,4 @@
-"""A planned motion: its parts in words, and what to expect of it."""
+"""Planned motion, its parts in words, and the expected result of each target."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PlannedPart:
-    """A part of the motion: from `start` to `end` in s the joints move as `what` says."""
+    """A part of the motion from `start` to `end` in s; `what` describes it in words."""
 
     start: float
     end: float
@@ -30,29 +30,29 @@ class PlannedPart:
 @dataclass(frozen=True)
 class Expectation:
     """
-    What to expect of a target: chances that it is settled, before and after the motion.
+    Expected result of a target, before and after the motion.
 
-    `half_width` is half the 95 % interval of each coefficient afterwards, by symbol, in its unit.
-    `hardest` is the alternative that comes closest. `assumed` has the coefficients that the effect
-    is taken to have; `measured` says that they come from the recordings. Separations are in
-    standard errors from the best that the alternatives can do. `untestable` says why a diagnosis
-    will not look for the effect after all, '' if it will.
+    The chances are the power of a diagnosis. Separations from the closest fit of the alternatives
+    are in standard errors; `closest_alternative` may be ''. `half_width` is half the 95 % interval
+    of each coefficient after the motion, by symbol, with its unit. `assumed` are the coefficients
+    of the effect, estimates from the recordings if `size_is_measured`. `untestable` gives the
+    reason why a diagnosis will not test the effect, '' if it will.
     """
 
     target: Target
     chance_before: float
     chance: float
     half_width: dict[str, tuple[float, str]]
-    hardest: str
+    closest_alternative: str
     assumed: dict[str, float]
-    measured: bool
+    size_is_measured: bool
     separation_before: float
     separation: float
     untestable: str
 
     @property
     def is_likely(self) -> bool:
-        """Return whether the motion settles the target at least as likely as not."""
+        """Return whether the motion settles the target with a chance of at least one half."""
         return self.chance >= 0.5
 
     def to_json(self) -> dict[str, Any]:
@@ -63,16 +63,17 @@ class Expectation:
                 'chance_before': self.chance_before, 'chance': self.chance,
                 'separation_before': self.separation_before, 'separation': self.separation,
                 'untestable': self.untestable or None,
-                'closest_alternative': self.hardest or None, 'assumed': self.assumed,
-                'size_is_measured': self.measured, 'half_width': widths}
+                'closest_alternative': self.closest_alternative or None,
+                'assumed': self.assumed, 'size_is_measured': self.size_is_measured,
+                'half_width': widths}
 
 
 @dataclass(frozen=True)
 class GravityExpectation:
     """
-    How sure the gravity torque of a joint is, in N·m, over the poses of the recordings.
+    Standard deviation of a joint's gravity torque over the recorded poses, N·m.
 
-    Standard deviations as `GravityModel.predict_std` has them, before and after the motion.
+    It is that of `GravityModel.predict_std`, before and after a fit to the motion.
     """
 
     joint: str
@@ -81,17 +82,17 @@ class GravityExpectation:
 
     @property
     def sentence(self) -> str:
-        return (f'gravity torque of {self.joint}: unsure by ±{1.96 * self.before:.2g} N·m over '
-                f'the recorded poses (95 %), by ±{1.96 * self.after:.2g} N·m after a fit to this '
-                f'motion as well')
+        return (f'gravity torque of {self.joint} over the recorded poses: uncertain by '
+                f'±{1.96 * self.before:.2g} N·m (95 %), by ±{1.96 * self.after:.2g} N·m after a '
+                f'fit that includes this motion')
 
 
 @dataclass(frozen=True)
 class Plan:
     """
-    A motion, its parts, and what to expect of it; `notes` are lines for the user.
+    A motion, its parts and its expected results; `notes` are messages to the user.
 
-    `gravity` has the joints whose gravity torque was unsure.
+    `gravity` has the joints whose gravity torque is uncertain.
     """
 
     trajectory: Trajectory
@@ -101,7 +102,7 @@ class Plan:
     gravity: tuple[GravityExpectation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `plan --json` prints of the motion."""
+        """Return the object of `plan --json`."""
         return {
             'duration_s': self.trajectory.duration, 'joints': list(self.trajectory.joints),
             'start': self.trajectory.q[0].tolist(),

@@ -1,4 +1,4 @@
-"""What a plan is asked for."""
+"""Targets and limits of a planned motion."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
-# The target that is no effect: gravity where the model is unsure of it.
+# Name of the target that is not an effect: the gravity torque where it is uncertain.
 GRAVITY = 'gravity'
 
 
@@ -18,8 +18,8 @@ class Target:
     """
     An effect to settle on a joint; None for an effect of the whole arm.
 
-    `alternatives` are effects that explain the recordings as well, each NAME or NAME:JOINT. Common
-    effects that it is easily confused with are added to them.
+    `alternatives` are effects that fit the recordings equally well, each NAME or NAME:JOINT.
+    Common confounders of the effect are added to them.
     """
 
     effect: str
@@ -37,12 +37,12 @@ class PlanOptions:
     Limits of the planned motion.
 
     `duration` in s bounds the whole motion. `max_speed` (rad/s), `max_acceleration` (rad/s²) and
-    `max_jerk` (rad/s³) hold for every joint. Positions stay within `low` and `high` (N,) in rad,
-    by default the range of the recordings, and within `reach` rad of a recorded pose, joint by
-    joint. `start` (N,) is where the motion begins and ends, by default a recorded pose near the
-    middle of the recordings. `rate` in Hz is that of the trajectory's points.
+    `max_jerk` (rad/s³) apply to every joint. Positions stay within `low` and `high` (N,) in rad,
+    by default the recorded range, and within `reach` rad of a recorded pose in every joint. The
+    motion starts and ends at `start` (N,), by default a recorded pose near the middle. `rate` in
+    Hz is that of the trajectory's points.
 
-    :raises OptionError: if a limit is not positive, or the arrays make no sense.
+    :raises OptionError: if a limit is not positive, or the arrays are inconsistent.
     """
 
     duration: float = 20.0
@@ -57,7 +57,7 @@ class PlanOptions:
 
     @property
     def goes_beyond(self) -> bool:
-        """Return whether the motion may leave the recorded range."""
+        """Return whether the motion may exceed the recorded range."""
         return self.low is not None
 
     def __post_init__(self) -> None:

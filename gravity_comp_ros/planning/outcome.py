@@ -1,4 +1,4 @@
-"""What became of a plan: which targets a later diagnosis settles, as expected or not."""
+"""Outcome of a plan: the verdict of a later diagnosis on each target."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, FOUND
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.planning.options import Target
 
-# No finding, though the recordings could show the effect.
+# No finding, with recordings that excite the effect.
 ABSENT = 'absent'
 UNTESTABLE = 'untestable'
 SETTLED = (*map(str, FOUND), ABSENT)
 
 
 def finding_of(target: Target, diagnosis: Diagnosis | None) -> Finding | None:
-    """Return what was found of a target, if anything."""
+    """Return the finding of a target, None if there is none."""
     return next((f for f in (diagnosis.findings if diagnosis else ())
                  if (f.effect, f.joint) == (target.effect, target.joint)), None)
 
@@ -29,20 +29,17 @@ def outcome(target: Target, diagnosis: Diagnosis) -> str:
     finding = finding_of(target, diagnosis)
     if finding is not None:
         return str(finding.verdict)
-    if target.joint is None:
-        reasons = diagnosis.untestable
-    else:
-        reasons = diagnosis.joints[target.joint].untestable
+    reasons = (diagnosis if target.joint is None else diagnosis.joints[target.joint]).untestable
     return UNTESTABLE if target.effect in reasons else ABSENT
 
 
 @dataclass(frozen=True)
 class Outcome:
     """
-    What was expected of a target, and what a diagnosis says of it now.
+    Expected and actual result of a target.
 
-    `verdict` is one of a finding, `absent` or `untestable`. `half_width` and `found_half_width`
-    are of the 95 % interval of the first coefficient; None where there is none.
+    `verdict` is that of a finding, `absent` or `untestable`. `half_width` (expected) and
+    `found_half_width` are half the 95 % interval of the first coefficient; None without one.
     """
 
     target: Target
@@ -58,7 +55,7 @@ class Outcome:
 
     @property
     def as_expected(self) -> bool:
-        """Return whether the likelier of settled and open is what came."""
+        """Return whether the more probable of settled and open occurred."""
         return self.settled == (self.chance >= 0.5)
 
     def to_json(self) -> dict[str, Any]:
@@ -71,9 +68,9 @@ class Outcome:
 
 def read_expected(path: Path) -> list[dict[str, Any]]:
     """
-    Return what `plan --json` expected.
+    Return the `expected` objects of a file of `plan --json`.
 
-    :raises BagError: if the file is none of that command.
+    :raises BagError: if the file is not from that command.
     """
     try:
         document = json.loads(path.read_text(encoding='utf-8'))
@@ -89,9 +86,9 @@ def read_expected(path: Path) -> list[dict[str, Any]]:
 
 def outcomes(expected: list[dict[str, Any]], diagnosis: Diagnosis) -> list[Outcome]:
     """
-    Return what became of each target.
+    Return the outcome of each target.
 
-    :raises BagError: if a target is on a joint that the diagnosis does not have.
+    :raises BagError: if the diagnosis does not contain the joint of a target.
     """
     return [_outcome(one, diagnosis) for one in expected]
 
@@ -99,20 +96,20 @@ def outcomes(expected: list[dict[str, Any]], diagnosis: Diagnosis) -> list[Outco
 def _outcome(one: Mapping[str, Any], diagnosis: Diagnosis) -> Outcome:
     target = Target(one['effect'], one['joint'])
     if target.joint is not None and target.joint not in diagnosis.joints:
-        raise BagError(f'the plan was for joint {target.joint}, which is none of '
+        raise BagError(f'the plan is for joint {target.joint}, which is not among '
                        f'{", ".join(diagnosis.joints)}')
     finding = finding_of(target, diagnosis)
     widths: Mapping[str, Mapping[str, Any]] = one['half_width']
     symbol = next(iter(widths), '')
     width = widths.get(symbol, {})
-    found = finding.coefficients.get(symbol) if finding is not None else None
+    estimate = finding.coefficients.get(symbol) if finding is not None else None
     return Outcome(target, float(one['chance']), outcome(target, diagnosis), width.get('value'),
-                   None if found is None else 0.5 * (found.ci95[1] - found.ci95[0]),
+                   None if estimate is None else 0.5 * (estimate.ci95[1] - estimate.ci95[0]),
                    str(width.get('unit', '')))
 
 
-def summary(found: list[Outcome]) -> str:
-    """Return how many targets are settled, and how many were to be."""
-    settled = sum(one.settled for one in found)
-    return (f'{settled} of {len(found)} planned for are settled; the stated chances add up to '
-            f'{sum(one.chance for one in found):.1f}')
+def summary(results: list[Outcome]) -> str:
+    """Return the number of settled targets, and the expected number."""
+    settled = sum(one.settled for one in results)
+    return (f'{settled} of {len(results)} targets of the plan are settled; expected by the stated '
+            f'chances: {sum(one.chance for one in results):.1f}')

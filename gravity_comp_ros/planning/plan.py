@@ -1,4 +1,4 @@
-"""Plan the recording that settles what earlier ones leave open."""
+"""Plan of a motion that settles open targets: candidates, selection, expected results."""
 
 from __future__ import annotations
 
@@ -16,174 +16,212 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.nuisance_columns import white_noise
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.candidates import candidates, of_all_joints, Part
-from gravity_comp_ros.planning.choice import Chooser
-from gravity_comp_ros.planning.criterion import Answer, chance
+from gravity_comp_ros.planning.context import DesignContext, DesignProblem
+from gravity_comp_ros.planning.criterion import EffectScore, power
 from gravity_comp_ros.planning.expected import (
     Expectation, GravityExpectation, Plan, PlannedPart)
-from gravity_comp_ros.planning.gravity_doubt import gravity_doubt, GravityAnswer, GravityDoubt
-from gravity_comp_ros.planning.inquiry import EffectInquiry, GravityInquiry, Inquiry
+from gravity_comp_ros.planning.gravity_uncertainty import (
+    gravity_uncertainty, GravityScore, GravityUncertainty)
+from gravity_comp_ros.planning.objectives import EffectObjective, GravityObjective, Objective
 from gravity_comp_ros.planning.options import GRAVITY, PlanOptions, Target
-from gravity_comp_ros.planning.questions import (
-    companions, MOST_TARGETS, observed_separation, open_targets, question, with_stand_ins)
-from gravity_comp_ros.planning.regressors import NoiseRate, Question, Situation
-from gravity_comp_ros.planning.segments import Pace, sampled, Segment
+from gravity_comp_ros.planning.segments import Limits, sampled, Segment
+from gravity_comp_ros.planning.selection import Selector
+from gravity_comp_ros.planning.targets import (
+    auxiliary_targets, design_problem, MAX_TARGETS, observed_separation, open_targets,
+    with_ambiguous_findings)
 from gravity_comp_ros.planning.workspace import Obstacles, Workspace, workspace
 import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Rows of the recordings that are looked at, rate in Hz at which candidates are judged.
+# Rows of the recordings that are used; sample rate of candidates, Hz.
 _ROWS, _RATE = 2500, 25.0
-# Where targets are on more joints than this, parts that move all joints are tried too.
-_TOGETHER = 3
-# The family of effects that are told from gravity at the ends of a joint's travel.
+# With targets on more joints than this, tours of all joints are candidates.
+_MAX_JOINTS_WITHOUT_TOURS = 3
+# Nominal duration of a part: a share of the whole duration, within limits in s.
+_NOMINAL_SHARE, _MIN_NOMINAL, _MAX_NOMINAL = 0.25, 3.0, 8.0
+# Parts from which the probe motion of a target is built.
+_PROBE_PARTS = 6
+# Family of effects that need the ends of a joint's travel to be distinguished from gravity.
 _ELASTIC = 'elastic'
-# The share of the samples that are slower than a joint's top speed; no motion is slower, rad/s.
-_TOP, _SLOWEST = 0.98, 0.03
+# Quantile of a joint's speed that counts as its top speed; smallest speed limit, rad/s.
+_TOP_QUANTILE, _MIN_SPEED = 0.98, 0.03
 
 
 def plan(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None = None,
          options: PlanOptions = PlanOptions(), diagnosis: Diagnosis | None = None,
          progress: Progress | None = None, obstacles: Obstacles | None = None) -> Plan:
     """
-    Return the motion that settles most within the limits.
+    Return the motion of largest utility for the targets, within the limits.
 
-    :param samples: all samples of earlier recordings, fast ones too.
+    :param samples: all samples of earlier recordings, fast ones included.
     :param model: gravity with an energy (chain or potential).
-    :param targets: what to settle; None for what the diagnosis leaves open.
-    :param diagnosis: of the same samples; made if it is needed and not given.
-    :param obstacles: what the arm must not hit, itself for one.
-    :raises OptionError: if nothing is left open, a target is unknown, or no admissible motion
-        shows any of them.
+    :param targets: effects to settle; None for the open findings of the diagnosis.
+    :param diagnosis: of the same samples; computed if it is needed and not given.
+    :param obstacles: collision check of poses.
+    :raises OptionError: if nothing is open, a target is unknown, or no admissible motion excites
+        any target.
     """
-    tell = progress or (lambda words, share: None)
-    asked = _asked(samples, model, targets, options, diagnosis, tell, obstacles)
-    tell('plan', 0.5)
-    chosen = asked.chooser.choose()
+    report = progress or (lambda words, share: None)
+    task = _design_task(samples, model, targets, options, diagnosis, report, obstacles)
+    report('plan', 0.5)
+    chosen = task.selector.select()
     if not chosen:
         raise OptionError(f'plan: within these limits no motion of {options.duration:g} s adds '
-                          f'much to the recordings: raise the duration, the speed or the reach, '
-                          f'or widen the position limits')
-    motion, stretches = asked.chooser.assemble(chosen)
+                          f'enough information to the recordings: raise the duration, the speed '
+                          f'or the reach, or widen the position limits')
+    motion, times = task.selector.assemble(chosen)
     t, (q, qd, qdd) = sampled(motion, options.rate)
-    tell('plan', 1.0)
-    expected = asked.expectations(motion)
-    notes = (*asked.notes, *(_unlikely(each) for each in expected if not each.is_likely))
-    return Plan(Trajectory(model.joints, t, q, qd, qdd),
-                _planned_parts(stretches, chosen, asked, model.joints), expected, notes,
-                asked.gravity(motion))
+    report('plan', 1.0)
+    expected = task.expectations(motion)
+    notes = (*task.notes, *(_unlikely(each) for each in expected if not each.is_likely))
+    return Plan(Trajectory(model.joints, t, q, qd, qdd), task.planned_parts(times, chosen),
+                expected, notes, task.gravity_expectations(motion))
 
 
 @dataclass(frozen=True, eq=False)
-class _Asked:
-    """The targets that can be planned for, and the one who chooses among parts."""
+class _DesignTask:
+    """Targets with their design problems, and the selector of a motion for them."""
 
-    named: tuple[Target, ...]
-    questions: tuple[Question, ...]
-    situation: Situation
+    targets: tuple[Target, ...]
+    problems: tuple[DesignProblem, ...]
+    context: DesignContext
     diagnosis: Diagnosis | None
-    chooser: Chooser
+    selector: Selector
     notes: tuple[str, ...]
-    doubt: GravityDoubt | None
+    uncertainty: GravityUncertainty | None
 
     def expectations(self, motion: Sequence[Segment]) -> tuple[Expectation, ...]:
-        before, after = self.chooser.answers_before(), self.chooser.answers_after(motion)
-        both = self.chooser.joined(motion)
-        each = zip(self.named, self.questions, before, after, self.chooser.untestable(both))
-        found = []
-        for target, asked, old, new, reason in each:
-            assert isinstance(old, Answer) and isinstance(new, Answer)
-            none = asked.never_tested(both, target.alternatives)
-            found.append(_expectation(target, asked, old.without(none), new.without(none),
-                                      self.situation, self.diagnosis,
-                                      reason or asked.tie_stays(both, target.alternatives)
-                                      or _imitated(new)))
-        return tuple(found)
+        """Return the expected result of each effect."""
+        both = self.context.joined(motion)
+        expected = []
+        for target, problem, before, after, reason in zip(
+                self.targets, self.problems, self.selector.scores_before(),
+                self.selector.scores_after(motion), self.selector.untestable(both)):
+            assert isinstance(before, EffectScore) and isinstance(after, EffectScore)
+            untested = problem.untested_alternatives(both, target.alternatives)
+            untestable = (reason or problem.remaining_ambiguity(both, target.alternatives)
+                          or _absorbed(after))
+            expected.append(self._expectation(target, problem, before.without(untested),
+                                              after.without(untested), untestable))
+        return tuple(expected)
 
-    def gravity(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
-        """Return what becomes of the doubt about gravity, joint by joint."""
-        if self.doubt is None:
+    def _expectation(self, target: Target, problem: DesignProblem, before: EffectScore,
+                     after: EffectScore, untestable: str) -> Expectation:
+        symbols = problem.target.effect.coefficients_of(
+            self.context.recorded, problem.target.joint or 0, problem.target.setting)
+        widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.std)}
+        closest = '' if after.closest is None else problem.alternatives[after.closest].effect.name
+        assumed = {c.symbol: float(v) for c, v in zip(symbols, problem.size)}
+        separation_before = before.separation
+        if self.diagnosis is not None:
+            # The actual result of the diagnosis takes precedence over the expected one.
+            separation_before = min(separation_before,
+                                    observed_separation(target, self.diagnosis))
+        added = max(after.separation ** 2 - before.separation ** 2, 0.0)
+        separation = float(np.sqrt(separation_before ** 2 + added))
+        return Expectation(target, power(separation_before),
+                           0.0 if untestable else power(separation), widths, closest, assumed,
+                           problem.known_size, separation_before, separation, untestable)
+
+    def gravity_expectations(self, motion: Sequence[Segment]) -> tuple[GravityExpectation, ...]:
+        """Return the standard deviations of the uncertain joints before and after the motion."""
+        if self.uncertainty is None:
             return ()
-        after = self.chooser.answers_after(motion)[-1]
-        assert isinstance(after, GravityAnswer)
-        names = self.situation.model.joints
+        after = self.selector.scores_after(motion)[-1]
+        assert isinstance(after, GravityScore)
+        names = self.context.model.joints
         return tuple(GravityExpectation(names[n], float(old), float(new)) for n, old, new in zip(
-            self.doubt.joints, after.before, after.std))
+            self.uncertainty.joints, after.before, after.std))
 
-    def names(self) -> list[str]:
-        return [target.name for target in self.named] + [GRAVITY] * (self.doubt is not None)
+    def planned_parts(self, times: Sequence[tuple[float, float]],
+                      chosen: Sequence[Part]) -> tuple[PlannedPart, ...]:
+        """Return the parts in words; equal consecutive parts are one."""
+        names = [target.name for target in self.targets] + [GRAVITY]
+        joints = self.context.model.joints
+        parts: list[PlannedPart] = []
+        for (start, end), part in zip(times, chosen):
+            one = PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what,
+                              tuple(names[k] for k in self.selector.informs(part)))
+            if parts and replace(one, start=0.0, end=0.0) == replace(parts[-1], start=0.0,
+                                                                     end=0.0):
+                one = replace(one, start=parts.pop().start)
+            parts.append(one)
+        return tuple(parts)
 
 
-def _asked(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None,
-           options: PlanOptions, diagnosis: Diagnosis | None, tell: Progress,
-           obstacles: Obstacles | None = None) -> _Asked:
+def _design_task(samples: JointSamples, model: GravityModel, targets: Sequence[Target] | None,
+                 options: PlanOptions, diagnosis: Diagnosis | None, report: Progress,
+                 obstacles: Obstacles | None) -> _DesignTask:
     samples = samples.joints(model.joints)
     if targets is None and diagnosis is None:
-        tell('diagnose', 0.0)
+        report('diagnose', 0.0)
         diagnosis = diagnose(samples, model)
     space = workspace(samples, options, obstacles)
-    situation = _situation(samples, model)
-    asked_for = targets is not None and any(t.effect == GRAVITY for t in targets)
-    doubt = None
-    if targets is None or asked_for:
-        doubt = gravity_doubt(model, samples.q, samples.tau, white_noise(samples), asked_for)
+    context = _context(samples, model)
+    gravity_named = targets is not None and any(t.effect == GRAVITY for t in targets)
+    uncertainty = None
+    if targets is None or gravity_named:
+        uncertainty = gravity_uncertainty(model, samples.q, samples.tau, white_noise(samples),
+                                          gravity_named)
     if targets is None and diagnosis is not None:
-        targets = open_targets(diagnosis, situation.recorded, options.goes_beyond)
-        if doubt is not None and len(targets) == MOST_TARGETS:
-            targets = [t for k, t in enumerate(targets) if k < MOST_TARGETS - 1]
+        targets = open_targets(diagnosis, context.recorded, options.goes_beyond)
+        if uncertainty is not None:
+            targets = targets[:MAX_TARGETS - 1]
     targets = [target for target in targets or () if target.effect != GRAVITY]
-    if asked_for and doubt is None:
-        raise OptionError('plan: this model holds no uncertainty of its gravity; fit it again')
-    if not targets and doubt is None:
-        raise OptionError('plan: nothing is left open; name what to settle')
-    targets = [with_stand_ins(target, diagnosis) for target in targets]
-    pace = _pace(options, targets, samples)
-    tell('plan', 0.2)
-    parts = _parts(space, model, targets, doubt, pace, options)
+    if gravity_named and uncertainty is None:
+        raise OptionError('plan: this model has no uncertainty of its gravity; fit it again')
+    if not targets and uncertainty is None:
+        raise OptionError('plan: no target is open; name the effects to settle')
+    targets = [with_ambiguous_findings(target, diagnosis) for target in targets]
+    limits = _limits(options, targets, samples)
+    report('plan', 0.2)
+    parts = _candidates(space, model, targets, uncertainty, limits, options)
     if not parts:
         raise OptionError('plan: within the limits no joint of the targets can move; the '
                           'recorded range may be too narrow')
-    questions, named, notes = _questions(targets, parts, situation, diagnosis)
-    beside, _, _ = _questions(companions(named), parts, situation, None)
-    situation = situation.measured([*questions, *beside])
-    main: list[Inquiry] = [EffectInquiry(each, situation) for each in questions]
-    if doubt is not None:
-        main.append(GravityInquiry(doubt, situation))
-    chooser = Chooser(space, situation, (main, [EffectInquiry(each, situation, True)
-                                                for each in beside]),
-                      parts, pace, options.duration)
-    return _Asked(tuple(named), tuple(questions), situation, diagnosis, chooser, tuple(notes),
-                  doubt)
+    problems, solvable, notes = _design_problems(targets, parts, context, diagnosis)
+    auxiliary, _, _ = _design_problems(auxiliary_targets(solvable), parts, context, None)
+    context = context.with_measured_noise([*problems, *auxiliary])
+    main: list[Objective] = [EffectObjective(problem, context) for problem in problems]
+    if uncertainty is not None:
+        main.append(GravityObjective(uncertainty, context))
+    selector = Selector(space, context, (main, [EffectObjective(problem, context, True)
+                                                for problem in auxiliary]),
+                        parts, limits, options.duration)
+    return _DesignTask(tuple(solvable), tuple(problems), context, diagnosis, selector,
+                       tuple(notes), uncertainty)
 
 
-def _pace(options: PlanOptions, targets: Sequence[Target], samples: JointSamples) -> Pace:
+def _limits(options: PlanOptions, targets: Sequence[Target], samples: JointSamples) -> Limits:
     """
     Return the limits of speed, acceleration and jerk.
 
-    What changes with time shows where a motion is like the earlier one. At other speeds the
-    change mixes with that of friction by speed, and may even cancel it.
+    An effect that changes with time is identified at the speeds of the earlier motion only. At
+    other speeds its change mixes with that of friction by speed, and may cancel it.
     """
-    pace = Pace(options.max_speed, options.max_acceleration, options.max_jerk)
+    limits = Limits(options.max_speed, options.max_acceleration, options.max_jerk)
     changing = [list(samples.names).index(target.joint) for target in targets
                 if target.joint in samples.names
                 and 's' in known_effect(target.effect).setting_units.values()]
     if not changing:
-        return pace
-    top = np.quantile(np.abs(samples.qd[:, changing]), _TOP, axis=0).max()
-    return pace.slower(max(float(top), _SLOWEST))
+        return limits
+    top = np.quantile(np.abs(samples.qd[:, changing]), _TOP_QUANTILE, axis=0).max()
+    return limits.slower(max(float(top), _MIN_SPEED))
 
 
-def _situation(samples: JointSamples, model: GravityModel) -> Situation:
+def _context(samples: JointSamples, model: GravityModel) -> DesignContext:
+    """Return the context with white noise; `with_measured_noise` replaces that by the residual."""
     few = samples.select(evenly_picked(samples.n_samples, _ROWS))
     between = np.diff(samples.t)[np.diff(samples.runs) == 0]
     step = float(np.median(between)) if len(between) else 1.0
-    # The noise is measured once it is known what is looked for.
-    noise = NoiseRate(1.0 / (np.maximum(white_noise(samples), 1e-6) ** 2 * step))
-    return Situation(build_motion(few, model), model, noise, step, _RATE)
+    rate = 1.0 / (np.maximum(white_noise(samples), 1e-6) ** 2 * step)
+    return DesignContext(build_motion(few, model), model, rate, step, _RATE)
 
 
-def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
-           doubt: GravityDoubt | None, pace: Pace, options: PlanOptions) -> list[Part]:
+def _candidates(space: Workspace, model: GravityModel, targets: Sequence[Target],
+                uncertainty: GravityUncertainty | None, limits: Limits,
+                options: PlanOptions) -> list[Part]:
     names = list(model.joints)
     for target in targets:
         if target.joint is not None and target.joint not in names:
@@ -192,85 +230,55 @@ def _parts(space: Workspace, model: GravityModel, targets: Sequence[Target],
     elsewhere = [other.partition(':')[2] for target in targets for other in target.alternatives]
     joints = [names.index(joint) for joint in (*(target.joint for target in targets), *elsewhere)
               if joint in names]
-    if doubt is not None:
-        joints += doubt.joints
+    if uncertainty is not None:
+        joints += uncertainty.joints
     if any(target.joint is None for target in targets):
         joints += list(range(len(names)))
-    longest = float(np.clip(0.25 * options.duration, 3.0, 8.0))
-    found: list[Part] = []
+    nominal = float(np.clip(_NOMINAL_SHARE * options.duration, _MIN_NOMINAL, _MAX_NOMINAL))
+    parts: list[Part] = []
     for joint in dict.fromkeys(joints):
-        springs = any(known_effect(target.effect).family == _ELASTIC for target in targets
+        elastic = any(known_effect(target.effect).family == _ELASTIC for target in targets
                       if target.joint in (None, names[joint]))
-        found += candidates(space, model, joint, pace, longest, springs)
-    if len(set(joints)) > _TOGETHER:
-        found += of_all_joints(space, pace, options.duration)
-    return found
+        parts += candidates(space, model, joint, limits, nominal, elastic)
+    if len(set(joints)) > _MAX_JOINTS_WITHOUT_TOURS:
+        parts += of_all_joints(space, limits, options.duration)
+    return parts
 
 
-def _questions(targets: Sequence[Target], parts: Sequence[Part], situation: Situation,
-               diagnosis: Diagnosis | None
-               ) -> tuple[list[Question], list[Target], list[str]]:
-    noise = np.sqrt(1.0 / (situation.noise.per_second * situation.step))
-    questions, named, notes = [], [], []
+def _design_problems(targets: Sequence[Target], parts: Sequence[Part], context: DesignContext,
+                     diagnosis: Diagnosis | None
+                     ) -> tuple[list[DesignProblem], list[Target], list[str]]:
+    """Return the design problems, their targets, and why other targets have none."""
+    noise = np.sqrt(1.0 / (context.information_rate * context.step))
+    names = list(context.model.joints)
+    problems, solvable, notes = [], [], []
     for target in targets:
-        joint = (list(situation.model.joints).index(target.joint)
-                 if target.joint in situation.model.joints else 0)
-        showing = [part for part in parts if joint in part.joints] or list(parts)
-        probe = situation.planned([s for part in showing[:6] for s in part.segments], True)
+        joint = names.index(target.joint) if target.joint in names else 0
+        moving = [part for part in parts if joint in part.joints] or list(parts)
+        probe = context.planned([s for part in moving[:_PROBE_PARTS] for s in part.segments], True)
         try:
-            questions.append(question(target, situation.recorded, probe, noise, diagnosis))
+            problems.append(design_problem(target, context.recorded, probe, noise, diagnosis))
         except OptionError as problem:
             notes.append(str(problem))
         else:
-            named.append(target)
-    if targets and not questions:
+            solvable.append(target)
+    if targets and not problems:
         raise OptionError('plan: ' + '; '.join(notes))
-    return questions, named, notes
+    return problems, solvable, notes
 
 
-def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part], asked: _Asked,
-                   joints: tuple[str, ...]) -> tuple[PlannedPart, ...]:
-    found: list[PlannedPart] = []
-    for (start, end), part in zip(stretches, chosen):
-        settles = tuple(asked.names()[k] for k in asked.chooser.helps(part))
-        this = PlannedPart(start, end, tuple(joints[n] for n in part.joints), part.what, settles)
-        if found and replace(this, start=0.0, end=0.0) == replace(found[-1], start=0.0, end=0.0):
-            # The same again is one part.
-            this = replace(this, start=found.pop().start)
-        found.append(this)
-    return tuple(found)
-
-
-def _imitated(after: Answer) -> str:
-    """Return why a diagnosis will call a size uncertain, '' if it will not."""
-    if after.left >= LEAST_LEFT:
+def _absorbed(after: EffectScore) -> str:
+    """Return why a diagnosis will report the size as uncertain, '' if it will not."""
+    if after.unabsorbed >= LEAST_LEFT:
         return ''
-    return f'gravity may imitate all but {after.left:.1%} of its torque'
+    return f'gravity may absorb all but {after.unabsorbed:.1%} of its torque'
 
 
 def _unlikely(expected: Expectation) -> str:
     if expected.untestable:
         return (f'{expected.target.name}: no part within these limits settles it: '
                 f'{expected.untestable}')
-    beside = f' beside {expected.hardest}' if expected.hardest else ''
-    return (f'{expected.target.name}: this motion settles it{beside} with a chance of '
-            f'{100 * expected.chance:.0f} % only; a longer or faster motion, or more reach, may')
-
-
-def _expectation(target: Target, asked: Question, before: Answer, after: Answer,
-                 situation: Situation, diagnosis: Diagnosis | None,
-                 untestable: str) -> Expectation:
-    symbols = asked.target.effect.coefficients_of(
-        situation.recorded, asked.target.joint or 0, asked.target.setting)
-    widths = {c.symbol: (1.96 * float(s), c.unit) for c, s in zip(symbols, after.spread)}
-    hardest = '' if after.worst is None else asked.alternatives[after.worst].effect.name
-    assumed = {c.symbol: float(v) for c, v in zip(symbols, asked.size)}
-    seen = before.separation
-    if diagnosis is not None:
-        # The recordings have left the question open, whatever they might have said.
-        seen = min(seen, observed_separation(target, diagnosis))
-    added = max(after.separation ** 2 - before.separation ** 2, 0.0)
-    separation = float(np.sqrt(seen ** 2 + added))
-    stated = 0.0 if untestable else chance(separation)
-    return Expectation(target, chance(seen), stated, widths, hardest, assumed,
-                       asked.known_size, seen, separation, untestable)
+    against = (f' against {expected.closest_alternative}' if expected.closest_alternative else '')
+    return (f'{expected.target.name}: the chance that this motion settles it{against} is only '
+            f'{100 * expected.chance:.0f} %; a longer or faster motion or more reach may settle '
+            f'it')

@@ -1,10 +1,9 @@
 """
-Pieces of motion that start and end at rest, within limits of speed, acceleration and jerk.
+Segments of motion that start and end at rest, within limits of speed, acceleration and jerk.
 
-A line goes straight from pose to pose. Its speed rises over T_r as V (1 - cos(pi t / T_r)) / 2,
-so that the acceleration is at most pi V / (2 T_r) and the jerk at most pi² V / (2 T_r²), then is
-constant, and falls alike. A wave is a sine of each of some joints about a pose, under a window
-sin²(pi t / T).
+The speed of a straight line rises over T_r as V (1 - cos(pi t / T_r)) / 2, is constant, and falls
+symmetrically. The acceleration is at most pi V / (2 T_r), the jerk at most pi² V / (2 T_r²). A
+wave is a sine of some joints about a pose, with a window sin²(pi t / T).
 """
 
 from __future__ import annotations
@@ -12,47 +11,34 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 _Path = tuple[FloatArray, FloatArray, FloatArray]
+"""q, qd and qdd, each (M, N), at times from 0 to the duration of a segment."""
+
+# Points at which the peak rates of a wave are evaluated.
 _WAVE_GRID = 2000
-# What a fine grid may miss of a wave's largest jerk.
-_MARGIN = 1.01
+# Margin for the largest jerk of a wave between points of the grid.
+_GRID_MARGIN = 1.01
 
 
 @dataclass(frozen=True)
-class Pace:
-    """The largest speed, acceleration and jerk of every joint, in rad and s."""
+class Limits:
+    """Limits of speed, acceleration and jerk of every joint, in rad and s."""
 
     speed: float
     acceleration: float
     jerk: float
 
-    def slower(self, speed: float) -> Pace:
-        return Pace(min(self.speed, speed), self.acceleration, self.jerk)
-
-
-class Segment(Protocol):
-    """A piece of motion; `end` is the pose at its end."""
-
-    @property
-    def duration(self) -> float:
-        """Return its length in s."""
-
-    @property
-    def end(self) -> FloatArray:
-        """Return the pose (N,) at its end."""
-
-    def at(self, t: FloatArray) -> _Path:
-        """Return q, qd, qdd, each (M, N), at times from 0 to the duration."""
+    def slower(self, speed: float) -> Limits:
+        return Limits(min(self.speed, speed), self.acceleration, self.jerk)
 
 
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """The arm stands at a pose."""
+    """Rest at a pose."""
 
     pose: FloatArray
     duration: float
@@ -72,17 +58,17 @@ class Line:
 
     start: FloatArray
     end: FloatArray
-    pace: Pace
+    limits: Limits
 
     @cached_property
     def _profile(self) -> tuple[float, float, float]:
-        """Return V in 1/s, T_r and the time of constant speed in s, of the share of the way."""
-        far = float(np.abs(self.end - self.start).max())
-        if far < 1e-12:
+        """Return V in 1/s, T_r and the time of constant speed in s, for a line of length 1."""
+        length = float(np.abs(self.end - self.start).max())
+        if length < 1e-12:
             return 0.0, 0.0, 0.0
-        speed, bend, jerk = (limit / far for limit in (
-            self.pace.speed, self.pace.acceleration, self.pace.jerk))
-        # Both ramps together cover V T_r, which must not exceed the whole way.
+        speed, bend, jerk = (limit / length for limit in (
+            self.limits.speed, self.limits.acceleration, self.limits.jerk))
+        # Both ramps together cover V T_r, at most the whole line.
         top = min(speed, np.sqrt(2.0 * bend / np.pi), (np.sqrt(2.0 * jerk) / np.pi) ** (2.0 / 3.0))
         ramp = max(np.pi * top / (2.0 * bend), np.pi * np.sqrt(top / (2.0 * jerk)))
         return float(top), float(ramp), float(max(0.0, 1.0 - top * ramp) / top)
@@ -93,7 +79,7 @@ class Line:
 
     def at(self, t: FloatArray) -> _Path:
         top, ramp, cruise = self._profile
-        way = self.end - self.start
+        move = self.end - self.start
         if not top:
             return Hold(self.end, 0.0).at(t)
         t = np.clip(t, 0.0, self.duration)
@@ -107,12 +93,12 @@ class Line:
         v = np.where(in_ramp, 0.5 * top * (1.0 - np.cos(phase)), top)
         a = np.where(in_ramp, 0.5 * top * np.pi / ramp * np.sin(phase), 0.0)
         s, a = np.where(late, 1.0 - s, s), np.where(late, -a, a)
-        return self.start + s[:, None] * way, v[:, None] * way, a[:, None] * way
+        return self.start + s[:, None] * move, v[:, None] * move, a[:, None] * move
 
 
 @dataclass(frozen=True, eq=False)
 class Wave:
-    """Sines under a window: `amplitude` (N,) in rad and `frequency` (N,) in Hz by joint."""
+    """Windowed sines about a pose: `amplitude` (N,) in rad and `frequency` (N,) in Hz by joint."""
 
     pose: FloatArray
     amplitude: FloatArray
@@ -129,21 +115,24 @@ class Wave:
         return self.pose + q, qd, qdd
 
 
-def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,
-                pace: Pace) -> Wave:
-    """
-    Return the wave with amplitudes made smaller where a joint would exceed its limits.
+Segment = Hold | Line | Wave
 
-    Frequencies become multiples of one over the duration: a sine that does not end at 0 would end
-    with an acceleration.
+
+def wave_within(pose: FloatArray, amplitude: FloatArray, frequency: FloatArray, duration: float,
+                limits: Limits) -> Wave:
+    """
+    Return the wave with amplitudes reduced to keep every joint within its limits.
+
+    Frequencies are rounded to multiples of one over the duration: a sine that does not end at 0
+    ends with an acceleration.
     """
     frequency = np.maximum(np.round(frequency * duration), 1.0) / duration
     t = np.linspace(0.0, duration, _WAVE_GRID)
     _, *rates = _wave(t, _window(t, duration), amplitude, frequency)
     share = np.ones(len(pose))
-    for rate, most in zip(rates, (pace.speed, pace.acceleration, pace.jerk)):
-        peak = _MARGIN * np.abs(rate).max(axis=0)
-        share = np.minimum(share, most / np.maximum(peak, 1e-300))
+    for rate, limit in zip(rates, (limits.speed, limits.acceleration, limits.jerk)):
+        peak = _GRID_MARGIN * np.abs(rate).max(axis=0)
+        share = np.minimum(share, limit / np.maximum(peak, 1e-300))
     return Wave(pose, amplitude * share, frequency, duration)
 
 

@@ -1,4 +1,4 @@
-"""Where a planned motion may go: within position limits, and near poses that were recorded."""
+"""Admissible poses of a planned motion: position limits and distance to recorded poses."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from gravity_comp_ros.planning.options import PlanOptions
 import numpy as np
 from scipy.spatial import cKDTree
 
-_MOST_POSES = 1500
-# Distance in rad between the points at which a straight line is checked.
+# Largest number of recorded poses that are kept, about.
+_MAX_POSES = 1500
+# Distance between the points at which a line is checked, rad.
 _STEP = 0.01
 _ROUNDING = 1e-9
 
 
 class Obstacles(Protocol):
-    """What the arm may hit."""
+    """Collision check of poses."""
 
     def hits(self, q: FloatArray) -> bool:
         """Return whether the arm hits something at one of the poses q (M, N)."""
@@ -30,8 +31,8 @@ class Workspace:
     """
     Admissible poses: within `low` and `high` (N,), and within `reach` of one of `poses` (P, N).
 
-    The distance of two poses is that of the joint that differs most. `start` is one of them.
-    `obstacles` says of poses whether the arm hits something.
+    The distance of two poses is the largest difference of a joint. The motion starts and ends at
+    `start`. `obstacles` checks poses for collisions.
     """
 
     low: FloatArray
@@ -68,52 +69,52 @@ class Workspace:
         return self.admits(line) and self._near(line) and self.is_clear(line)
 
     def is_clear(self, path: FloatArray) -> bool:
-        """Return whether the arm hits nothing on a path (M, N), as far as that can be told."""
+        """Return whether a path (M, N) is free of collisions; True without a check."""
         if self.obstacles is None:
             return True
         moved = np.abs(np.diff(path, axis=0)).max(axis=1, initial=0.0)
-        far = np.concatenate([[0.0], np.cumsum(moved)])
-        places = np.linspace(0.0, far[-1], 2 + int(far[-1] / _STEP))
-        return not self.obstacles.hits(np.column_stack([np.interp(places, far, q)
+        length = np.concatenate([[0.0], np.cumsum(moved)])
+        points = np.linspace(0.0, length[-1], 2 + int(length[-1] / _STEP))
+        return not self.obstacles.hits(np.column_stack([np.interp(points, length, q)
                                                         for q in path.T]))
 
     def admits_path(self, path: FloatArray) -> bool:
-        """Return whether a path (M, N) is admissible between its points as well."""
+        """Return whether a path (M, N) is admissible, between its points as well."""
         step = float(np.abs(np.diff(path, axis=0)).max(initial=0.0))
-        return self.admits(path) and (not np.isfinite(self.reach) or bool(
-            (self.distance(path) <= self.reach - 0.5 * step).all()))
+        return self.admits(path) and self._near(path, step)
 
-    def _near(self, line: FloatArray) -> bool:
+    def _near(self, path: FloatArray, step: float = _STEP) -> bool:
         """
-        Return whether a line that was sampled every `_STEP` is near enough between samples too.
+        Return whether a path with points `step` apart is within reach, between them as well.
 
         The distance to the nearest recorded pose changes no faster than the pose itself.
         """
         return not np.isfinite(self.reach) or bool(
-            (self.distance(line) <= self.reach - 0.5 * _STEP).all())
+            (self.distance(path) <= self.reach - 0.5 * step).all())
 
-    def extent(self, pose: FloatArray, direction: FloatArray, most: float) -> float:
-        """Return how far, at most `most` in rad, a straight line goes on being admissible."""
-        steps = np.arange(1, 1 + int(most / _STEP)) * _STEP
+    def extent(self, pose: FloatArray, direction: FloatArray, limit: float) -> float:
+        """Return the length, at most `limit`, of the admissible line from a pose, rad."""
+        steps = np.arange(1, 1 + int(limit / _STEP)) * _STEP
         line = pose + steps[:, None] * direction
         inside = ((line >= self.low - _ROUNDING) & (line <= self.high + _ROUNDING)).all(axis=1)
         if np.isfinite(self.reach) and len(line):
             inside &= self.distance(line) <= self.reach - 0.5 * _STEP
-        return float(steps[-1]) if inside.all() and len(steps) else float(
-            np.argmin(inside) * _STEP if len(steps) else 0.0)
+        if not len(steps):
+            return 0.0
+        return float(steps[-1] if inside.all() else np.argmin(inside) * _STEP)
 
 
 def workspace(samples: JointSamples, options: PlanOptions,
               obstacles: Obstacles | None = None) -> Workspace:
     """
-    Return the workspace that the options allow, from recorded poses.
+    Return the workspace of the options and the recorded poses.
 
-    :raises OptionError: if the start pose has another number of joints or is not admissible.
+    :raises OptionError: if the start pose has the wrong number of joints or is not admissible.
     :raises DataError: if there are no samples.
     """
     if not samples.n_samples:
         raise DataError('no samples to plan from')
-    poses = samples.q[::-(-samples.n_samples // _MOST_POSES)]
+    poses = samples.q[::-(-samples.n_samples // _MAX_POSES)]
     low = samples.q.min(axis=0) if options.low is None else options.low
     high = samples.q.max(axis=0) if options.high is None else options.high
     start = options.start
@@ -125,11 +126,11 @@ def workspace(samples: JointSamples, options: PlanOptions,
     if start.shape != (samples.n_joints,) or low.shape != start.shape:
         raise OptionError(f'plan: {samples.n_joints} joints, but limits or start pose have '
                           f'{start.size}')
-    found = Workspace(low, high, poses, options.reach, start, obstacles)
-    if not found.admits(start):
-        raise OptionError('plan: the start pose is not among the poses that the motion may '
-                          'reach: it lies outside the limits or far from every recorded pose')
-    if not found.is_clear(start[None]):
-        raise OptionError('plan: at the start pose the arm hits itself, by the geometry of the '
-                          'description')
-    return found
+    space = Workspace(low, high, poses, options.reach, start, obstacles)
+    if not space.admits(start):
+        raise OptionError('plan: the start pose is not admissible: it lies outside the position '
+                          'limits or too far from every recorded pose')
+    if not space.is_clear(start[None]):
+        raise OptionError('plan: at the start pose the arm hits itself, by the collision geometry '
+                          'of the description')
+    return space

@@ -1,9 +1,9 @@
-"""Rigid-body arms: the KUKA LBR iiwa 7 R800 built from its tables, or any URDF."""
+"""Rigid-body models of arms: the KUKA LBR iiwa 7 R800 from tables, and any URDF."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi, radians
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 import pinocchio as pin
 
-# KUKA LBR iiwa 7 R800, from public robot descriptions (IFL-CAMP/iiwa_stack, BSD-2). One row a
+# KUKA LBR iiwa 7 R800, from public robot descriptions (IFL-CAMP/iiwa_stack, BSD-2). One row per
 # joint: origin xyz in m and rpy in rad from the parent's frame; every axis is +z.
 _IIWA7_ORIGINS = (
     ((0.0, 0.0, 0.15), (0.0, 0.0, 0.0)),
@@ -27,7 +27,7 @@ _IIWA7_ORIGINS = (
 )
 _IIWA7_LIMIT_DEG = (170.0, 120.0, 170.0, 120.0, 170.0, 120.0, 175.0)
 _IIWA7_SPEED_DEG = (98.0, 98.0, 100.0, 130.0, 140.0, 180.0, 180.0)
-# One row a link: mass in kg, centre of mass in m, and ixx, iyy, izz, ixy, ixz, iyz in kg m^2
+# One row per link: mass in kg, centre of mass in m, and ixx, iyy, izz, ixy, ixz, iyz in kg m^2
 # about the centre of mass, all in the link's frame.
 _IIWA7_LINKS = (
     (3.4525, (0.0, -0.03, 0.12), (0.02183, 0.007703, 0.02083, 0.0, 0.0, -0.003887)),
@@ -46,8 +46,8 @@ class Arm:
     A fixed-base arm of N revolute joints with its rigid-body model.
 
     `joints` has the N joint names in the model's order; `lower`, `upper` (N,) are position
-    limits in rad and `max_speed` (N,) speed limits in rad/s. `model` is never edited: the
-    functions of this module return new arms.
+    limits in rad and `max_speed` (N,) speed limits in rad/s. The functions of this module leave
+    `model` unchanged and return new arms.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Arm:
 @dataclass(frozen=True)
 class Payload:
     """
-    A rigid body held by the last link.
+    A rigid body fixed to the last link.
 
     `mass` in kg; `com` is its centre of mass in m in the frame of the last joint's link;
     `inertia` is ixx, iyy, izz, ixy, ixz, iyz in kg·m² about that centre, zero if not given.
@@ -85,12 +85,12 @@ class Payload:
         if not np.isfinite([*self.com, *self.inertia]).all():
             raise OptionError('payload: centre of mass and inertia must be finite')
         if np.linalg.eigvalsh(_inertia_matrix(self.inertia))[0] < -1e-12:
-            raise OptionError('payload: the inertia must not be negative in any direction')
+            raise OptionError('payload: the inertia matrix must be positive semidefinite')
 
 
 def iiwa7(names: Sequence[str] | None = None) -> Arm:
     """
-    Return the KUKA LBR iiwa 7 R800, the arm that Yu 2022, Table 1 simulates.
+    Return the KUKA LBR iiwa 7 R800, the simulated arm of Yu 2022, Table 1.
 
     :param names: seven joint names; `iiwa_joint_1` to `iiwa_joint_7` if not given.
     :raises OptionError: if there are not seven names.
@@ -100,27 +100,21 @@ def iiwa7(names: Sequence[str] | None = None) -> Arm:
         raise OptionError(f'the iiwa 7 has 7 joints; {len(joints)} names given, or they repeat')
     upper = np.radians(_IIWA7_LIMIT_DEG)
     speed = np.radians(_IIWA7_SPEED_DEG)
-    model = empty_model('iiwa7')
-    parent = 0
-    for n, joint in enumerate(joints):
-        (xyz, rpy), (mass, com, inertia) = _IIWA7_ORIGINS[n], _IIWA7_LINKS[n]
-        parent = model.addJoint(
-            parent, pin.JointModelRZ(), pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz)), joint)
-        model.appendBodyToJoint(
-            parent, pin.Inertia(mass, np.array(com), _inertia_matrix(inertia)),
-            pin.SE3.Identity())
-    return Arm('iiwa7', joints, model, -upper, upper, speed)
+    bodies = [pin.Inertia(mass, np.array(com), _inertia_matrix(inertia))
+              for mass, com, inertia in _IIWA7_LINKS]
+    return Arm('iiwa7', joints, serial_model('iiwa7', joints, _IIWA7_ORIGINS, bodies), -upper,
+               upper, speed)
 
 
 def from_urdf(path: str | Path) -> Arm:
     """
-    Return the arm that a URDF file describes; fixed joints are merged, meshes not needed.
+    Return the arm of a URDF file; fixed joints are merged, meshes are not used.
 
     A continuous joint gets limits of ±pi; a joint without a speed limit gets 100 deg/s.
 
     :raises OptionError: if the file cannot be read, has no moving joint, or has a joint that
-        is not revolute: a prismatic joint's torque is not a sum of products of sines and
-        cosines of the joint angles, so no model of this package could hold it.
+        is not revolute: the force of a prismatic joint is not a sum of products of sines and
+        cosines of the joint angles, as the models of this package are.
     """
     path = Path(path)
     try:
@@ -151,8 +145,23 @@ def from_urdf(path: str | Path) -> Arm:
                np.where(unlimited, pi, upper), speed)
 
 
+def serial_model(name: str, joints: Sequence[str], origins: Sequence[Sequence[Sequence[float]]],
+                 bodies: Sequence[pin.Inertia]) -> pin.Model:
+    """
+    Return a chain of revolute joints about z, each with a body.
+
+    :param origins: xyz in m and rpy in rad of each joint in the frame of its parent.
+    """
+    model, parent = empty_model(name), 0
+    for joint, (xyz, rpy), body in zip(joints, origins, bodies):
+        placement = pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array(xyz))
+        parent = model.addJoint(parent, pin.JointModelRZ(), placement, joint)
+        model.appendBodyToJoint(parent, body, pin.SE3.Identity())
+    return model
+
+
 def empty_model(name: str) -> pin.Model:
-    """Return a model without joints, in standard gravity: Pinocchio itself rounds to 9.81."""
+    """Return a model without joints in standard gravity; Pinocchio's default is 9.81."""
     model = pin.Model()
     model.name = name
     model.gravity.linear = _level()
@@ -163,12 +172,12 @@ def renamed(arm: Arm, names: Sequence[str]) -> Arm:
     """
     Return the arm with other joint names.
 
-    :raises OptionError: if there is another number of names than joints, or they repeat.
+    :raises OptionError: if the numbers of names and joints differ, or names repeat.
     """
     if len(names) != arm.n_joints or len(set(names)) < len(names):
         raise OptionError(f'{arm.name} has {arm.n_joints} joints; {len(names)} names given, or '
                           f'they repeat')
-    return Arm(arm.name, tuple(names), arm.model, arm.lower, arm.upper, arm.max_speed)
+    return replace(arm, joints=tuple(names))
 
 
 def with_payload(arm: Arm, payload: Payload) -> Arm:
@@ -178,25 +187,24 @@ def with_payload(arm: Arm, payload: Payload) -> Arm:
     model.appendBodyToJoint(
         last, pin.Inertia(payload.mass, np.array(payload.com), _inertia_matrix(payload.inertia)),
         pin.SE3.Identity())
-    return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
+    return replace(arm, model=model)
 
 
 def with_base_tilt(arm: Arm, roll: float, pitch: float) -> Arm:
     """
-    Return the arm on a base that is turned by roll about x, then by pitch about y.
+    Return the arm on a base rotated by roll about x, then by pitch about y.
 
-    :param roll: rad.
-    :param pitch: rad.
+    :param roll: rad. :param pitch: rad.
     """
     model = arm.model.copy()
     base = pin.rpy.rpyToMatrix(roll, pitch, 0.0)
     model.gravity.linear = base.T @ _level()
-    return Arm(arm.name, arm.joints, model, arm.lower, arm.upper, arm.max_speed)
+    return replace(arm, model=model)
 
 
 def gravity_torque(arm: Arm, q: ArrayLike) -> FloatArray:
     """
-    Return the torque (M, N) in N·m that holds the arm at rest in M poses.
+    Return the gravity torque (M, N) in N·m of M poses.
 
     :param q: joint angles (M, N) in rad.
     """
@@ -208,7 +216,7 @@ def gravity_torque(arm: Arm, q: ArrayLike) -> FloatArray:
 
 def inverse_dynamics(arm: Arm, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> FloatArray:
     """
-    Return the torque (M, N) in N·m of the moving rigid arm (Yu 2022, Eq. (1)).
+    Return the torque (M, N) in N·m of the rigid arm in motion (Yu 2022, Eq. (1)).
 
     :param q: joint angles (M, N) in rad.
     :param qd: joint speeds (M, N) in rad/s.
@@ -232,7 +240,7 @@ def _rows(arm: Arm, values: ArrayLike) -> FloatArray:
 
 
 def _configuration(arm: Arm, pose: FloatArray) -> FloatArray:
-    """Return Pinocchio's configuration: a continuous joint is held as its cosine and sine."""
+    """Return Pinocchio's configuration: a continuous joint is its cosine and sine."""
     if arm.model.nq == arm.model.nv:
         return pose
     return pin.integrate(arm.model, pin.neutral(arm.model), pose)
@@ -244,8 +252,8 @@ def _check_revolute(path: Path, joint: str, model: pin.JointModel) -> None:
         return
     if kind.startswith('JointModelP'):
         raise OptionError(
-            f'joint {joint} of {path} is prismatic: its torque does not follow the sines and '
-            f'cosines that the gravity model is made of; only revolute joints are possible')
+            f'joint {joint} of {path} is prismatic: its force is not a sum of sines and cosines, '
+            f'as the gravity model is; only revolute joints are possible')
     raise OptionError(f'joint {joint} of {path} is a {kind}; only revolute joints are possible')
 
 

@@ -1,4 +1,4 @@
-"""What can be hidden in a recording by name: `EFFECT:JOINT[=SIZE]`."""
+"""Hidden effects of simulated recordings by name: `EFFECT:JOINT[=SIZE]`."""
 
 from __future__ import annotations
 
@@ -9,31 +9,32 @@ from math import isfinite
 from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
-    EncoderOffset, GaugeDrift, GaugeGain, GaugeZero, LateEffort)
-from gravity_comp_ros.simulation.disturbances.friction import (
-    DifferentialFriction, Friction, GreasedGear, LoadFriction, WarmFriction)
-from gravity_comp_ros.simulation.disturbances.gear import Backlash, SoftGear
-from gravity_comp_ros.simulation.disturbances.lugre import LuGre
-from gravity_comp_ros.simulation.disturbances.of_angle import (
+from gravity_comp_ros.simulation.disturbances.angle_torque import (
     Bumper, Cogging, Detent, DressPack, SpringBalancer)
-from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolJet
+from gravity_comp_ros.simulation.disturbances.faulty_sensors import (
+    DelayedEffort, EncoderOffset, GaugeDrift, GaugeGain, GaugeOffset)
+from gravity_comp_ros.simulation.disturbances.friction import (
+    DifferentialFriction, Friction, GreasedGear, LoadFriction, ThermalFriction)
+from gravity_comp_ros.simulation.disturbances.gear import Backlash, ElasticGear
+from gravity_comp_ros.simulation.disturbances.lugre import LuGre
+from gravity_comp_ros.simulation.disturbances.whole_arm import TiltedBase, ToolForce
 from gravity_comp_ros.simulation.hidden_sizes import Size, SIZES
 from gravity_comp_ros.simulation.synthesise import Disturbance
 import numpy as np
 
-# A torque that stands out of a joint's usual noise without drowning its gravity.
-_ABOVE_NOISE = 10.0
-_BIG_JOINT_NOISE, _WRIST_NOISE, _WRIST_JOINTS = 0.1, 0.03, 3
+# Default size of relative effects, in noise levels: visible, but small against gravity.
+_NOISE_LEVELS = 10.0
+# Torque noise of large joints and of the wrist, N·m, and the number of wrist joints.
+_LARGE_JOINT_NOISE, _WRIST_NOISE, _WRIST_JOINTS = 0.1, 0.03, 3
 
 
 @dataclass(frozen=True)
 class Kind:
     """
-    One thing to hide: its size by default, and what makes it.
+    A kind of hidden effect: its default size and its disturbance.
 
-    `size` is in the unit of `SIZES`, or that many times ten noise levels of the joint if
-    `relative`. `make` gets arm, joint and size.
+    `size` is in the unit of `SIZES`, or in tens of noise levels of the joint if `relative`.
+    `make` takes arm, joint and size.
     """
 
     size: float
@@ -43,7 +44,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Hidden:
-    """What was hidden: the effect, its joint (None: the whole arm), its size and unit."""
+    """A hidden effect, its joint (None: the whole arm), its size and unit."""
 
     effect: str
     joint: str | None
@@ -56,16 +57,18 @@ class Hidden:
         return f'{self.effect}{place}: {self.size:.4g} {self.unit}'.rstrip()
 
     def to_json(self) -> dict[str, object]:
-        """Return what was hidden, ready for JSON."""
+        """Return the effect as a JSON object."""
         return {'effect': self.effect, 'joint': self.joint, 'size': self.size, 'unit': self.unit}
 
 
-_WARMING = 200.0  # s in which the zero of a gauge settles
-_THINNING = 0.05  # rad/s at which grease gets thinner
+# Time constant of the drift of a torque sensor, s.
+_WARMING = 200.0
+# Speed above which the friction of grease is degressive, rad/s.
+_THINNING = 0.05
 
 
 def _spring(joint: int, stiffness: float) -> SpringBalancer:
-    """Return a balancer whose torque 1 rad from its rest is `stiffness` N·m."""
+    """Return a balancer with a torque of `stiffness` N·m at 1 rad from its rest."""
     unit = SpringBalancer(joint, 1.0, free=0.5, post=0.6)
     return SpringBalancer(joint, stiffness / float(unit.torque(np.array(1.0))), free=0.5, post=0.6)
 
@@ -79,12 +82,12 @@ KINDS: dict[str, Kind] = {
     'asymmetric_friction': Kind(0.5, True, lambda arm, j, x: Friction(
         j, LuGre(3 * x), LuGre(x))),
     'load_dependent_friction': Kind(0.05, False, lambda arm, j, x: LoadFriction(j, x)),
-    'friction_drift': Kind(2.0, True, lambda arm, j, x: WarmFriction(j, LuGre(x, 2 * x))),
+    'friction_drift': Kind(2.0, True, lambda arm, j, x: ThermalFriction(j, LuGre(x, 2 * x))),
     'presliding_hysteresis': Kind(1.0, True, lambda arm, j, x: Friction(
         j, LuGre(x, presliding=0.03))),
     'coupled_friction': Kind(1.0, True, lambda arm, j, x: DifferentialFriction(
         (j, j + 1 if j + 1 < arm.n_joints else j - 1), LuGre(x))),
-    'torque_offset': Kind(1.0, True, lambda arm, j, x: GaugeZero(j, x)),
+    'torque_offset': Kind(1.0, True, lambda arm, j, x: GaugeOffset(j, x)),
     'torque_gain': Kind(0.1, False, lambda arm, j, x: GaugeGain(j, 1 + x)),
     'torque_drift': Kind(1.0 / _WARMING, True, lambda arm, j, x: GaugeDrift(
         j, x * _WARMING, _WARMING)),
@@ -93,38 +96,38 @@ KINDS: dict[str, Kind] = {
     'torque_ripple': Kind(1.0, True, lambda arm, j, x: Cogging(j, 12, x)),
     'encoder_offset': Kind(0.03, False, lambda arm, j, x: EncoderOffset(j, x)),
     'end_stop': Kind(30.0, True, lambda arm, j, x: Bumper(j, 0.5 * float(arm.upper[j]), x)),
-    'joint_flexibility': Kind(1 / 6000.0, False, lambda arm, j, x: SoftGear(j, 1 / x)),
+    'joint_flexibility': Kind(1 / 6000.0, False, lambda arm, j, x: ElasticGear(j, 1 / x)),
     'backlash': Kind(0.02, False, lambda arm, j, x: Backlash(j, x)),
     'detent': Kind(4.0, True, lambda arm, j, x: Detent(j, 0.5, x)),
     'base_tilt': Kind(0.035, False, lambda arm, j, x: TiltedBase(x, 0.0)),
-    'time_delay': Kind(0.04, False, lambda arm, j, x: LateEffort(x)),
-    'tool_force': Kind(12.0, False, lambda arm, j, x: ToolJet((0.5 * x, 0.25 * x, -x))),
+    'time_delay': Kind(0.04, False, lambda arm, j, x: DelayedEffort(x)),
+    'tool_force': Kind(12.0, False, lambda arm, j, x: ToolForce((0.5 * x, 0.25 * x, -x))),
 }
 
 
 def noise_levels(arm: Arm) -> tuple[float, ...]:
-    """Return each joint's torque noise in N·m: its three last joints are small."""
-    big = max(arm.n_joints - _WRIST_JOINTS, 0)
-    return (_BIG_JOINT_NOISE,) * big + (_WRIST_NOISE,) * (arm.n_joints - big)
+    """Return the torque noise of each joint in N·m; the last three are the wrist."""
+    large = max(arm.n_joints - _WRIST_JOINTS, 0)
+    return (_LARGE_JOINT_NOISE,) * large + (_WRIST_NOISE,) * (arm.n_joints - large)
 
 
 def hidden(text: str, arm: Arm) -> Hidden:
     """
-    Return what `EFFECT:JOINT[=SIZE]` names, JOINT a name or a number from 1.
+    Return the hidden effect `EFFECT:JOINT[=SIZE]`; JOINT is a name or a number from 1.
 
     An effect of the whole arm has no joint: `EFFECT[=SIZE]`.
 
-    :raises OptionError: if effect or joint is unknown or missing, or the size is none.
+    :raises OptionError: if effect or joint is unknown or missing, or the size is invalid.
     """
     place, equals, number = text.partition('=')
     name, _, where = place.partition(':')
     if name not in KINDS:
-        raise OptionError(f'cannot hide {name!r}; there are {", ".join(sorted(KINDS))}')
+        raise OptionError(f'no hidden effect {name!r}; there are {", ".join(sorted(KINDS))}')
     kind, limits = KINDS[name], SIZES[name]
     if limits.whole_arm and where:
-        raise OptionError(f'{name} acts on the whole arm; leave :{where} away')
+        raise OptionError(f'{name} acts on the whole arm; remove :{where}')
     joint = 0 if limits.whole_arm else _joint(name, where, arm)
-    size = kind.size * (_ABOVE_NOISE * noise_levels(arm)[joint] if kind.relative else 1.0)
+    size = kind.size * (_NOISE_LEVELS * noise_levels(arm)[joint] if kind.relative else 1.0)
     if equals:
         size = _number(text, number, limits)
     return Hidden(name, None if limits.whole_arm else arm.joints[joint], size, limits.unit,
@@ -153,7 +156,7 @@ def _number(text: str, number: str, limits: Size) -> float:
     if size == 0.0 or size < 0.0 and not limits.signed:
         raise OptionError(f'{text}: the size is {number}; it must be '
                           f'{"other than" if limits.signed else "above"} 0{unit}')
-    if abs(size) > limits.most:
-        raise OptionError(f'{text}: no arm has {number}{unit} ({limits.meaning}); at most '
-                          f'{limits.most:g}{unit}')
+    if abs(size) > limits.maximum:
+        raise OptionError(f'{text}: {number}{unit} is too large ({limits.meaning}); at most '
+                          f'{limits.maximum:g}{unit}')
     return size

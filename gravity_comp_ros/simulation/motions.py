@@ -1,4 +1,4 @@
-"""Joint motions with their exact speeds and accelerations."""
+"""Joint motions with their exact velocities and accelerations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 Path = Callable[[FloatArray], tuple[FloatArray, FloatArray, FloatArray]]
-"""A path takes times (M,) in s and returns q, qd, qdd, each (M, N) in rad, rad/s, rad/s²."""
+"""Function of times (M,) in s that returns q, qd, qdd, each (M, N) in rad, rad/s, rad/s²."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,8 @@ class Motion:
     """
     A motion sampled at M instants.
 
-    `t` (M,) in s; `q`, `qd`, `qdd` (M, N) in rad, rad/s and rad/s². `path` gives the same
-    three at any other time, so that something with a memory (friction, a delay) can be
-    integrated in finer steps than the samples.
+    `t` (M,) in s; `q`, `qd`, `qdd` (M, N) in rad, rad/s and rad/s². `path` returns them at any
+    other time, so that disturbances with a state can be integrated in finer steps.
     """
 
     name: str
@@ -39,13 +38,13 @@ class Motion:
 @dataclass(frozen=True)
 class MultisineOptions:
     """
-    What a multisine motion may do.
+    Options of a multisine motion.
 
-    `max_speed` in rad/s bounds every joint, and a joint's own speed limit bounds it too.
-    The motion repeats after `period` s; each joint is a sum of `n_sines` harmonics of
-    1/period up to `band` Hz. It starts at rest and reaches full size after `ramp` s.
+    `max_speed` in rad/s bounds every joint, in addition to its own speed limit. The motion
+    repeats after `period` s; each joint is a sum of `n_sines` harmonics of 1/period up to
+    `band` Hz. It starts at rest and reaches full amplitude after `ramp` s.
 
-    :raises OptionError: if a value is not positive or the band holds no harmonic.
+    :raises OptionError: if a value is not positive or the band contains no harmonic.
     """
 
     max_speed: float = 0.1
@@ -74,7 +73,7 @@ def eq15(duration: float = 20.0, rate: float = 10.0, start: float = 0.0) -> Moti
     amplitude = np.array([1.4, 1.4, 1.8, 1.3, 3.0, 2.0, 3.0])
     omega = np.pi * np.array([0.25, 0.2, 0.167, 0.25, 0.33, 0.167, 0.2])
     phase = np.array([0.0, 0.0, 0.0, -0.167 * np.pi, 0.0, 0.0, 0.0])
-    return sample('eq15', _sines(amplitude, omega, phase, np.zeros(7)), duration, rate, start)
+    return sample('eq15', sines(amplitude, omega, phase, np.zeros(7)), duration, rate, start)
 
 
 def eq17(duration: float = 100.0, rate: float = 5.0, start: float = 0.0) -> Motion:
@@ -88,8 +87,8 @@ def eq17(duration: float = 100.0, rate: float = 5.0, start: float = 0.0) -> Moti
     cosine = np.array([0, 1, 0, 0, 0, 1, 0]) * np.pi / 2
     phase = np.array([1.5, 0.2, 0.3, 0.2, 0.0, 0.4, 0.4]) + cosine
     offset = np.array([0.0, 0.5, 0.0, 0.25, 0.0, 0.25, 0.0]) - amplitude * np.sin(phase)
-    offset[0] = 0.0  # Eq. (17) takes the value at t = 0 away from every joint but the first.
-    return sample('eq17', _sines(amplitude, omega, phase, offset), duration, rate, start)
+    offset[0] = 0.0  # Eq. (17) subtracts the value at t = 0 for every joint except the first.
+    return sample('eq17', sines(amplitude, omega, phase, offset), duration, rate, start)
 
 
 def random_poses(lower: ArrayLike, upper: ArrayLike, count: int, seed: int = 0,
@@ -118,12 +117,11 @@ def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: 
               options: MultisineOptions = MultisineOptions(), duration: float = 100.0,
               rate: float = 5.0, start: float = 0.0) -> Motion:
     """
-    Return a seeded sum of sines that stays within position and speed limits for all time.
+    Return a seeded sum of sines within position and speed limits for all time.
 
-    Amplitudes fall as one over the frequency, so that every sine adds the same speed. Each
-    joint is scaled to its speed bound, or to 95 % of its range if that comes first, and is
-    centred anywhere that its excursion leaves free. The same seed gives the same motion at
-    every rate, duration and start.
+    Amplitudes are inverse to the frequency, so that every sine adds the same speed. Each joint
+    is scaled to its speed bound, or to 95 % of its range if that is smaller, and has a random
+    admissible centre. The motion of a seed is the same for every rate, duration and start.
 
     :param lower: lower limits (N,) in rad. :param upper: upper limits (N,) in rad.
     :param speed_limit: the joints' own limits (N,) in rad/s.
@@ -137,8 +135,8 @@ def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: 
         omega = 2 * np.pi * np.sort(order) / options.period
         phase = rng.uniform(0, 2 * np.pi, size=omega.size)
         shapes.append((1 / omega, omega, phase))
-    # Between two steps of this grid the fastest sine turns by at most 0.063 rad, so that a
-    # peak is missed by 0.05 %; the margins below are four times that.
+    # The phase of the fastest sine advances by at most 0.063 rad per step, so that the grid
+    # underestimates a peak by 0.05 %; the margins below are four times that.
     step = min(0.01 / options.band, options.ramp / 200)
     fine = np.arange(0.0, options.ramp + options.period + step, step)
     unit_q, unit_qd, _ = _ramped_sums(shapes, options.ramp)(fine)
@@ -161,9 +159,9 @@ def multisine(lower: ArrayLike, upper: ArrayLike, speed_limit: ArrayLike, seed: 
 
 def sample(name: str, path: Path, duration: float, rate: float, start: float = 0.0) -> Motion:
     """
-    Return `path` at `rate` Hz for `duration` s: round(duration * rate) samples.
+    Return a path at `rate` Hz for `duration` s: round(duration * rate) samples.
 
-    :raises OptionError: if duration or rate is not positive, or gives no sample.
+    :raises OptionError: if duration or rate is not positive, or there is no sample.
     """
     for what, value in (('duration', duration), ('rate', rate)):
         if not np.isfinite(value) or value <= 0:
@@ -177,8 +175,9 @@ def sample(name: str, path: Path, duration: float, rate: float, start: float = 0
     return Motion(name, t, *path(t), path)
 
 
-def _sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
-           offset: FloatArray) -> Path:
+def sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
+          offset: FloatArray) -> Path:
+    """Return one sine per joint, each parameter (N,) in rad and s, about an offset."""
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         angle = np.multiply.outer(np.asarray(t, dtype=float), omega) + phase
         return (amplitude * np.sin(angle) + offset, amplitude * omega * np.cos(angle),
@@ -186,13 +185,17 @@ def _sines(amplitude: FloatArray, omega: FloatArray, phase: FloatArray,
     return path
 
 
+def quintic_step(t: FloatArray, duration: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a smooth step from 0 at t = 0 to 1 at the duration, and two derivatives."""
+    x = np.clip(np.asarray(t, dtype=float) / duration, 0.0, 1.0)
+    return (x ** 3 * (10 - 15 * x + 6 * x ** 2), 30 * x ** 2 * (1 - x) ** 2 / duration,
+            60 * x * (1 - x) * (1 - 2 * x) / duration ** 2)
+
+
 def _ramped_sums(shapes: list[tuple[FloatArray, FloatArray, FloatArray]], ramp: float) -> Path:
-    """Return one sum of sines a joint, grown from rest by a quintic step of `ramp` s."""
+    """Return a sum of sines for each joint, times a quintic step of `ramp` s."""
     def path(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        x = np.clip(np.asarray(t, dtype=float) / ramp, 0.0, 1.0)[:, None]
-        w = x ** 3 * (10 - 15 * x + 6 * x ** 2)
-        wd = 30 * x ** 2 * (1 - x) ** 2 / ramp
-        wdd = 60 * x * (1 - x) * (1 - 2 * x) / ramp ** 2
+        w, wd, wdd = (x[:, None] for x in quintic_step(t, ramp))
         parts = [_sums(t, *shape) for shape in shapes]
         s, sd, sdd = (np.stack(columns, axis=1) for columns in zip(*parts))
         return w * s, w * sd + wd * s, w * sdd + 2 * wd * sd + wdd * s

@@ -12,10 +12,11 @@ import numpy as np
 @dataclass(frozen=True)
 class NoiseOptions:
     """
-    Gaussian noise added to a torque.
+    Gaussian torque noise.
 
-    `relative` is a standard deviation as a fraction of |tau| (the paper's N(0, 0.01 tau) is
-    0.01); `absolute` one in N·m, with a correlation time of `correlation` s (0: white).
+    `relative` is a standard deviation as a fraction of |tau| (0.01 for the paper's
+    N(0, 0.01 tau)); `absolute` is one in N·m, with a correlation time of `correlation` s (0:
+    white).
 
     :raises OptionError: if a value is negative or not finite.
     """
@@ -34,10 +35,9 @@ class NoiseOptions:
 def add_noise(t: FloatArray, tau: FloatArray, options: NoiseOptions,
               rng: np.random.Generator) -> FloatArray:
     """
-    Return `tau` (M, N) in N·m with noise; a torque of exactly 0 gets no relative noise.
+    Return `tau` (M, N) in N·m with noise; a torque of exactly 0 has no relative noise.
 
-    Correlated noise is an Ornstein-Uhlenbeck process sampled exactly at `t` (M,) in s, with
-    the same standard deviation at every instant.
+    Correlated noise is a stationary Ornstein-Uhlenbeck process, sampled exactly at `t` (M,) in s.
     """
     noisy = tau + options.relative * np.abs(tau) * rng.standard_normal(tau.shape)
     white = rng.standard_normal(tau.shape)

@@ -1,4 +1,4 @@
-"""From arm, motion, payload and noise to the samples that a recording would hold."""
+"""Synthesis of joint samples from arm, motion, payload, disturbances and noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What the arm's sensors would say: `q`, `qd`, `tau` (M, N) in rad, rad/s and N·m."""
+    """Sensor signals of the arm: `q`, `qd`, `tau` (M, N) in rad, rad/s and N·m."""
 
     q: FloatArray
     qd: FloatArray
@@ -25,27 +25,27 @@ class Signals:
 
 
 class Disturbance(Protocol):
-    """Something that a rigid arm does not have; it changes what the sensors say."""
+    """A deviation from the rigid arm that changes the sensor signals."""
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
         """
-        Return the signals with this disturbance in them.
+        Return the signals with this disturbance.
 
-        :param signals: as the disturbances before this one left them, without noise.
-        :param motion: the true motion; its path serves integration in finer steps.
+        :param signals: with the earlier disturbances, without noise.
+        :param motion: the true motion; its path allows integration in finer steps.
         """
 
 
 @dataclass(frozen=True)
 class SynthesisOptions:
     """
-    How the torque of a motion comes about.
+    Options of the synthesised torque.
 
-    `static` leaves speed and acceleration out of the torque (and reports a speed of 0), as
-    though the arm had stopped for every sample. A `payload` is there from the beginning, or
-    from time `payload_at` in s on the motion's own clock. `disturbances` act in their order,
-    then `noise` is added. `seed` fixes noise and disturbances.
+    With `static` the torque is that of the arm at rest at every sample, and the reported velocity
+    is 0. A `payload` is attached from the beginning, or from `payload_at` s on the motion's clock.
+    `disturbances` act in their order, then `noise` is added. `seed` determines noise and
+    disturbances.
     """
 
     noise: NoiseOptions = NoiseOptions()
@@ -65,7 +65,7 @@ def synthesise(arm: Arm, motion: Motion, options: SynthesisOptions = SynthesisOp
     """
     Return one run of samples of the arm on this motion.
 
-    :raises OptionError: if the motion has not as many joints as the arm.
+    :raises OptionError: if the numbers of joints of motion and arm differ.
     """
     if motion.n_joints != arm.n_joints:
         raise OptionError(
@@ -73,7 +73,7 @@ def synthesise(arm: Arm, motion: Motion, options: SynthesisOptions = SynthesisOp
             f'{arm.n_joints}; random poses and multisines fit every arm')
     qd = np.zeros_like(motion.qd) if options.static else motion.qd
     signals = Signals(motion.q, qd, rigid_torque(arm, motion, options))
-    # Own streams, so that adding a disturbance leaves the noise as it was.
+    # Separate random streams: adding a disturbance does not change the noise.
     noise_stream, *streams = np.random.SeedSequence(options.seed).spawn(
         1 + len(options.disturbances))
     for disturbance, stream in zip(options.disturbances, streams):

@@ -19,7 +19,7 @@ from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.planning.plan import Plan, plan
-from gravity_comp_ros.planning.questions import named_targets
+from gravity_comp_ros.planning.targets import named_targets
 from gravity_comp_ros.recordings.bag import ReadOptions, ReadReport
 from gravity_comp_ros.workbench.choice import Choice
 import numpy as np

@@ -10,7 +10,7 @@ from bokeh.models import UIElement
 from gravity_comp_ros.api.results import EXPECTED, expected_row, MotionPlan
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.models.applied_effects import target
-from gravity_comp_ros.planning.questions import OPEN
+from gravity_comp_ros.planning.targets import OPEN
 from gravity_comp_ros.recordings.trajectory_files import to_csv, to_yaml
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench import widgets

@@ -1,4 +1,4 @@
-"""Sensors that err: a gauge's zero, gain and drift, an encoder's zero, an effort that is late."""
+"""Sensor faults: offset, gain and drift of a torque sensor, encoder offset, delayed effort."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class GaugeZero(JointTorque):
-    """A bridge that is out of balance by `zero` N·m."""
+class GaugeOffset(JointTorque):
+    """A torque sensor with an offset of `offset` N·m."""
 
     joint: int
-    zero: float
+    offset: float
 
     def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
-        return np.full(len(motion.t), self.zero)
+        return np.full(len(motion.t), self.offset)
 
 
 @dataclass(frozen=True)
 class GaugeGain:
-    """A gauge that reads `gain` times the torque."""
+    """A torque sensor that reads `gain` times the torque."""
 
     joint: int
     gain: float
@@ -42,12 +42,11 @@ class GaugeGain:
 @dataclass(frozen=True)
 class GaugeDrift(JointTorque):
     """
-    A zero that moves while the sensor warms, and wanders besides.
+    Drift of a torque sensor with its temperature, and a random walk.
 
-    What the sensor is mounted on warms as 1 - exp(-t / warming), and the sensor follows with a
-    time constant that is `lag` times as long. Its zero rises by `rise` N·m with its temperature;
-    a random walk of `wander` N·m per square root of a second is added to it. The sensor was
-    switched on `begun` s before the run.
+    The mount warms as 1 - exp(-t / warming); the sensor follows with a time constant of `lag`
+    times `warming`. Its offset rises by `rise` N·m with its temperature. The random walk has
+    `wander` N·m per square root of a second. The sensor was switched on `begun` s before the run.
     """
 
     joint: int
@@ -59,12 +58,12 @@ class GaugeDrift(JointTorque):
 
     def __post_init__(self) -> None:
         if not self.warming > 0 or not self.wander >= 0 or not 0.0 <= self.lag < 1.0:
-            raise OptionError(f'gauge drift: warming takes {self.warming} s, it must be positive, '
-                              f'wander is {self.wander}, it must be 0 or more, and lag is '
-                              f'{self.lag}, it must be 0 or more and less than 1')
+            raise OptionError(f'gauge drift: warming is {self.warming} s; it must be positive; '
+                              f'wander is {self.wander}; it must be 0 or more; lag is '
+                              f'{self.lag}; it must be 0 or more and less than 1')
 
     def temperature(self, age: FloatArray) -> FloatArray:
-        """Return how warm the sensor is `age` s after it was switched on, from 0 to 1."""
+        """Return the temperature rise `age` s after switching on, relative to the final one."""
         mount, sensor = np.exp(-age / self.warming), np.zeros_like(age)
         if self.lag:
             sensor = np.exp(-age / (self.lag * self.warming))
@@ -80,10 +79,10 @@ class GaugeDrift(JointTorque):
 @dataclass(frozen=True)
 class EncoderOffset:
     """
-    A joint that reports its angle `offset` rad too large.
+    A joint whose reported angle is `offset` rad too large.
 
-    One that is there in every recording cannot be seen in them: turned by a constant angle, a
-    sum of products of sines and cosines is another such sum.
+    An offset that is the same in all recordings is not identifiable: a sum of products of sines
+    and cosines of shifted angles is another such sum.
     """
 
     joint: int
@@ -98,12 +97,12 @@ class EncoderOffset:
 
 
 @dataclass(frozen=True)
-class LateEffort:
+class DelayedEffort:
     """
-    Effort `delay` s late on every joint, or on `joints` alone.
+    Effort delayed by `delay` s on every joint, or on `joints` only.
 
-    Between samples it runs in straight lines, so samples should lie closer than the torque
-    turns. Before the first sample the arm is at rest, and the torque that of the first.
+    It is interpolated linearly between samples, which must resolve the torque. Before the first
+    sample the torque is that of the first.
     """
 
     delay: float
@@ -111,7 +110,7 @@ class LateEffort:
 
     def __post_init__(self) -> None:
         if not self.delay >= 0:
-            raise OptionError(f'late effort: the delay is {self.delay} s; it must be 0 or more')
+            raise OptionError(f'delayed effort: the delay is {self.delay} s; it must be 0 or more')
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:

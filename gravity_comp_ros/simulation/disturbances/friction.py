@@ -1,4 +1,4 @@
-"""Friction in the gear of one joint, or in the gear that two wrist joints share."""
+"""Friction in the gear of one joint, or in a differential of two wrist joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.simulation.arms import Arm
-from gravity_comp_ros.simulation.disturbances.grid import fine, Grid
+from gravity_comp_ros.simulation.disturbances.grid import fine_grid, Grid
 from gravity_comp_ros.simulation.disturbances.joint_torque import check_joint, JointTorque
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
 from gravity_comp_ros.simulation.motions import Motion
@@ -21,30 +21,30 @@ VOGEL_T0 = -95.0
 
 
 class JointFriction(JointTorque):
-    """Friction of one joint: it has a memory, so that it is integrated in fine steps."""
+    """Friction of one joint with a state, integrated in fine steps."""
 
     @abstractmethod
-    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         """Return the torque (K,) in N·m on the grid."""
 
     def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
-        grid = fine(motion)
-        return self.rubbing(grid, signals)[grid.at]
+        grid = fine_grid(motion)
+        return self.friction(grid, signals)[grid.at]
 
 
 @dataclass(frozen=True)
 class Friction(JointFriction):
     """
-    LuGre friction on a joint, counted from 0; `backward` if it differs at negative speed.
+    LuGre friction on a joint, counted from 0, with other parameters `backward` if given.
 
-    A long `presliding` distance makes it a hysteresis that reversals show.
+    A long presliding distance appears as hysteresis at reversals.
     """
 
     joint: int
     surfaces: LuGre
     backward: LuGre | None = None
 
-    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint],
                                self.surfaces, self.backward)
 
@@ -52,12 +52,12 @@ class Friction(JointFriction):
 @dataclass(frozen=True)
 class GreasedGear(JointFriction):
     """
-    Grease in the gear of a joint, counted from 0, beside its dry `surfaces`.
+    Grease in the gear of a joint, counted from 0, in addition to its dry `surfaces`.
 
-    Its torque is `stress` asinh(v / `thinning`), in N·m and rad/s. Grease that is sheared at the
-    rate v has that shear stress (H. Eyring, Viscosity, plasticity, and diffusion as examples of
-    absolute reaction rates, J. Chem. Phys. 4, 1936): slow grease is viscous, fast grease gets
-    thinner.
+    Its torque is `stress` asinh(v / `thinning`), in N·m and rad/s: the shear stress of grease at
+    the shear rate v (H. Eyring, Viscosity, plasticity, and diffusion as examples of absolute
+    reaction rates, J. Chem. Phys. 4, 1936). It is viscous at low speed and degressive above
+    `thinning`.
 
     :raises OptionError: if a number is not positive.
     """
@@ -71,7 +71,7 @@ class GreasedGear(JointFriction):
         if not (self.stress > 0.0 and self.thinning > 0.0):
             raise OptionError('greased gear: stress and thinning speed must be positive')
 
-    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         v = grid.qd[:, self.joint]
         dry = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
         return np.asarray(dry + self.stress * np.arcsinh(v / self.thinning))
@@ -80,14 +80,13 @@ class GreasedGear(JointFriction):
 @dataclass(frozen=True)
 class LoadFriction(JointFriction):
     """
-    LuGre friction whose sliding level is that of teeth pressed together.
+    LuGre friction with a sliding level proportional to the normal force of the gear's teeth.
 
-    The preload that keeps the teeth engaged stands at right angles to the force that they
-    transmit, so that the normal force is their hypotenuse and
+    The preload of the teeth is perpendicular to the transmitted force, so that
 
-        level = fraction * sqrt(preload^2 + load^2):
+        level = fraction * sqrt(preload^2 + load^2),
 
-    the transmitted torque `load`, in N·m, loses the `fraction` once it is well above `preload`.
+    which is the `fraction` of the transmitted torque `load`, in N·m, far above `preload`.
     """
 
     joint: int
@@ -97,10 +96,10 @@ class LoadFriction(JointFriction):
 
     def __post_init__(self) -> None:
         if not 0 < self.fraction < 1 or not self.preload > 0:
-            raise OptionError(f'load friction: the fraction {self.fraction} must lie between 0 '
-                              f'and 1 and the preload {self.preload} N·m above 0')
+            raise OptionError(f'load friction: the fraction {self.fraction} must be between 0 '
+                              f'and 1, and the preload {self.preload} N·m positive')
 
-    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         load = grid.between_samples(signals.tau[:, self.joint])
         surfaces = LuGre(self.fraction, presliding=self.presliding)
         return friction_torque(grid.t, grid.q[:, self.joint], grid.qd[:, self.joint], surfaces,
@@ -108,16 +107,15 @@ class LoadFriction(JointFriction):
 
 
 @dataclass(frozen=True)
-class WarmFriction(JointFriction):
+class ThermalFriction(JointFriction):
     """
-    LuGre friction in a gear with a temperature T, in degrees Celsius, that starts at `begin`.
+    LuGre friction in a gear of temperature T, in degrees Celsius.
 
         capacity dT/dt = idle + |friction * qd| - (T - room) / resistance
 
-    `resistance` in K/W and `capacity` in J/K give the time resistance * capacity in which the
-    gear warms; `idle` W come from motor and brake. The viscous coefficient follows Vogel's law
-    of its oil; the bristles' force falls by the fraction `softening` a kelvin, down to a fifth.
-    Without `begin` the gear starts at the temperature of the room.
+    The time constant is `resistance` (K/W) times `capacity` (J/K); `idle` W is the heat of motor
+    and brake. The viscous coefficient follows Vogel's law; the bristle force falls by the fraction
+    `softening` per kelvin, down to a fifth. T starts at `begin`, by default at `room`.
     """
 
     joint: int
@@ -132,7 +130,7 @@ class WarmFriction(JointFriction):
     def __post_init__(self) -> None:
         for field in ('resistance', 'capacity'):
             if not getattr(self, field) > 0:
-                raise OptionError(f'warm friction: {field} must be positive')
+                raise OptionError(f'thermal friction: {field} must be positive')
 
     def dry_factor(self, temperature: FloatArray) -> FloatArray:
         return np.asarray(np.maximum(1 - self.softening * (temperature - self.room), 0.2))
@@ -145,20 +143,20 @@ class WarmFriction(JointFriction):
         """
         Return T (K,) at times t (K,) in s.
 
-        :param cold_power: |friction * qd| (K,) in W as it would be at room temperature; it is
-            scaled by how far dry friction has fallen.
+        :param cold_power: |friction * qd| (K,) in W at room temperature; it is scaled with the
+            dry friction.
         """
         keep = np.exp(-np.diff(t) / (self.resistance * self.capacity))
         state = self.room if self.begin is None else self.begin
         out = [state]
         for power, k in zip(cold_power.tolist(), keep.tolist()):
-            fall = max(1 - self.softening * (state - self.room), 0.2)
-            target = self.room + self.resistance * (self.idle + fall * power)
+            factor = max(1 - self.softening * (state - self.room), 0.2)
+            target = self.room + self.resistance * (self.idle + factor * power)
             state = target + (state - target) * k
             out.append(state)
         return np.array(out)
 
-    def rubbing(self, grid: Grid, signals: Signals) -> FloatArray:
+    def friction(self, grid: Grid, signals: Signals) -> FloatArray:
         v = grid.qd[:, self.joint]
         cold = friction_torque(grid.t, grid.q[:, self.joint], v, self.surfaces)
         warm = self.temperature(grid.t, np.abs(cold * v))
@@ -171,9 +169,8 @@ class DifferentialFriction:
     """
     LuGre friction on the two shafts of a differential that drives a pair of joints.
 
-    The shafts turn by s = q_a + q_b and d = q_b - q_a. What rubs on them reaches the joints
-    by the transpose of that map: tau_a = f_s - f_d, tau_b = f_s + f_d. A shaft without
-    friction has None.
+    The shaft angles are s = q_a + q_b and d = q_b - q_a. Friction acts on the joints by the
+    transpose of that map: tau_a = f_s - f_d, tau_b = f_s + f_d. None is a shaft without friction.
     """
 
     pair: tuple[int, int]
@@ -189,7 +186,7 @@ class DifferentialFriction:
         a, b = self.pair
         check_joint(a, arm)
         check_joint(b, arm)
-        grid, tau = fine(motion), signals.tau.copy()
+        grid, tau = fine_grid(motion), signals.tau.copy()
         for sign, surfaces in ((1.0, self.sum_shaft), (-1.0, self.difference_shaft)):
             if surfaces is None:
                 continue

@@ -1,4 +1,4 @@
-"""A gear between the encoder at the motor and the link: it winds up, or has play."""
+"""Gear between the motor's encoder and the link: elasticity and backlash."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gravity_comp_ros.simulation.synthesise import Signals
 import numpy as np
 
 
-def _led(signals: Signals, joint: int, lead: FloatArray, t: FloatArray) -> Signals:
-    """Return the signals with the motor's angle, the one reported, ahead by `lead` (M,) in rad."""
+def _with_lead(signals: Signals, joint: int, lead: FloatArray, t: FloatArray) -> Signals:
+    """Return the signals with the reported (motor) angle ahead of the link by `lead` (M,) rad."""
     q, qd = signals.q.copy(), signals.qd.copy()
     q[:, joint] += lead
     if len(t) > 1:
@@ -25,48 +25,48 @@ def _led(signals: Signals, joint: int, lead: FloatArray, t: FloatArray) -> Signa
 @dataclass(frozen=True)
 class Backlash:
     """
-    A link that lies on one flank or the other of a gear with `play` rad between them.
+    A gear with `play` rad between its two flanks.
 
-    The load presses it on a flank; it lets go once the load has turned by `grip` N·m, and is
-    across after `crossing` s. The motor's angle, the one reported, leads the link's by half of
-    the play on the flank that carries a positive load, and lags by half on the other.
+    The load determines the flank in contact. Contact changes to the other flank when the load
+    exceeds `threshold` N·m in that direction, and takes `crossing` s. The motor's (reported) angle
+    leads the link's by half the play at positive load, and lags by half at negative load.
     """
 
     joint: int
     play: float
-    grip: float = 0.5
+    threshold: float = 0.5
     crossing: float = 0.05
 
     def __post_init__(self) -> None:
-        if not (self.play > 0 and self.grip >= 0 and self.crossing > 0):
-            raise OptionError('backlash: play and crossing must be positive, grip 0 or more')
+        if not (self.play > 0 and self.threshold >= 0 and self.crossing > 0):
+            raise OptionError('backlash: play and crossing must be positive, threshold 0 or more')
 
     def lead(self, t: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """Return what the motor's angle leads the link's by, (K,) in rad."""
+        """Return the lead of the motor's angle over the link's, (K,) in rad."""
         side = 1.0 if load[0] >= 0 else -1.0
-        place, out = side, [side]
+        position, out = side, [side]
         for torque, step in zip(load[1:].tolist(), np.diff(t).tolist()):
-            if abs(torque) > self.grip:
+            if abs(torque) > self.threshold:
                 side = 1.0 if torque > 0 else -1.0
-            far = 2 * step / self.crossing
-            place += min(max(side - place, -far), far)
-            out.append(place)
+            largest = 2 * step / self.crossing
+            position += min(max(side - position, -largest), largest)
+            out.append(position)
         return 0.5 * self.play * np.array(out)
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
         check_joint(self.joint, arm)
         lead = self.lead(motion.t, signals.tau[:, self.joint])
-        return _led(signals, self.joint, lead, motion.t)
+        return _with_lead(signals, self.joint, lead, motion.t)
 
 
 @dataclass(frozen=True)
-class SoftGear:
+class ElasticGear:
     """
-    A gear of `stiffness` N·m/rad: the motor's angle, the one reported, is q + tau / stiffness.
+    A gear of `stiffness` N·m/rad: the motor's (reported) angle is q + tau / stiffness.
 
-    `hardening` in (N·m)^-2 makes it stiffer with load, as harmonic drives are: the wind-up is
-    then tau / (stiffness (1 + hardening tau^2)^(1/2)).
+    With `hardening` in (N·m)^-2 the stiffness grows with load, as in harmonic drives: the wind-up
+    is tau / (stiffness (1 + hardening tau^2)^(1/2)).
     """
 
     joint: int
@@ -75,12 +75,12 @@ class SoftGear:
 
     def __post_init__(self) -> None:
         if not self.stiffness > 0 or not self.hardening >= 0:
-            raise OptionError(f'soft gear: stiffness {self.stiffness} N·m/rad must be positive '
+            raise OptionError(f'elastic gear: stiffness {self.stiffness} N·m/rad must be positive '
                               f'and hardening {self.hardening} 0 or more')
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:
         check_joint(self.joint, arm)
         load = signals.tau[:, self.joint]
-        wound = load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2))
-        return _led(signals, self.joint, wound, motion.t)
+        wind_up = load / (self.stiffness * np.sqrt(1 + self.hardening * load ** 2))
+        return _with_lead(signals, self.joint, wind_up, motion.t)

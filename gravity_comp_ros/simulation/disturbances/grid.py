@@ -1,4 +1,4 @@
-"""A finer time grid, for disturbances with a memory."""
+"""Fine time grid for disturbances with a state."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from gravity_comp_ros.data.samples import FloatArray, IntArray
 from gravity_comp_ros.simulation.motions import Motion
 import numpy as np
 
-DEFAULT_STEP = 0.005
+# Largest integration step, s.
+_STEP = 0.005
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
     """
-    The true motion at K >= M instants, the M samples among them.
+    The true motion at K >= M instants, which include the M samples.
 
-    `t` (K,) in s; `q`, `qd` (K, N) in rad and rad/s; `at` (M,) finds the samples.
+    `t` (K,) in s; `q`, `qd` (K, N) in rad and rad/s; `at` (M,) are the indices of the samples.
     """
 
     t: FloatArray
@@ -25,18 +26,14 @@ class Grid:
     at: IntArray
 
     def between_samples(self, values: FloatArray) -> FloatArray:
-        """Return (K,) values on the grid from (M,) at the samples, by straight lines."""
+        """Return values (K,) on the grid by linear interpolation of values (M,) at the samples."""
         if len(self.at) == len(self.t):
             return values
         return np.asarray(np.interp(self.t, self.t[self.at], values))
 
 
-def fine(motion: Motion, step: float = DEFAULT_STEP) -> Grid:
-    """
-    Return the motion in steps of at most `step` s.
-
-    :param step: s; samples that lie closer are taken as they are.
-    """
+def fine_grid(motion: Motion, step: float = _STEP) -> Grid:
+    """Return the motion in steps of at most `step` s; closer samples are kept unchanged."""
     gaps = np.diff(motion.t)
     parts = 1 if gaps.size == 0 else max(1, int(np.ceil(gaps.max() / step - 1e-9)))
     at = parts * np.arange(len(motion.t))

@@ -1,4 +1,4 @@
-"""A torque on one joint, and how a disturbance of it hands its signals on."""
+"""Base class of disturbances that add a torque to one joint."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 
 def check_joint(joint: int, arm: Arm) -> None:
     """
-    Check a joint's number, counted from 0.
+    Check the number of a joint, counted from 0.
 
     :raises OptionError: if the arm has no such joint.
     """
@@ -24,13 +24,13 @@ def check_joint(joint: int, arm: Arm) -> None:
 
 
 class JointTorque(ABC):
-    """What adds to the torque of the joint of number `joint`, counted from 0."""
+    """A torque that is added to that of joint number `joint`, counted from 0."""
 
     joint: int
 
     @abstractmethod
     def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
-        """Return what comes on top of the torque of the joint, (M,) in N·m."""
+        """Return the torque that is added, (M,) in N·m."""
 
     def apply(self, signals: Signals, motion: Motion, arm: Arm,
               rng: np.random.Generator) -> Signals:

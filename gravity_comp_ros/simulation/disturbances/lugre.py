@@ -1,17 +1,17 @@
 """
-LuGre friction: bristles between two surfaces bend, hold, and slip.
+LuGre friction: elastic bristles between two surfaces that slip at a limit deflection.
 
     dz/dt = v - |v| z / d(v)          the bristles' deflection z in rad
     F     = s0 z + s1 dz/dt + s2 v    the torque in N·m
 
-where s0 d(v) = level * shape(v) is the force of steady sliding and d(v) the deflection that it
-belongs to. The Stribeck shape is Lorentzian,
+where s0 d(v) = level * shape(v) is the force of steady sliding and d(v) its deflection. The
+Stribeck shape is Lorentzian,
 
     shape(v) = 1 + (static / coulomb - 1) / (1 + (v / v_s)^2),
 
-so that breakaway takes `static` and fast sliding `coulomb`. (Canudas de Wit et al., "A new
-model for control of systems with friction", IEEE Trans. Automatic Control 40(3), 1995, with
-another curve than theirs.)
+with the level `static` at breakaway and `coulomb` at high speed. (Canudas de Wit et al., "A new
+model for control of systems with friction", IEEE Trans. Automatic Control 40(3), 1995, who use a
+different shape.)
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ import numpy as np
 @dataclass(frozen=True)
 class LuGre:
     """
-    The parameters of one pair of surfaces.
+    Parameters of a pair of surfaces.
 
-    `coulomb` is the level of fast sliding in N·m, `static` that of breakaway (0: the same),
-    `stribeck_speed` in rad/s the speed at which half of their difference is gone, `viscous` in
+    `coulomb` is the level at high speed in N·m, `static` that of breakaway (0: the same),
+    `stribeck_speed` in rad/s the speed at which their difference has halved, `viscous` in
     N·m·s/rad, `presliding` the deflection in rad at which the surfaces slip at the level
-    `coulomb`, and `damping` the time in s by which bristle damping s1 = damping * s0 acts.
+    `coulomb`, and `damping` in s the ratio s1 / s0.
 
-    :raises OptionError: if a value is negative, or breakaway takes less than sliding.
+    :raises OptionError: if a value is negative, or breakaway is below sliding.
     """
 
     coulomb: float
@@ -62,12 +62,12 @@ class LuGre:
         return self.coulomb / self.presliding
 
     def shape(self, v: FloatArray) -> FloatArray:
-        """Return the Stribeck curve over its level at high speed, (K,) from v (K,) in rad/s."""
+        """Return the Stribeck curve (K,) relative to its high-speed level, at v (K,) in rad/s."""
         excess = max(self.static / self.coulomb - 1.0, 0.0) if self.coulomb > 0 else 0.0
         return np.asarray(1.0 + excess / (1.0 + (v / self.stribeck_speed) ** 2))
 
     def steady(self, v: FloatArray) -> FloatArray:
-        """Return the torque (K,) in N·m of sliding on and on at v (K,) in rad/s."""
+        """Return the torque (K,) in N·m of steady sliding at v (K,) in rad/s."""
         return np.asarray(np.sign(v) * self.coulomb * self.shape(v) + self.viscous * v)
 
 
@@ -75,38 +75,38 @@ def friction_torque(t: FloatArray, q: FloatArray, v: FloatArray, forward: LuGre,
                     backward: LuGre | None = None,
                     normal: FloatArray | float = 1.0) -> FloatArray:
     """
-    Return the torque (K,) in N·m that moves the surfaces along q, from rest with z = 0.
+    Return the friction torque (K,) in N·m along q, starting with z = 0.
 
-    The bristle equation is linear in z while v keeps its value, and is solved exactly over
-    each step, in terms of the distance that the step covers.
+    The bristle equation is linear in z at constant v, and is solved exactly over each step in
+    terms of its distance.
 
     :param t: (K,) in s. :param q: (K,) in rad. :param v: (K,) in rad/s.
-    :param backward: the surfaces' parameters at negative speed, if they are others.
-    :param normal: factor (K,) by which a normal force multiplies the bristles' force.
+    :param backward: parameters at negative speed, if different.
+    :param normal: factor (K,) of the bristle force by the normal force.
     """
     backward = backward or forward
     middle = np.diff(q) / np.diff(t)
     z = deflection(np.diff(q), _slip(middle, forward, backward))
-    ahead = v >= 0
-    stiffness = np.where(ahead, forward.stiffness, backward.stiffness)
-    damping = stiffness * np.where(ahead, forward.damping, backward.damping)
-    viscous = np.where(ahead, forward.viscous, backward.viscous)
+    forwards = v >= 0
+    stiffness = np.where(forwards, forward.stiffness, backward.stiffness)
+    damping = stiffness * np.where(forwards, forward.damping, backward.damping)
+    viscous = np.where(forwards, forward.viscous, backward.viscous)
     rate = v - np.abs(v) * z / _slip(v, forward, backward)
     return np.asarray(normal * (stiffness * z + damping * rate) + viscous * v)
 
 
 def _slip(v: FloatArray, forward: LuGre, backward: LuGre) -> FloatArray:
-    """Return the deflection (K,) in rad at which surfaces at speed v slip."""
+    """Return the slip deflection (K,) in rad at speed v."""
     return np.where(v >= 0, forward.presliding * forward.shape(v),
                     backward.presliding * backward.shape(v))
 
 
 def deflection(moved: FloatArray, slip: FloatArray) -> FloatArray:
     """
-    Return how far bristles are bent, (K,) in rad: at first not, then after each of K - 1 steps.
+    Return the bristle deflection (K,) in rad, starting at 0.
 
     :param moved: the steps (K - 1,) in rad.
-    :param slip: the deflection (K - 1,) in rad at which the surfaces slip during each.
+    :param slip: the slip deflection (K - 1,) in rad during each step.
     """
     keep = np.exp(-np.abs(moved) / slip)
     gain = np.sign(moved) * slip * -np.expm1(-np.abs(moved) / slip)

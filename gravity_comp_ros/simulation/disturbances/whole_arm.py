@@ -1,4 +1,4 @@
-"""What acts on the arm as a whole: a base that is not level, a force of the tool."""
+"""Disturbances of the whole arm: base tilt and tool force."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pinocchio as pin
 
 @dataclass(frozen=True)
 class TiltedBase:
-    """A base turned by `roll` about x, then by `pitch` about y, in rad."""
+    """A base rotated by `roll` about x, then by `pitch` about y, in rad."""
 
     roll: float
     pitch: float
@@ -28,11 +28,11 @@ class TiltedBase:
 
 
 @dataclass(frozen=True)
-class ToolJet:
+class ToolForce:
     """
     A `force` in N on the last link, constant in its frame, at `point` in m in that frame.
 
-    It acts on the arm; the drives hold against it.
+    The drives compensate it.
     """
 
     force: tuple[float, float, float]
@@ -40,10 +40,10 @@ class ToolJet:
 
     def __post_init__(self) -> None:
         if not np.isfinite([*self.force, *self.point]).all():
-            raise OptionError('tool jet: force and point must be finite')
+            raise OptionError('tool force: force and point must be finite')
 
     def torque(self, arm: Arm, q: FloatArray) -> FloatArray:
-        """Return the drives' share (K, N) in N·m, from poses q (K, N) in rad."""
+        """Return the drives' torque (K, N) in N·m at poses q (K, N) in rad."""
         moment = np.cross(self.point, self.force)
         wrench = np.concatenate([self.force, moment])
         data, last = arm.model.createData(), arm.model.njoints - 1

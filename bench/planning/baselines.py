@@ -1,4 +1,4 @@
-"""Motion that a plan is compared with: slow random motion, and a Fourier planner."""
+"""Baseline motions that a plan is compared with: slow random motion, and Fourier series."""
 
 from __future__ import annotations
 
@@ -11,57 +11,53 @@ from gravity_comp_ros.planning.workspace import workspace
 from gravity_comp_ros.simulation import motions
 import numpy as np
 
+# Duration of the additional motion, s; number of Fourier series drawn.
 MORE_SECONDS = 20.0
 _DRAWS = 30
 
 
 def played(trajectory: Trajectory) -> motions.Motion:
-    """Return a planned motion as the arm plays it."""
+    """Return a trajectory as a motion of the simulated arm."""
     return motions.sample('planned', trajectory.at, trajectory.duration, RATE)
 
 
 def random_slow(samples: JointSamples, options: PlanOptions, seed: int) -> motions.Motion:
-    """Return slow random motion of all joints within the recorded range, as fast as a plan."""
+    """Return slow random motion of all joints within the recorded range, at a plan's speed."""
     low, high = samples.q.min(axis=0), samples.q.max(axis=0)
-    limit = np.full(samples.n_joints, options.max_speed)
-    return motions.multisine(low - 1e-3, high + 1e-3, limit, seed, _sines(options), MORE_SECONDS,
-                             RATE)
-
-
-def _sines(options: PlanOptions) -> motions.MultisineOptions:
-    return motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
+    return random_wide(samples, options, low - 1e-3, high + 1e-3, seed)
 
 
 def random_wide(samples: JointSamples, options: PlanOptions, low: FloatArray, high: FloatArray,
                 seed: int) -> motions.Motion:
-    """Return slow random motion of all joints within limits, as wide as a plan may be."""
+    """Return slow random motion of all joints within position limits (N,)."""
     limit = np.full(samples.n_joints, options.max_speed)
-    return motions.multisine(low, high, limit, seed, _sines(options), MORE_SECONDS, RATE)
+    sines = motions.MultisineOptions(options.max_speed, MORE_SECONDS, 0.25, 5, 2.0)
+    return motions.multisine(low, high, limit, seed, sines, MORE_SECONDS, RATE)
 
 
 def random_near(samples: JointSamples, options: PlanOptions, joint: int,
                 seed: int) -> motions.Motion:
     """
-    Return the same of a joint and its neighbours only, no further from recorded poses than a plan.
+    Return slow random motion of a joint and its neighbours, within reach of recorded poses.
 
-    It begins where a plan begins, and is as wide as the limits admit.
+    It starts at the start pose of a plan, and is as wide as the limits admit.
     """
     space, free = workspace(samples, options), random_slow(samples, options, seed)
-    mine = np.abs(np.arange(samples.n_joints) - joint) <= 1
+    moving = np.abs(np.arange(samples.n_joints) - joint) <= 1
     start, middle = space.start, 0.5 * (free.q.min(axis=0) + free.q.max(axis=0))
     size = next((s for s in np.linspace(1.0, 0.05, 20)
-                 if space.admits(start + s * mine * (free.q - middle))), 0.0)
+                 if space.admits(start + s * moving * (free.q - middle))), 0.0)
 
     def path(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         q, qd, qdd = free.path(t)
-        return start + size * mine * (q - middle), size * mine * qd, size * mine * qdd
+        return start + size * moving * (q - middle), size * moving * qd, size * moving * qdd
 
     return motions.sample('random near', path, MORE_SECONDS, RATE)
 
 
 def fourier(samples: JointSamples, model: GravityModel, options: PlanOptions,
             seed: int) -> motions.Motion:
-    """Return the best of 30 random Fourier series by D-optimality of all parameters alike."""
+    """Return the best of 30 random Fourier series by D-optimality of all parameters."""
     drawn = [random_slow(samples, options, 1000 + 100 * seed + draw) for draw in range(_DRAWS)]
     return max(drawn, key=lambda motion: sum(_log_det(model, motion, n)
                                              for n in range(samples.n_joints)))

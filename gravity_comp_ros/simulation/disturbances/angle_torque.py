@@ -1,4 +1,4 @@
-"""Torques that follow from a joint's angle: springs, cables, stops, detents and teeth."""
+"""Torques that depend on a joint's angle: springs, cables, stops, detents and cogging."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 
 
 class AngleTorque(JointTorque):
-    """A torque that the angle alone tells."""
+    """A torque that is a function of the angle alone."""
 
     @abstractmethod
     def torque(self, q: FloatArray) -> FloatArray:
-        """Return the drive's share (K,) in N·m at angles q (K,) in rad."""
+        """Return the drive's torque (K,) in N·m at angles q (K,) in rad."""
 
     def added(self, signals: Signals, motion: Motion, rng: np.random.Generator) -> FloatArray:
         return self.torque(motion.q[:, self.joint])
@@ -27,14 +27,13 @@ class AngleTorque(JointTorque):
 @dataclass(frozen=True)
 class SpringBalancer(AngleTorque):
     """
-    A spring hooked `crank` m from the joint's axis on the link, and `post` m on the base.
+    A spring from the link, `crank` m from the joint's axis, to the base, `post` m from it.
 
     Its length follows from the law of cosines, l^2 = crank^2 + post^2 - 2 crank post
-    cos(q - rest); it is shortest at q = `rest` in rad. It pulls with `rate` N/m beyond its
-    `free` length in m, and not at all below: a coil spring's hook is loose then.
+    cos(q - rest); it is shortest at q = `rest` in rad. The force is `rate` N/m beyond the `free`
+    length in m, and 0 below it (an unhooked coil spring).
 
-    A spring of free length 0 would pull with a sine of the angle, as gravity does, and could
-    not be told from it.
+    The torque of a spring of free length 0 is a sine of the angle, collinear with gravity.
     """
 
     joint: int
@@ -54,11 +53,11 @@ class SpringBalancer(AngleTorque):
                                   * np.cos(q - self.rest)))
 
     def energy(self, q: FloatArray) -> FloatArray:
-        """Return what the spring holds (K,) in J."""
+        """Return the elastic energy (K,) in J."""
         return np.asarray(0.5 * self.rate * np.maximum(self.length(q) - self.free, 0.0) ** 2)
 
     def torque(self, q: FloatArray) -> FloatArray:
-        """Return the drive's share (K,) in N·m: the pull times its lever arm."""
+        """Return the drive's torque (K,) in N·m: force times lever arm."""
         length = self.length(q)
         lever = self.crank * self.post * np.sin(q - self.rest) / length
         return np.asarray(self.rate * np.maximum(length - self.free, 0.0) * lever)
@@ -67,9 +66,10 @@ class SpringBalancer(AngleTorque):
 @dataclass(frozen=True)
 class Detent(AngleTorque):
     """
-    A well E(q) = -depth exp(-((q - centre) / width)^2 / 2) in J; `centre`, `width` in rad.
+    A potential well E(q) = -depth exp(-((q - centre) / width)^2 / 2) in J.
 
-    The drive pays dE/dq: at most `peak` N·m, one width from the centre.
+    `centre` and `width` in rad. The drive's torque is dE/dq, at most `peak` N·m, one width from
+    the centre.
     """
 
     joint: int
@@ -79,7 +79,7 @@ class Detent(AngleTorque):
 
     def __post_init__(self) -> None:
         if not self.width > 0:
-            raise OptionError(f'detent: its width is {self.width} rad; it must be positive')
+            raise OptionError(f'detent: the width is {self.width} rad; it must be positive')
 
     @property
     def depth(self) -> float:
@@ -98,13 +98,13 @@ class Detent(AngleTorque):
 @dataclass(frozen=True)
 class DressPack(AngleTorque):
     """
-    A pack that stretches beyond the angle `slack` on the side that `side` (+1 or -1) says.
+    A cable pack that is taut beyond the angle `slack` on one `side` (+1 or -1).
 
-    With the stretch s = max(side (q - slack), 0) in rad it pulls back by
+    With the stretch s = max(side (q - slack), 0) in rad the torque is
 
-        stiffness * hardening * (exp(s / hardening) - 1),
+        stiffness * hardening * (exp(s / hardening) - 1):
 
-    `stiffness` N·m/rad where it goes taut, and e times that after `hardening` rad more.
+    `stiffness` N·m/rad at s = 0, and e times that at s = `hardening` rad.
     """
 
     joint: int
@@ -115,8 +115,8 @@ class DressPack(AngleTorque):
 
     def __post_init__(self) -> None:
         if not self.hardening > 0 or self.side not in (-1, 1):
-            raise OptionError(f'dress pack: hardening is {self.hardening} rad, it must be '
-                              f'positive, and side is {self.side}, it must be 1 or -1')
+            raise OptionError(f'dress pack: hardening is {self.hardening} rad; it must be '
+                              f'positive; side is {self.side}; it must be 1 or -1')
 
     def stretch(self, q: FloatArray) -> FloatArray:
         return np.asarray(np.maximum(self.side * (q - self.slack), 0.0))
@@ -133,10 +133,10 @@ class DressPack(AngleTorque):
 @dataclass(frozen=True)
 class Cogging(AngleTorque):
     """
-    A train of pulses, `teeth` in a turn of the joint, of `peak` N·m above their mean.
+    Periodic pulses, `teeth` per revolution of the joint, with a peak of `peak` N·m.
 
     Each pulse is exp((cos x - 1) / sharpness) with x = teeth (q - phase): round for a
-    sharpness of 1 and more, narrow below. Their mean is taken away, so that a turn costs no
+    sharpness of 1 and more, narrow below. The mean is subtracted, so that a revolution takes no
     energy.
     """
 
@@ -149,16 +149,16 @@ class Cogging(AngleTorque):
     def __post_init__(self) -> None:
         if self.teeth < 1 or not self.sharpness > 0:
             raise OptionError(f'cogging: {self.teeth} teeth and sharpness {self.sharpness}; '
-                              f'there must be a tooth, and some width')
+                              f'there must be at least one tooth and a positive sharpness')
 
     def torque(self, q: FloatArray) -> FloatArray:
-        turn = 2 * np.pi * np.arange(720) / 720
-        mean = float(np.exp((np.cos(turn) - 1) / self.sharpness).mean())
+        angle = 2 * np.pi * np.arange(720) / 720
+        mean = float(np.exp((np.cos(angle) - 1) / self.sharpness).mean())
         pulses = np.exp((np.cos(self.teeth * (q - self.phase)) - 1) / self.sharpness)
         return np.asarray(self.peak * (pulses - mean) / (1 - mean))
 
     def amplitude(self) -> float:
-        """Return the amplitude in N·m of the sine with one period a tooth."""
+        """Return the amplitude in N·m of the sine with one period per tooth."""
         q = 2 * np.pi / self.teeth * np.arange(720) / 720
         shape = self.torque(q + self.phase)
         return float(2 * (shape * np.cos(self.teeth * q)).mean())
@@ -169,9 +169,9 @@ class Bumper(JointTorque):
     """
     A Hunt-Crossley contact beyond the angle `at` in rad, on the side +1 or -1.
 
-    With the depth x in rad and its rate: stiffness x^exponent (1 + 3/2 loss dx/dt), never a
-    pull. (K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution interpreted as damping in
-    vibroimpact", J. Applied Mechanics 42, 1975.)
+    With the depth x in rad the torque is stiffness x^exponent (1 + 3/2 loss dx/dt), never
+    attractive. (K. H. Hunt, F. R. E. Crossley, "Coefficient of restitution interpreted as damping
+    in vibroimpact", J. Applied Mechanics 42, 1975.)
     """
 
     joint: int
@@ -187,7 +187,7 @@ class Bumper(JointTorque):
                               'exponent 1 or more')
 
     def torque(self, q: FloatArray, qd: FloatArray) -> FloatArray:
-        """Return the drive's share (K,) in N·m."""
+        """Return the drive's torque (K,) in N·m."""
         depth = np.maximum(self.side * (q - self.at), 0.0)
         push = self.stiffness * depth ** self.exponent * (1 + 1.5 * self.loss * self.side * qd)
         return np.asarray(self.side * np.maximum(push, 0.0))
