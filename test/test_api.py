@@ -47,7 +47,7 @@ def test_the_package_is_imported_without_what_it_does_not_need():
             'sys.modules.update(dict.fromkeys(["rclpy", "mcap", "rich", "yaml", "pinocchio", '
             '"bokeh", "zstandard", "defusedxml"]))\n'
             'for name in gc.__all__: getattr(gc, name)\n'
-            'assert set(gc.__all__) == set(gc._PLACES) <= set(dir(gc))\n'
+            'assert set(gc.__all__) == set(gc._MODULES) <= set(dir(gc))\n'
             'import numpy as np\n'
             'q = np.random.default_rng(0).normal(size=(40, 2))\n'
             'print(gc.fit(gc.Recording.from_arrays(q, np.sin(q), rate=5, qd=0 * q)).joints)')

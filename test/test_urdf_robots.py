@@ -2,7 +2,7 @@
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.description.serial_arm import arm_joints
-from gravity_comp_ros.description.urdf import held_joints, HeldAt, parse_urdf
+from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -69,7 +69,7 @@ def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
 ], ids=lambda value: None)
 def test_axes_of_robots(text, joints, fixed, held):
     # The joints come in any order.
-    geometry = parse_urdf(text, joints[::-1], held=HeldAt(fixed))
+    geometry = parse_urdf(text, joints[::-1], held=HeldPositions(fixed))
     assert geometry.joints == joints
     assert {joint.name: joint.value for joint in geometry.held} == held
     check_axes(text, geometry, {**held, **fixed})
@@ -98,7 +98,7 @@ def test_any_way_through_a_robot_has_pinocchios_gravity(steps):
     if not wanted:
         return
     text = robots.robot(*parts, root='l0')
-    geometry = parse_urdf(text, wanted, held=HeldAt(recorded=held))
+    geometry = parse_urdf(text, wanted, held=HeldPositions(recorded=held))
     assert set(held_joints(text, wanted)) >= {joint.name for joint in geometry.held}
     check_axes(text, geometry, held)
 
@@ -121,7 +121,8 @@ def test_where_a_held_joint_stands():
     text = robots.robot(one, robots.joint('arm', 'a', 'b', axis='0 1 0'))
 
     def held(**where):
-        return [(j.value, j.by) for j in parse_urdf(text, ('arm',), held=HeldAt(**where)).held]
+        geometry = parse_urdf(text, ('arm',), held=HeldPositions(**where))
+        return [(j.value, j.by) for j in geometry.held]
 
     assert held() == [(1.0, 'assumption')]  # 0 lies beyond its limits
     assert held(recorded={'waist': 0.7}) == [(0.7, 'recording')]
@@ -130,7 +131,7 @@ def test_where_a_held_joint_stands():
         with pytest.raises(OptionError, match=words):
             held(fixed=wrong)
     with pytest.raises(OptionError, match='cannot be held'):
-        HeldAt({'waist': float('nan')})
+        HeldPositions({'waist': float('nan')})
 
 
 def test_a_joint_that_mimics():
@@ -140,7 +141,7 @@ def test_a_joint_that_mimics():
                             robots.joint('b', 'l1', 'l2', axis='0 1 0'),
                             robots.joint('follower', 'l2', 'l3', axis='0 1 0', extra=rule),
                             robots.joint('c', 'l3', 'l4', axis='1 0 0'))
-    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldAt({'b': 0.3}))
+    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldPositions({'b': 0.3}))
     assert [(j.name, round(j.value, 12)) for j in geometry.held] == [('b', 0.3),
                                                                      ('follower', -0.5)]
     assert held_joints(text('b'), ('a', 'c')) == ('b',)
