@@ -14,7 +14,7 @@ from gravity_comp_ros import cli
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import find_robots, Robot
-from gravity_comp_ros.fleet.run import FleetRun, KEPT
+from gravity_comp_ros.fleet.run import CACHE, FleetRun
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -57,7 +57,7 @@ def test_a_folder_is_robots_and_their_bags(fleet, tmp_path):
         (name, ['run0.mcap', 'run1.mcap', 'run2.mcap']) for name in ('anna', 'bert')]
     assert find_robots(fleet / 'anna') == [Robot('anna', robots[0].bags)]
     (tmp_path / 'empty').mkdir()
-    with pytest.raises(BagError, match='holds no recording'):
+    with pytest.raises(BagError, match='contains no recording'):
         find_robots(tmp_path / 'empty')
     with pytest.raises(BagError, match='cannot read the fleet'):
         find_robots(tmp_path / 'nowhere')
@@ -100,7 +100,7 @@ def test_what_is_done_is_not_done_again(fleet, tmp_path):
 def test_what_was_kept_and_is_damaged_is_read_again(fleet, tmp_path):
     run(fleet, tmp_path / 'out')
     before = weights(tmp_path / 'out')
-    for file in (tmp_path / 'out' / KEPT).iterdir():
+    for file in (tmp_path / 'out' / CACHE).iterdir():
         file.write_bytes(file.read_bytes()[:100])
     assert run(fleet, tmp_path / 'out').resumed == 0
     assert weights(tmp_path / 'out') == before

@@ -127,7 +127,7 @@ def test_where_a_held_joint_stands():
     assert held() == [(1.0, 'assumption')]  # 0 lies beyond its limits
     assert held(recorded={'waist': 0.7}) == [(0.7, 'recording')]
     assert held(recorded={'waist': 0.7}, fixed={'waist': 0.0}) == [(0.0, 'option')]
-    for wrong, words in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'one of the arm')):
+    for wrong, words in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'part of the arm')):
         with pytest.raises(OptionError, match=words):
             held(fixed=wrong)
     with pytest.raises(OptionError, match='cannot be held'):

@@ -117,7 +117,7 @@ def _check_fixed(tree: RobotTree, joints: Collection[str], held: HeldPositions) 
         if name not in tree.joints:
             raise OptionError(f'{tree.source} has no joint {name} to hold')
         if name in joints:
-            raise OptionError(f'joint {name} is a joint of the arm and cannot be held at a '
+            raise OptionError(f'joint {name} is part of the arm and cannot be held at a '
                               f'constant position')
 
 
