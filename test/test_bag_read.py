@@ -332,7 +332,7 @@ def test_sample_alone_in_a_gap_has_no_velocity(tmp_path):
         row[1]['velocity'] = []
         row[1]['stamp_ns'] += 10**10 * ((number >= 50) + (number >= 51))
     recording = read_bag(recorded(tmp_path, rows))
-    assert dict(recording.report.dropped) == {cleaning.LONELY: 1}
+    assert dict(recording.report.dropped) == {cleaning.ISOLATED: 1}
     assert len(recording.samples) == 99
 
 
@@ -411,12 +411,12 @@ def test_of_many_messages_an_even_part_is_read(tmp_path, plugin):
         rows += [row, gripper]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin)
     whole = read_bag(path, ReadOptions(joints=NAMES)).samples
-    recording = read_bag(path, ReadOptions(joints=NAMES, most=600))
+    recording = read_bag(path, ReadOptions(joints=NAMES, max_messages=600))
     samples = recording.samples
     assert abs(len(samples) - 300) <= 2 and len(whole) == 600
     assert '50% of 1200 messages are used' in ' '.join(recording.report.notes)
     kept = np.searchsorted(whole.t + 1e-9, samples.t + whole.t[0])
     assert np.diff(kept).max() <= 4
     with pytest.raises(OptionError, match='messages to read'):
-        ReadOptions(most=0)
-    assert read_bag(path, ReadOptions(joints=NAMES, most=1200)).report.notes == ()
+        ReadOptions(max_messages=0)
+    assert read_bag(path, ReadOptions(joints=NAMES, max_messages=1200)).report.notes == ()

@@ -118,7 +118,7 @@ def test_samples_of_one_run_are_a_topic_and_of_two_are_not():
     one = JointSamples.single_run(NAMES, T, Q, Q, Q)
     topic = joint_states(one)
     assert topic.name == '/joint_states' and topic.joints == NAMES
-    with pytest.raises(OptionError, match='one bag a run'):
+    with pytest.raises(OptionError, match='one bag per run'):
         joint_states(concatenate([one, one]))
 
 

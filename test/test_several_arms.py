@@ -7,7 +7,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_turns
+from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_message
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -52,9 +52,9 @@ def test_any_number_of_arms(parts, count):
 
 def test_turns():
     left, right = ('a', 'b', 'c'), ('x', 'y')
-    assert arms_by_turns([left, right]) == [left, right]
-    assert arms_by_turns([left, ('gripper',)]) == []       # no arm has one joint
-    assert arms_by_turns([left, left[::-1], left + ('d',)]) == []
+    assert arms_by_message([left, right]) == [left, right]
+    assert arms_by_message([left, ('gripper',)]) == []       # no arm has one joint
+    assert arms_by_message([left, left[::-1], left + ('d',)]) == []
 
 
 def moving(phase, count=400):
@@ -89,7 +89,7 @@ def test_two_arms_in_one_message(tmp_path, capsys):
     assert read_bag(path, ReadOptions(joints=names)).samples.n_joints == 8
 
 
-def test_two_arms_by_turns(tmp_path):
+def test_two_arms_by_message(tmp_path):
     left = messages(60)
     right = [[stamp + 1, {**row, 'names': [f'other_{name}' for name in row['names']]}]
              for stamp, row in messages(60)]
@@ -107,7 +107,7 @@ def test_two_robots_with_the_same_names(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, [JointTopic('/joint_states', ('a', 'b', 'c', 'd'),
                                 np.arange(len(both[0])) / 10.0, *both)])
-    assert refused(path, 'two robots publish the same joint names') == []
+    assert refused(path, 'two robots published the same joint names') == []
 
 
 def test_random_poses_do_not_jump_to_and_fro(tmp_path):

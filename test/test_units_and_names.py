@@ -98,7 +98,7 @@ def test_milliseconds_of_a_fast_motion_are_noticed_too(tmp_path):
 @pytest.mark.parametrize(('columns', 'factor', 'words'), [
     (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
     (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
-    (slice(3, 5), -1.0, 'the velocity has the other sign: give --velocity none')])
+    (slice(3, 5), -1.0, 'the velocity has the opposite sign: give --velocity none')])
 def test_a_velocity_that_is_not_that_of_the_positions(tmp_path, columns, factor, words):
     rows = moving(np.arange(300) * 0.1, 0.2)
     rows[:, columns] *= factor
@@ -141,7 +141,7 @@ def test_joints_of_two_topics_are_asked_about(tmp_path):
     head = 't,/left/a/position,/right/a/position,/left/a/velocity,/right/a/velocity,' \
            '/left/a/effort,/right/a/effort'
     path = with_velocity(tmp_path / 'x.csv', moving(np.arange(100) * 0.1), head)
-    with pytest.raises(BagError, match='several topics, /left, /right; say which'):
+    with pytest.raises(BagError, match='several topics, /left, /right; name the columns'):
         read_table(path)
 
 
@@ -157,7 +157,7 @@ def test_dates_are_times_and_text_that_is_not_used_does_no_harm(tmp_path):
         read_table(path, TableOptions(effort='note'))
 
 
-@pytest.mark.parametrize(('cell', 'words'), [('"0,5"', 'a decimal comma. Then put semicolons'),
+@pytest.mark.parametrize(('cell', 'words'), [('"0,5"', 'for a decimal comma, separate the cells'),
                                              ('half', "'half' is not a number .--skip")])
 def test_a_cell_that_is_no_number(tmp_path, cell, words):
     path = tmp_path / 'x.csv'
@@ -168,7 +168,7 @@ def test_a_cell_that_is_no_number(tmp_path, cell, words):
 
 def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):
     path = table(tmp_path / 'x.csv')
-    with pytest.raises(OptionError, match='has a column of time, t: leave --rate out'):
+    with pytest.raises(OptionError, match='has a column of time, t: omit --rate'):
         read_table(path, TableOptions(rate=100.0))
     assert read_table(path, TableOptions(rate=100.0, time='none')).topic.t[-1] == 2.99
 
@@ -177,7 +177,7 @@ def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):
                                      {'position': '2-3', 'velocity': '3-4', 'effort': '4-5'},
                                      {'time': 'q_1'}])
 def test_a_column_is_one_thing(tmp_path, columns):
-    with pytest.raises(BagError, match='cannot be two things at once'):
+    with pytest.raises(BagError, match='is used twice'):
         read_table(table(tmp_path / 'x.csv'), TableOptions(**columns))
 
 

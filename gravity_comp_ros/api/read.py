@@ -89,8 +89,8 @@ def read_each(paths: Sequence[Path], options: ReadOptions,
 
 def _bounded(options: ReadOptions, n_files: int) -> ReadOptions:
     """Return the options with a limit on the messages of each file, unless one is set."""
-    return options if options.most is not None else replace(
-        options, most=max(_MAX_MESSAGES // max(n_files, 1), 1))
+    return options if options.max_messages is not None else replace(
+        options, max_messages=max(_MAX_MESSAGES // max(n_files, 1), 1))
 
 
 def _without_copies(reports: Sequence[ReadReport]) -> tuple[list[int], tuple[ReadReport, ...]]:
