@@ -1,4 +1,4 @@
-"""MCAP files that we write, read by the mcap library and by rosbags."""
+"""Written MCAP files, as read by the mcap library and by rosbags."""
 
 from pathlib import Path
 import subprocess
@@ -96,7 +96,7 @@ except BagError as error:
 """
 
 
-def test_no_room_leaves_the_old_file_and_no_rubbish(tmp_path):
+def test_a_full_disk_leaves_the_old_file_only(tmp_path):
     path = tmp_path / 'x.mcap'
     path.write_bytes(b'old')
     result = subprocess.run([sys.executable, '-c', FULL_DISK, str(path)], text=True,
@@ -108,13 +108,13 @@ def test_no_room_leaves_the_old_file_and_no_rubbish(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_missing_folder_is_one_line(tmp_path):
+def test_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(BagError) as error:
         write_bag(tmp_path / 'none' / 'x.mcap', topics())
     assert 'x.mcap' in str(error.value) and '\n' not in str(error.value)
 
 
-def test_samples_of_one_run_are_a_topic_and_of_two_are_not():
+def test_a_topic_requires_a_single_run():
     one = JointSamples.single_run(NAMES, T, Q, Q, Q)
     topic = joint_states(one)
     assert topic.name == '/joint_states' and topic.joints == NAMES

@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp('plan')
     write_bag(made / 'old.mcap', [joint_states(one_way(0))])
     save_model(made / 'arm.json', model())
-    (made / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', turn='0 0 0')))
+    (made / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', twist='0 0 0')))
     return made
 
 

@@ -1,4 +1,4 @@
-"""The order of joints: from a description, from numbers in the names, or as recorded."""
+"""Joint order from a description, from numbers or words in the names, or as recorded."""
 
 from gravity_comp_ros.description.joint_order import (
     AS_RECORDED, DESCRIPTION, joint_order, NUMBERS, WORDS)
@@ -7,7 +7,7 @@ import pytest
 import urdf_snippets as robots
 
 
-def test_a_description_orders_what_was_published_by_alphabet():
+def test_a_description_orders_joints():
     assert joint_order(sorted(robots.UR_JOINTS), robots.UR) == joint_order(
         robots.UR_JOINTS, robots.UR)
     found = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
@@ -18,7 +18,7 @@ ANY = ('tilt', 'swing', 'reach')
 
 
 @pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
-def test_a_description_of_no_use_leaves_the_names(urdf):
+def test_an_unusable_description_is_ignored(urdf):
     found = joint_order(ANY, urdf)
     assert (found.joints, found.source) == (ANY, AS_RECORDED)
 
@@ -57,19 +57,19 @@ def test_words_in_the_names(names, data):
 @pytest.mark.parametrize('names', [
     ['tilt', 'swing'], ['a'], ['left_elbow', 'right_elbow', 'left_wrist', 'right_wrist'],
     ['shoulder_pitch', 'shoulder_roll', 'shoulder_yaw', 'elbow'], ['elbow', 'Elbow', 'wrist'],
-    # Two arms, or joints beside an arm: numbers order neither.
+    # Two arms, or other joints besides those of the arm: the numbers define no order.
     ['left_1', 'left_2', 'right_1', 'right_2'],
     ['arm1_joint1', 'arm1_joint2', 'arm2_joint1', 'arm2_joint2'],
     ['joint_2', 'joint_1', 'gripper'], ['joint_01', 'joint_1'],
 ])
-def test_names_that_say_nothing(names):
+def test_ambiguous_names_stay_as_recorded(names):
     found = joint_order(names)
     assert (found.joints, found.source) == (tuple(names), AS_RECORDED)
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
-def test_an_order_has_the_same_joints_and_is_stable(names):
+def test_an_order_is_a_stable_permutation(names):
     found = joint_order(names)
     assert sorted(found.joints) == sorted(names)
     assert joint_order(found.joints).joints == found.joints

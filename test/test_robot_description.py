@@ -1,4 +1,4 @@
-"""Descriptions and positions of other joints in bags of every kind."""
+"""Robot descriptions, and positions of joints without effort, in bags of all formats."""
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import joint_positions
@@ -19,7 +19,7 @@ LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TR
 
 
 def string(text: str) -> bytes:
-    """Return a std_msgs/String as another program writes it."""
+    """Return a std_msgs/String as serialised by rosbags."""
     return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
 
 
@@ -54,7 +54,7 @@ def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
     assert robot_description(two).text == 'new'
     one = write_bag(tmp_path / 'one', {'/left/robot_description': [string('left')]})
     assert robot_description(one).source == '/left/robot_description in one'
-    # Of two in namespaces nobody knows which one is meant.
+    # Two descriptions in namespaces are ambiguous.
     assert robot_description(write_bag(tmp_path / 'none', {
         '/left/robot_description': [string('l')], '/right/robot_description': [string('r')]})
     ) is None
@@ -69,7 +69,7 @@ def test_bags_without_one(tmp_path):
     assert first_description([plain, full]).path == full
 
 
-def test_a_damaged_description_says_so(tmp_path):
+def test_a_damaged_description_is_refused(tmp_path):
     bag = write_bag(tmp_path / 'bad', {'/robot_description': [string('<robot/>')[:-4]]})
     with pytest.raises(BagError, match='the text ends after the message'):
         robot_description(bag)
@@ -81,21 +81,21 @@ def test_a_damaged_description_says_so(tmp_path):
 @given(strategies.text(alphabet=strategies.characters(exclude_characters='\0',
                                                       exclude_categories=['Cs'])),
        strategies.booleans())
-def test_any_text_comes_back_in_either_byte_order(text, little):
+def test_text_in_either_byte_order(text, little):
     raw = STORE.serialize_cdr(STORE.types[STRING](data=text), STRING, little_endian=little)
     assert decode_string(bytes(raw)) == text
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.binary(max_size=40))
-def test_any_bytes_are_a_text_or_an_error(raw):
+def test_any_bytes_are_text_or_an_error(raw):
     try:
         decode_string(raw)
     except ValueError:
         pass  # UnicodeDecodeError is one
 
 
-def test_positions_of_joints_that_need_no_effort(tmp_path):
+def test_positions_of_joints_without_effort(tmp_path):
     rows = []
     for n in range(20):
         rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['waist', 'lift'],

@@ -1,4 +1,4 @@
-"""Two arms in one recording are named, with what to write for each; never fitted as one."""
+"""Recordings of several arms: refused, with the option that selects each arm."""
 
 import re
 
@@ -7,7 +7,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_message
+from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ HUMAN = tuple(f'{part}_{way}' for part in ('shoulder', 'wrist')
     tuple(f'fr3_joint{n}' for n in range(1, 8)) + ('fr3_finger_joint1', 'fr3_finger_joint2'),
     ('1', '2', '3', '4', '5', '6'), ('shoulder_pan', 'shoulder_lift', 'elbow_flex', 'wrist_flex',
                                      'wrist_roll', 'gripper'), ()])
-def test_one_arm_is_one_arm(names):
+def test_single_arms_are_not_split(names):
     assert arms_by_name(names) == []
 
 
@@ -50,10 +50,10 @@ def test_any_number_of_arms(parts, count):
     assert sorted(arms_by_name([name for arm in arms for name in arm])) == sorted(arms)
 
 
-def test_turns():
+def test_arms_in_separate_messages():
     left, right = ('a', 'b', 'c'), ('x', 'y')
     assert arms_by_message([left, right]) == [left, right]
-    assert arms_by_message([left, ('gripper',)]) == []       # no arm has one joint
+    assert arms_by_message([left, ('gripper',)]) == []       # an arm has at least two joints
     assert arms_by_message([left, left[::-1], left + ('d',)]) == []
 
 
@@ -64,7 +64,7 @@ def moving(phase, count=400):
 
 
 def refused(path, says):
-    """Check that every reader refuses, and return the lines of --joints that it offers."""
+    """Check that both readers refuse, and return the suggested values of --joints."""
     for read in (read_bag, read_gated):
         with pytest.raises(BagError, match=says) as caught:
             read(path)
@@ -84,7 +84,7 @@ def test_two_arms_in_one_message(tmp_path, capsys):
         shown = capsys.readouterr().err
         assert '2 arms' in shown and shown.count('\n') == 1
     for joints in offered:
-        # What is offered solves it; so does the wish to have all of them.
+        # Each suggestion can be read, and so can all joints together.
         assert read_bag(path, ReadOptions(joints=tuple(joints.split(',')))).samples.n_joints == 4
     assert read_bag(path, ReadOptions(joints=names)).samples.n_joints == 8
 
@@ -110,7 +110,7 @@ def test_two_robots_with_the_same_names(tmp_path):
     assert refused(path, 'two robots published the same joint names') == []
 
 
-def test_random_poses_do_not_jump_to_and_fro(tmp_path):
+def test_random_poses_do_not_alternate(tmp_path):
     path = tmp_path / 'x.mcap'
     assert main(['synth', '--motion', 'random', '--samples', '200', '-o', str(path)]) == 0
     assert len(read_bag(path).samples) == 200
