@@ -37,8 +37,8 @@ def loop(data):
     """Run the loop once; return both parts, model, diagnosis, and the model with effects."""
     train, test = data.split(0.2)
     model = gc.fit(train)
-    found = gc.diagnose(train, model)
-    return train, test, model, found, gc.add_effects(model, train, found.findings)
+    diagnosis = gc.diagnose(train, model)
+    return train, test, model, diagnosis, gc.add_effects(model, train, diagnosis.findings)
 
 
 def test_optional_dependencies_are_not_imported():
@@ -58,9 +58,9 @@ def test_optional_dependencies_are_not_imported():
 
 
 def test_the_loop_finds_the_friction_and_the_error_falls(loop):
-    _, test, model, found, better = loop
-    assert any(f.effect == 'coulomb_friction' and f.joint == 'shoulder' for f in found.found)
-    assert all(isinstance(f.verdict, gc.Verdict) for f in found.findings)
+    _, test, model, diagnosis, better = loop
+    assert any(f.effect == 'coulomb_friction' and f.joint == 'shoulder' for f in diagnosis.found)
+    assert all(isinstance(f.verdict, gc.Verdict) for f in diagnosis.findings)
     assert FRICTION in better.effects and not model.effects
     before, after = gc.compare(model, test), gc.compare(better, test)
     assert after.joints['shoulder'].rmse < 1.15 * NOISE < 0.5 * before.joints['shoulder'].rmse
@@ -71,7 +71,7 @@ def test_the_loop_finds_the_friction_and_the_error_falls(loop):
 
 def test_functions_and_commands_give_equal_results(loop, bags, tmp_path, capsys):
     """`fit --holdout` and `add` give the same numbers as `fit` and `add_effects`."""
-    _, test, model, found, better = loop
+    _, test, model, diagnosis, better = loop
     path = tmp_path / 'arm.json'
     assert cli.main(['fit', *bags, '--holdout', '0.2', '-o', str(path)]) == 0
     same = load_model(path)
@@ -116,21 +116,21 @@ def test_a_motion_is_planned_for_a_named_effect(loop, tmp_path):
 
 
 def test_weak_findings_are_not_added(loop):
-    train, _, model, found, _ = loop
-    weak = [replace(f, verdict='weak') for f in found.findings]
+    train, _, model, diagnosis, _ = loop
+    weak = [replace(f, verdict='weak') for f in diagnosis.findings]
     assert gc.add_effects(model, train, weak) is model
 
 
 def test_results_print_and_show_in_a_notebook(loop):
-    train, test, model, found, better = loop
-    for result in (train, test, model, better, better.report, found, gc.compare(better, test)):
+    train, test, model, diagnosis, better = loop
+    for result in (train, test, model, better, better.report, diagnosis, gc.compare(better, test)):
         assert len(repr(result)) < 200 and '\n' not in repr(result)
         text, page = str(result), result._repr_html_()
         assert text.splitlines()[0] == result.summary() and len(text.splitlines()) > 2
         assert 'shoulder' in text and '<table>' in page
         with pytest.raises(FrozenInstanceError):
             result.anything = 1
-    assert 'established' in str(found)
+    assert 'established' in str(diagnosis)
 
 
 def test_names_from_a_file_are_escaped():
@@ -163,7 +163,7 @@ def test_runs_units_and_scales_of_arrays():
     assert not given.samples.qd.any()
 
 
-@pytest.mark.parametrize('change, error, words', [
+@pytest.mark.parametrize('change, error, message', [
     ({'t': None}, OptionError, 'times t in s, or the rate'),
     ({'rate': 5.0}, OptionError, 'not both'), ({'t': None, 'rate': -1.0}, OptionError, 'rate'),
     ({'tau': np.zeros((60, 3))}, DataError, 'must be the same'),
@@ -173,9 +173,9 @@ def test_runs_units_and_scales_of_arrays():
     ({'tau': np.full((60, 2), np.nan)}, DataError, 'not finite'),
     ({'effort_scale': 0.0}, OptionError, 'not 0'),
     ({'effort_scale': {'wrist': 1.0}}, ModelMismatchError, 'wrist')])
-def test_invalid_arrays_are_refused(change, error, words):
+def test_invalid_arrays_are_refused(change, error, message):
     t, q, tau = arrays()
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=message):
         gc.Recording.from_arrays(**{'q': q, 'tau': tau, 't': t, **change})
 
 

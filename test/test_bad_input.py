@@ -34,7 +34,7 @@ def files(tmp_path_factory):
     return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
 
 
-@pytest.mark.parametrize(('status', 'call', 'says'), [
+@pytest.mark.parametrize(('status', 'call', 'message'), [
     (2, 'fit GOOD --terms -3', 'not a whole number above 0'),
     (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
     (2, 'synth --samples 0 -o NEW.mcap', 'not a whole number above 0'),
@@ -54,11 +54,11 @@ def files(tmp_path_factory):
     (1, 'fit GOOD --joints 2,elbow', 'a joint is named twice'),
     (1, 'add coulomb_friction:3 GOOD --model MODEL', 'it has shoulder, elbow, or 1 to 2')])
 def test_errors_are_one_line_and_write_nothing(files, tmp_path, capsys, monkeypatch, status, call,
-                                               says):
+                                               message):
     monkeypatch.chdir(tmp_path)
     assert main([files.get(word, word) for word in call.split()]) == status
     shown = capsys.readouterr()
-    assert says in shown.err and shown.err.count('\n') == 1 and shown.out == ''
+    assert message in shown.err and shown.err.count('\n') == 1 and shown.out == ''
     assert not list(tmp_path.iterdir())
 
 
@@ -74,12 +74,12 @@ def test_a_recording_may_have_the_name_of_an_effect(tmp_path, monkeypatch, capsy
     'compare GOOD --model MODEL --joints 2,1'])
 def test_a_joint_is_a_name_or_a_number_in_every_verb(files, capsys, call):
     argv = [files.get(word, word) for word in call.split()]
-    found = []
+    results = []
     for joints in ('2,1', 'elbow,shoulder'):
         assert main([joints if word == '2,1' else word for word in argv] + ['--json']) == 0
         document = json.loads(capsys.readouterr().out)
-        found.append(document.get('recordings', [document])[0]['joints'])
-    assert list(found[0]) == ['elbow', 'shoulder'] and found[0] == found[1]
+        results.append(document.get('recordings', [document])[0]['joints'])
+    assert list(results[0]) == ['elbow', 'shoulder'] and results[0] == results[1]
 
 
 def test_effort_scale_and_effect_by_joint_number(files, capsys):

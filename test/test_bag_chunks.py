@@ -62,15 +62,15 @@ def recordings(draw):
 @given(recordings())
 def test_messages_and_order_agree_with_mcap(tmp_path, recording):
     events, options = recording
-    found, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
-    assert found == expected
-    assert len(found) == sum(channel != 1 for _, channel in events)
+    result, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
+    assert result == expected
+    assert len(result) == sum(channel != 1 for _, channel in events)
 
 
 def test_a_chunk_is_one_batch(tmp_path):
     events = [(k, k % 2) for k in range(1000)]
-    found, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
-    assert found == expected and 2 <= len(batches) <= 10
+    result, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
+    assert result == expected and 2 <= len(batches) <= 10
 
 
 def index_records(raw):
@@ -116,12 +116,12 @@ def test_flipped_bytes_never_change_messages(tmp_path, compression, seed):
         path.write_bytes(raw)
         try:
             storage = McapStorage(path)
-            found = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
-                     for m in range(len(b))]
+            result = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
+                      for m in range(len(b))]
             storage.close()
         except BagError as error:
             assert '\n' not in str(error)
             refused += 1
             continue
-        assert found == good
+        assert result == good
     assert refused > 15

@@ -59,9 +59,9 @@ def test_flipped_bytes_are_refused_or_harmless(mcap, seed):
     rng = np.random.default_rng(seed)
     refused = 0
     for place in rng.integers(0, len(whole), 60):
-        spoilt = bytearray(whole)
-        spoilt[place] ^= int(rng.integers(1, 256))
-        mcap.write_bytes(spoilt)
+        damaged = bytearray(whole)
+        damaged[place] ^= int(rng.integers(1, 256))
+        mcap.write_bytes(damaged)
         try:
             samples = read_bag(mcap).samples
         except BagError as error:
@@ -92,9 +92,9 @@ def test_flipped_bytes_of_a_db3_never_crash(db3):
     whole = db3.read_bytes()
     rng = np.random.default_rng(0)
     for place in rng.integers(16, len(whole), 60):
-        spoilt = bytearray(whole)
-        spoilt[place] ^= 255
-        db3.write_bytes(spoilt)
+        damaged = bytearray(whole)
+        damaged[place] ^= 255
+        db3.write_bytes(damaged)
         try:
             read_bag(db3)
         except GravityCompError as error:
@@ -119,14 +119,14 @@ def test_a_database_without_recording(tmp_path):
     assert 'not a recording' in refusal(path)
 
 
-@pytest.mark.parametrize(('content', 'says'), [
+@pytest.mark.parametrize(('content', 'message'), [
     (b'', 'empty'), (b'hello', 'neither an MCAP nor'), (b'#ROSBAG V2.0\n', 'ROS 1'),
     (b'\x28\xb5\x2f\xfd junk', 'cannot be decompressed'),
     (b'\x89MCAP0\r\n', 'truncated'), (b'SQLite format 3\0' + bytes(200), 'cannot be read')])
-def test_not_a_recording(tmp_path, content, says):
+def test_not_a_recording(tmp_path, content, message):
     path = tmp_path / 'x.mcap'
     path.write_bytes(content)
-    assert says in refusal(path)
+    assert message in refusal(path)
 
 
 def test_missing_recordings(tmp_path):

@@ -125,13 +125,13 @@ def check_same(path, options, gate):
             read_gated(path, options, gate)
         assert str(again.value) == str(error)
         return
-    found = read_gated(path, options, gate)
-    assert found.samples.names == slow.samples.names
+    result = read_gated(path, options, gate)
+    assert result.samples.names == slow.samples.names
     for field in ('t', 'q', 'qd', 'tau'):
-        np.testing.assert_array_equal(getattr(found.samples, field),
+        np.testing.assert_array_equal(getattr(result.samples, field),
                                       getattr(slow.samples, field))
-    assert found.report == whole.report
-    assert found.dropped == slow.dropped
+    assert result.report == whole.report
+    assert result.dropped == slow.dropped
 
 
 def test_most_recordings_are_streamed(tmp_path, monkeypatch):
@@ -154,10 +154,10 @@ def test_memory_is_bounded(tmp_path):
     write_bag(tmp_path / 'x.mcap', [JointTopic('/joint_states', names, t, q, 0 * q + 0.1, q)],
               WriteOptions(chunk_bytes=100_000))
     tracemalloc.start()
-    found = read_gated(tmp_path / 'x.mcap')
+    result = read_gated(tmp_path / 'x.mcap')
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found.report.n_samples == 60000 and len(found.samples) == 301
+    assert result.report.n_samples == 60000 and len(result.samples) == 301
     # The samples would take 60000 * 24 * 8 bytes, 11.5 MB. The reader stores 8 bytes per message,
     # and temporary arrays for the median interval.
     assert peak < 5e6

@@ -50,15 +50,15 @@ def traffic(draw):
 
 
 def decode_batches(decoder, batches):
-    found = {}
+    decoded = {}
     for batch in batches:
         for block in decoder.decode(batch):
             for row, which in enumerate(block.which):
                 number = int(batch.log_ns[which])
-                assert number not in found
-                found[number] = (block.names, int(block.stamp_ns[row]),
-                                 block.position[row], block.velocity[row], block.effort[row])
-    return found
+                assert number not in decoded
+                decoded[number] = (block.names, int(block.stamp_ns[row]),
+                                   block.position[row], block.velocity[row], block.effort[row])
+    return decoded
 
 
 def split(messages, rng):
@@ -85,10 +85,10 @@ def test_batch_decoding_equals_single_decoding(messages, seed):
             expected[number], _ = JointStateDecoder().decode(raw)
         except ValueError:
             continue
-    found = decode_batches(LayoutDecoder(), split(messages, np.random.default_rng(seed)))
-    assert found.keys() == expected.keys()
+    decoded = decode_batches(LayoutDecoder(), split(messages, np.random.default_rng(seed)))
+    assert decoded.keys() == expected.keys()
     for number, message in expected.items():
-        names, stamp, *values = found[number]
+        names, stamp, *values = decoded[number]
         assert (names, stamp) == (message.names, message.stamp_ns)
         for value, single in zip(values, (message.position, message.velocity, message.effort)):
             assert value.dtype == np.float64
@@ -115,9 +115,9 @@ def test_a_repeated_layout_is_decoded_by_its_template(monkeypatch):
 
 def test_more_layouts_than_templates():
     messages = [(k, encode(k, [f'j{k % 40}'], [1.0 * k])) for k in range(200)]
-    found = decode_batches(LayoutDecoder(), batched(iter(messages)))
-    assert [found[k][0] for k in range(200)] == [(f'j{k % 40}',) for k in range(200)]
-    assert [found[k][2][0] for k in range(200)] == list(range(200))
+    decoded = decode_batches(LayoutDecoder(), batched(iter(messages)))
+    assert [decoded[k][0] for k in range(200)] == [(f'j{k % 40}',) for k in range(200)]
+    assert [decoded[k][2][0] for k in range(200)] == list(range(200))
 
 
 @pytest.mark.parametrize('place', range(0, 120, 3))
@@ -125,11 +125,12 @@ def test_a_flipped_byte_is_detected_or_harmless(place):
     good = encode(10 ** 9, ['a', 'bb', 'ccc'], [1, 2, 3], [4, 5, 6], [7, 8, 9])
     bad = bytearray(good)
     bad[place % len(good)] ^= 0x41
-    found = decode_batches(LayoutDecoder(), batched(iter([(0, good), (1, bytes(bad)), (2, good)])))
+    messages = [(0, good), (1, bytes(bad)), (2, good)]
+    decoded = decode_batches(LayoutDecoder(), batched(iter(messages)))
     try:
         expected, _ = JointStateDecoder().decode(bytes(bad))
     except ValueError:
-        assert found.keys() == {0, 2}
+        assert decoded.keys() == {0, 2}
         return
-    assert found[1][:2] == (expected.names, expected.stamp_ns)
-    np.testing.assert_array_equal(found[1][4], expected.effort)
+    assert decoded[1][:2] == (expected.names, expected.stamp_ns)
+    np.testing.assert_array_equal(decoded[1][4], expected.effort)

@@ -90,11 +90,11 @@ def test_written_samples_are_read_back(tmp_path_factory, data):
     samples = JointSamples.single_run(names, t, q, qd, tau)
     path = tmp_path_factory.mktemp('x') / 'x.mcap'
     write_bag(path, [joint_states(samples)])
-    found = read_bag(path).samples
-    assert found.names == samples.names
-    np.testing.assert_allclose(found.t, t - t[0], atol=1.1e-9)
+    result = read_bag(path).samples
+    assert result.names == samples.names
+    np.testing.assert_allclose(result.t, t - t[0], atol=1.1e-9)
     for field in ('q', 'qd', 'tau'):
-        np.testing.assert_array_equal(getattr(found, field), getattr(samples, field))
+        np.testing.assert_array_equal(getattr(result, field), getattr(samples, field))
 
 
 def test_joints_are_matched_by_name_in_every_message(tmp_path):
@@ -199,7 +199,7 @@ def zero_effort(row):
     row[1]['effort'] = [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(('spoil', 'says'), [
+@pytest.mark.parametrize(('spoil', 'message'), [
     (every(zero_effort), 'effort is 0 throughout'),
     (every(spoil_empty_effort), 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
     (every(spoil_nan), 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
@@ -212,11 +212,11 @@ def zero_effort(row):
     (every(spoil_names), 'no usable message: 50 duplicate joint name'),
     (every(spoil_bytes), 'no usable message: 50 not decodable'),
     (lambda rows: rows.clear(), 'has no messages')])
-def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, spoil, says):
+def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, spoil, message):
     rows = messages()
     spoil(rows)
     path = recorded(tmp_path, rows)
-    with pytest.raises(BagError, match=says) as error:
+    with pytest.raises(BagError, match=message) as error:
         read_bag(path)
     assert str(path) in str(error.value) and '\n' not in str(error.value)
 
@@ -346,11 +346,11 @@ def test_joint_without_effort_is_noted(tmp_path):
 
 def test_several_bags_are_several_runs(tmp_path):
     first = write_folder(tmp_path / 'one', {'/joint_states': messages(30)})
-    turned = messages(40)
-    for _, content in turned:
+    reversed_names = messages(40)
+    for _, content in reversed_names:
         for field in ('names', 'position', 'velocity', 'effort'):
             content[field] = content[field][::-1]
-    second = write_folder(tmp_path / 'two', {'/joint_states': turned}, 'mcap')
+    second = write_folder(tmp_path / 'two', {'/joint_states': reversed_names}, 'mcap')
     both = concatenate(read_bag(path).samples for path in (first, second))
     assert both.names == NAMES
     assert both.run_labels == ('one', 'two')

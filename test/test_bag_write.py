@@ -51,18 +51,18 @@ def test_rosbags_reads_names_stamps_and_values(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, topics())
     with AnyReader([path]) as reader:
-        found = {}
+        result = {}
         for connection, log_ns, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             assert stamp == log_ns
-            found.setdefault(connection.topic, []).append(message)
-    assert [m.name for m in found['/joint_states']] == [['a', 'b']] * 3
-    np.testing.assert_array_equal([m.position for m in found['/joint_states']], Q)
-    np.testing.assert_array_equal([m.velocity for m in found['/joint_states']], 10 * Q)
-    np.testing.assert_array_equal([m.effort for m in found['/joint_states']], -Q)
-    np.testing.assert_array_equal([m.effort for m in found['/extra']], Q)
-    assert [m.position.size for m in found['/extra']] == [0, 0, 0]
+            result.setdefault(connection.topic, []).append(message)
+    assert [m.name for m in result['/joint_states']] == [['a', 'b']] * 3
+    np.testing.assert_array_equal([m.position for m in result['/joint_states']], Q)
+    np.testing.assert_array_equal([m.velocity for m in result['/joint_states']], 10 * Q)
+    np.testing.assert_array_equal([m.effort for m in result['/joint_states']], -Q)
+    np.testing.assert_array_equal([m.effort for m in result['/extra']], Q)
+    assert [m.position.size for m in result['/extra']] == [0, 0, 0]
 
 
 def test_same_samples_give_the_same_bytes(tmp_path):

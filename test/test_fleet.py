@@ -112,14 +112,14 @@ def test_tasks_of_a_dead_worker_are_repeated(tmp_path):
 
 
 def test_a_task_that_kills_every_worker_fails():
-    found = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
-    assert (found[0], found[2]) == ('x', 'y')
-    assert isinstance(found[1], Failure) and 'died 3 times' in found[1].reason
+    results = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
+    assert (results[0], results[2]) == ('x', 'y')
+    assert isinstance(results[1], Failure) and 'died 3 times' in results[1].reason
 
 
 def test_other_tasks_go_on_after_an_error():
-    found = dict(Engine().run(int, ['1', 'x', '3']))
-    assert (found[0], found[2]) == (1, 3) and 'ValueError' in found[1].reason
+    results = dict(Engine().run(int, ['1', 'x', '3']))
+    assert (results[0], results[2]) == (1, 3) and 'ValueError' in results[1].reason
     (failure,) = dict(Engine().run(Robot, [None])).values()
     assert isinstance(failure, Failure)
 
@@ -198,12 +198,12 @@ def test_a_dask_worker_killed_during_a_run(tmp_path, cluster):
     log, killed = tmp_path / 'log', []
     killer = threading.Thread(target=kill_working_worker, args=(log, workers, killed))
     killer.start()
-    found = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
+    results = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
     killer.join()
     begun = [int(line) for line in log.read_text().split()]
     assert killed[0].returncode == -signal.SIGKILL and killed[0].pid in begun
     (survivor,) = set(workers.values()) - set(killed)
-    assert set(found) == set(range(20)) and set(found.values()) == {survivor.pid}
+    assert set(results) == set(range(20)) and set(results.values()) == {survivor.pid}
     assert len(begun) > 20                          # the lost task was repeated
 
 
@@ -259,8 +259,8 @@ def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1']) == 0
     assert 'anna.diagnosis.json' in capsys.readouterr().out
-    found = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
-    assert {'findings', 'joints'} <= set(found)
+    results = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
+    assert {'findings', 'joints'} <= set(results)
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['resumed'] == 1

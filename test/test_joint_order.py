@@ -10,8 +10,8 @@ import urdf_snippets as robots
 def test_a_description_orders_joints():
     assert joint_order(sorted(robots.UR_JOINTS), robots.UR) == joint_order(
         robots.UR_JOINTS, robots.UR)
-    found = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
-    assert (found.joints, found.source) == (robots.UR_JOINTS, DESCRIPTION)
+    order = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
+    assert (order.joints, order.source) == (robots.UR_JOINTS, DESCRIPTION)
 
 
 ANY = ('tilt', 'swing', 'reach')
@@ -19,8 +19,8 @@ ANY = ('tilt', 'swing', 'reach')
 
 @pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
 def test_an_unusable_description_is_ignored(urdf):
-    found = joint_order(ANY, urdf)
-    assert (found.joints, found.source) == (ANY, AS_RECORDED)
+    order = joint_order(ANY, urdf)
+    assert (order.joints, order.source) == (ANY, AS_RECORDED)
 
 
 @pytest.mark.parametrize('names', [
@@ -33,8 +33,8 @@ def test_an_unusable_description_is_ignored(urdf):
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
-    found = joint_order(shuffled)
-    assert (found.joints, found.source) == (tuple(names), NUMBERS)
+    order = joint_order(shuffled)
+    assert (order.joints, order.source) == (tuple(names), NUMBERS)
 
 
 FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'elbow_flex_joint',
@@ -50,8 +50,8 @@ FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'el
 @settings(max_examples=30, deadline=None)
 @given(data=strategies.data())
 def test_words_in_the_names(names, data):
-    found = joint_order(data.draw(strategies.permutations(list(names))))
-    assert (found.joints, found.source) == (tuple(names), WORDS)
+    order = joint_order(data.draw(strategies.permutations(list(names))))
+    assert (order.joints, order.source) == (tuple(names), WORDS)
 
 
 @pytest.mark.parametrize('names', [
@@ -63,13 +63,13 @@ def test_words_in_the_names(names, data):
     ['joint_2', 'joint_1', 'gripper'], ['joint_01', 'joint_1'],
 ])
 def test_ambiguous_names_stay_as_recorded(names):
-    found = joint_order(names)
-    assert (found.joints, found.source) == (tuple(names), AS_RECORDED)
+    order = joint_order(names)
+    assert (order.joints, order.source) == (tuple(names), AS_RECORDED)
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
 def test_an_order_is_a_stable_permutation(names):
-    found = joint_order(names)
-    assert sorted(found.joints) == sorted(names)
-    assert joint_order(found.joints).joints == found.joints
+    order = joint_order(names)
+    assert sorted(order.joints) == sorted(names)
+    assert joint_order(order.joints).joints == order.joints

@@ -37,13 +37,13 @@ def printed(tmp_path_factory):
         write_bag(folder / f'{name}.mcap', [joint_states(two_links(seed))])
     (folder / 'table.csv').write_text('t,q_1,tau_1\n' + ''.join(
         f'{k / 10},{k / 100},{k}\n' for k in range(30)))
-    found = {}
+    output = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for verb, arguments in CALLS.items():
             assert main([verb, *arguments, '--json', f'{verb}.json']) == 0, verb
-            found[verb] = json.loads(Path(f'{verb}.json').read_text())
-    return found
+            output[verb] = json.loads(Path(f'{verb}.json').read_text())
+    return output
 
 
 @pytest.mark.parametrize('verb', CALLS)

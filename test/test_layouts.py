@@ -91,14 +91,14 @@ def test_layouts_are_up_to_date(tmp_path):
 
 def test_foxglove_panels_match_the_layout_tree():
     layout = json.loads((LAYOUTS / 'foxglove.json').read_text())
-    found = []
+    names = []
 
     def walk(node):
         if isinstance(node, str):
-            found.append(node)
+            names.append(node)
         else:
             walk(node['first'])
             walk(node['second'])
 
     walk(layout['layout'])
-    assert sorted(found) == sorted(layout['configById'])
+    assert sorted(names) == sorted(layout['configById'])

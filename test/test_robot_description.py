@@ -1,7 +1,7 @@
 """Robot descriptions, and positions of joints without effort, in bags of all formats."""
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.bag import joint_positions
+from gravity_comp_ros.recordings.bag import joint_positions, PositionRange
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
     decode_string, first_description, robot_description)
@@ -43,9 +43,9 @@ def write_bag(path, topics, plugin='mcap', qos=()):
 def test_the_description_of_a_bag(tmp_path, plugin, qos):
     text = '<robot name="Ärmchen"/>\n' * 3000
     bag = write_bag(tmp_path / 'run1', {'/robot_description': [string(text)]}, plugin, qos)
-    found = robot_description(bag)
-    assert found.text == text
-    assert found.source == '/robot_description in run1'
+    result = robot_description(bag)
+    assert result.text == text
+    assert result.source == '/robot_description in run1'
 
 
 def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
@@ -103,7 +103,7 @@ def test_positions_of_joints_without_effort(tmp_path):
         rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['elbow'],
                                     'position': [np.nan], 'effort': [1.0]}])
     bag = write_folder(tmp_path / 'bag', {'/joint_states': rows})
-    found = joint_positions(bag, ('waist', 'lift', 'elbow', 'absent'))
-    assert set(found) == {'waist', 'lift'}
-    assert found['waist'].median == 0.3 and found['waist'].span == 0.0
-    assert found['lift'].span == pytest.approx(0.19)
+    result = joint_positions(bag, ('waist', 'lift', 'elbow', 'absent'))
+    assert set(result) == {'waist', 'lift'}
+    assert result['waist'] == PositionRange(0.3, 0.3, 0.3)
+    assert result['lift'].high - result['lift'].low == pytest.approx(0.19)

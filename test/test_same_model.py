@@ -49,9 +49,9 @@ def poses():
 def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys, name):
     bag, file = folder / name, tmp_path / 'arm.json'
     assert main(['fit', str(bag), '-o', str(file), '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     fitted = load_model(file)
-    assert fitted.joints == JOINTS and told['report']['chain']['known_axes']
+    assert fitted.joints == JOINTS and printed['report']['chain']['known_axes']
     data = gc.read(bag)
     assert data.joints == JOINTS
     notebook, session = gc.fit(data).gravity, on_the_bench(bag)
@@ -92,6 +92,6 @@ def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, cap
     bag, page = folder / 'gripper', tmp_path / 'page.html'
     # The joints of the gripper are ignored.
     assert main(['diagnose', str(bag), '--json', '--html', str(page)]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert set(found['joints']) == set(JOINTS)
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed['joints']) == set(JOINTS)
     assert 'fitted for this report to' in page.read_text()

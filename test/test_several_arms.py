@@ -63,10 +63,10 @@ def moving(phase, count=400):
     return t, q, np.gradient(q, t, axis=0), 5 * np.sin(q)
 
 
-def refused(path, says):
+def refused(path, message):
     """Check that both readers refuse, and return the suggested values of --joints."""
     for read in (read_bag, read_gated):
-        with pytest.raises(BagError, match=says) as caught:
+        with pytest.raises(BagError, match=message) as caught:
             read(path)
     return re.findall(r'--joints (\S+)', str(caught.value))
 
@@ -77,13 +77,13 @@ def test_two_arms_in_one_message(tmp_path, capsys):
     path = tmp_path / 'x.mcap'
     write_bag(path, [JointTopic('/joint_states', names, t, np.hstack([q, p]), np.hstack([qd, pd]),
                                 np.hstack([tau, sigma]))])
-    offered = refused(path, 'the joints of 2 arms; choose one')
-    assert offered == [','.join(names[:4]), ','.join(names[4:])]
+    suggested = refused(path, 'the joints of 2 arms; choose one')
+    assert suggested == [','.join(names[:4]), ','.join(names[4:])]
     for verb in ('info', 'fit', 'diagnose'):
         assert main([verb, str(path)]) == 1
         shown = capsys.readouterr().err
         assert '2 arms' in shown and shown.count('\n') == 1
-    for joints in offered:
+    for joints in suggested:
         # Each suggestion can be read, and so can all joints together.
         assert read_bag(path, ReadOptions(joints=tuple(joints.split(',')))).samples.n_joints == 4
     assert read_bag(path, ReadOptions(joints=names)).samples.n_joints == 8
@@ -96,8 +96,8 @@ def test_two_arms_by_message(tmp_path):
     rows = [row for both in zip(left, right) for row in both]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
     for joints in refused(path, 'the joints of 2 arms; choose one'):
-        found = read_bag(path, ReadOptions(joints=tuple(joints.split(','))))
-        assert len(found.samples) == 60
+        result = read_bag(path, ReadOptions(joints=tuple(joints.split(','))))
+        assert len(result.samples) == 60
 
 
 def test_two_robots_with_the_same_names(tmp_path):

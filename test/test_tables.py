@@ -117,7 +117,7 @@ def test_degrees_read_as_radians_are_refused(tmp_path):
 GOOD = table_text()
 
 
-@pytest.mark.parametrize(('text', 'options', 'says'), [
+@pytest.mark.parametrize(('text', 'options', 'message'), [
     ('', {}, 'is empty'),
     ('t,q_0,tau_0\n', {}, 'no rows'),
     (GOOD.replace('-4.0', 'abc'), {}, "line 3, column tau_1: 'abc' is not a number"),
@@ -136,9 +136,9 @@ GOOD = table_text()
     (GOOD.replace('tau', 'x'), {}, 'no columns of effort such as'),
     ('t,q_0,tau_0\n0,1,0\n1,2,0\n', {}, 'effort is 0 throughout'),
     ('t,q_0,tau_0\n' + 'x' * 200000, {}, 'line 2')])
-def test_errors_name_row_and_column(tmp_path, text, options, says):
+def test_errors_name_row_and_column(tmp_path, text, options, message):
     path = csv(tmp_path, text)
-    with pytest.raises(BagError, match=says) as error:
+    with pytest.raises(BagError, match=message) as error:
         read_table(path, TableOptions(**options))
     assert str(path) in str(error.value) and '\n' not in str(error.value)
 
@@ -188,16 +188,16 @@ def test_npz_is_never_unpickled(tmp_path):
         read_table(path)
 
 
-@pytest.mark.parametrize(('arrays', 'says'), [
+@pytest.mark.parametrize(('arrays', 'message'), [
     ({'q': Q, 'tau': TAU[:2], 't': T}, 'different lengths'), ({}, 'no arrays of numbers'),
     ({'q': Q, 'tau': TAU}, 'no column of time'),
     ({'q': Q, 'tau': TAU, 't': T, 'names': [1, 2]}, 'names must be a list'),
     ({'q': Q, 'tau': np.array([[1, 2], [3, np.nan], [5, 6]]), 't': T}, 'row 2, column tau_2'),
     ({'q': Q, 'tau': TAU, 't': T[::-1]}, 'row 2: time does not increase')])
-def test_bad_npz(tmp_path, arrays, says):
+def test_bad_npz(tmp_path, arrays, message):
     path = tmp_path / 'x.npz'
     np.savez(path, **arrays)
-    with pytest.raises(BagError, match=says):
+    with pytest.raises(BagError, match=message):
         read_table(path)
 
 

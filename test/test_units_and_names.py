@@ -38,9 +38,9 @@ def bag(path, q=Q, tau=TAU, names=('joint_1', 'joint_2')):
 def test_a_decimal_comma(tmp_path, comma, head):
     path = table(tmp_path / 'x.csv', head.replace(',', comma), comma, ',')
     options = TableOptions() if head else TableOptions(time='1', position='2-3', effort='4-5')
-    found = read_table(path, options).topic
-    np.testing.assert_allclose(found.position, Q, atol=1e-6)
-    np.testing.assert_allclose(found.t, T, atol=1e-6)
+    result = read_table(path, options).topic
+    np.testing.assert_allclose(result.position, Q, atol=1e-6)
+    np.testing.assert_allclose(result.t, T, atol=1e-6)
 
 
 def test_thousands_are_not_decimals(tmp_path):
@@ -56,8 +56,8 @@ def test_an_incomplete_row(tmp_path, end):
     path = table(tmp_path / 'x.csv', end=end)
     with pytest.raises(BagError, match='line 302|row 301'):
         read_table(path)
-    found = read_table(path, TableOptions(skip_bad_rows=True))
-    assert len(found.topic.t) == 300 and found.dropped == 1
+    result = read_table(path, TableOptions(skip_bad_rows=True))
+    assert len(result.topic.t) == 300 and result.dropped == 1
 
 
 def test_milliseconds_read_as_seconds_are_refused(tmp_path):
@@ -95,20 +95,20 @@ def test_milliseconds_of_a_fast_motion_are_refused(tmp_path):
         read_table(with_velocity(path, rows), TableOptions(velocity='none'))
 
 
-@pytest.mark.parametrize(('columns', 'factor', 'words'), [
+@pytest.mark.parametrize(('columns', 'factor', 'message'), [
     (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
     (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
     (slice(3, 5), -1.0, 'the velocity has the opposite sign: give --velocity none')])
-def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, words):
+def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, message):
     rows = moving(np.arange(300) * 0.1, 0.2)
     rows[:, columns] *= factor
     path = with_velocity(tmp_path / 'x.csv', rows)
     unit = 'deg' if columns.start == 1 else 'rad'
-    with pytest.raises(BagError, match=words):
+    with pytest.raises(BagError, match=message):
         read_table(path, TableOptions(angle_unit=unit))
-    found = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
-    assert found.topic.velocity is None
-    np.testing.assert_allclose(found.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
+    result = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
+    assert result.topic.velocity is None
+    np.testing.assert_allclose(result.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
                                atol=1e-6)
 
 
@@ -131,10 +131,10 @@ def test_a_table_in_rad_and_s_is_never_refused(speed, step, seed):
     'stamp,b_pos,a_pos,b_vel,a_vel,b_eff,a_eff', 't_s,q_b,q_a,qd_b,qd_a,tau_b,tau_a'])
 def test_columns_named_after_joints(tmp_path, head):
     rows = moving(np.arange(100) * 0.1)
-    found = read_table(with_velocity(tmp_path / 'x.csv', rows, head)).topic
-    assert found.joints == ('b', 'a')
-    np.testing.assert_allclose(found.velocity, rows[:, 3:5])
-    np.testing.assert_allclose(found.effort, rows[:, 5:])
+    result = read_table(with_velocity(tmp_path / 'x.csv', rows, head)).topic
+    assert result.joints == ('b', 'a')
+    np.testing.assert_allclose(result.velocity, rows[:, 3:5])
+    np.testing.assert_allclose(result.effort, rows[:, 5:])
 
 
 def test_joints_of_two_topics_are_refused(tmp_path):
@@ -150,19 +150,20 @@ def test_dates_as_times_and_unused_text_columns(tmp_path):
     lines = [f'2026-01-02T03:04:{s:06.3f}Z,run,{q},{5 * q}' for s, q in
              zip(np.arange(20) * 0.5, np.sin(np.arange(20) * 0.05))]
     path.write_text('time,note,q_1,tau_1\n' + '\n'.join(lines) + '\n')
-    found = read_table(path)
-    assert found.start_ns == 1767323040 * 10**9
-    np.testing.assert_allclose(found.topic.t, np.arange(20) * 0.5, atol=1e-6)
+    result = read_table(path)
+    assert result.start_ns == 1767323040 * 10**9
+    np.testing.assert_allclose(result.topic.t, np.arange(20) * 0.5, atol=1e-6)
     with pytest.raises(BagError, match="line 2, column note: 'run' is not a number"):
         read_table(path, TableOptions(effort='note'))
 
 
-@pytest.mark.parametrize(('cell', 'words'), [('"0,5"', 'for a decimal comma, separate the cells'),
-                                             ('half', "'half' is not a number .--skip")])
-def test_a_cell_of_text(tmp_path, cell, words):
+@pytest.mark.parametrize(('cell', 'message'), [
+    ('"0,5"', 'for a decimal comma, separate the cells'),
+    ('half', "'half' is not a number .--skip")])
+def test_a_cell_of_text(tmp_path, cell, message):
     path = tmp_path / 'x.csv'
     path.write_text(f't,q_1,tau_1\n0,0.1,1\n1,{cell},2\n')
-    with pytest.raises(BagError, match=words):
+    with pytest.raises(BagError, match=message):
         read_table(path)
 
 
@@ -191,11 +192,11 @@ def same(path, options, other):
     """Check that both readers give the samples of `other`."""
     whole, gated = read_bag(path, options), read_gated(path, options)
     assert gated.report == whole.report
-    for found in (whole.samples, gated.samples):
-        at = np.searchsorted(other.t, found.t)
-        assert found.names == other.names
+    for result in (whole.samples, gated.samples):
+        at = np.searchsorted(other.t, result.t)
+        assert result.names == other.names
         for what in ('q', 'qd', 'tau'):
-            np.testing.assert_allclose(getattr(found, what), getattr(other, what)[at], atol=1e-9)
+            np.testing.assert_allclose(getattr(result, what), getattr(other, what)[at], atol=1e-9)
     return whole.report
 
 

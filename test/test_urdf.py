@@ -64,8 +64,8 @@ def test_torque_of_a_tool_agrees_with_pinocchio(tmp_path, mass, com):
         q = poses(30, arm.n_joints)
         heavier = arms.with_payload(arm, arms.Payload(abs(mass), com))
         expected = arms.gravity_torque(heavier, q) - arms.gravity_torque(arm, q)
-        found = tool_chain(geometry, mass, com).torque(q)
-        np.testing.assert_allclose(found, np.sign(mass) * expected, atol=1e-6)
+        torque = tool_chain(geometry, mass, com).torque(q)
+        np.testing.assert_allclose(torque, np.sign(mass) * expected, atol=1e-6)
 
 
 def test_the_urdf_matches_the_simulated_arm():
@@ -84,7 +84,7 @@ def test_joints_are_in_the_order_of_the_arm():
     assert parse_urdf(TILTED, ('b', 'a')).link == 'two'
 
 
-@pytest.mark.parametrize('text, joints, error, words', [
+@pytest.mark.parametrize('text, joints, error, message', [
     (TILTED, ('a', 'x'), ModelMismatchError, 'has no joint x; it has a, b, c, finger'),
     (TILTED, ('a', 'b', 'c', 'finger'), ModelMismatchError, 'finger is prismatic'),
     (TILTED.replace('<parent link="two"/>', '<parent link="base"/>'),
@@ -105,8 +105,8 @@ def test_joints_are_in_the_order_of_the_arm():
     (TILTED.replace('<parent link="world"/>', '<parent link="one"/>'), ('a',), DataError,
      'among its own parents'),
 ])
-def test_invalid_descriptions_are_refused(text, joints, error, words):
-    with pytest.raises(error, match=words) as caught:
+def test_invalid_descriptions_are_refused(text, joints, error, message):
+    with pytest.raises(error, match=message) as caught:
         parse_urdf(text, joints, 'arm.urdf')
     assert '\n' not in str(caught.value)
 

@@ -127,8 +127,8 @@ def test_positions_of_held_joints():
     assert held() == [(1.0, 'assumption')]  # its limits exclude 0
     assert held(recorded={'waist': 0.7}) == [(0.7, 'recording')]
     assert held(recorded={'waist': 0.7}, fixed={'waist': 0.0}) == [(0.0, 'option')]
-    for wrong, words in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'part of the arm')):
-        with pytest.raises(OptionError, match=words):
+    for wrong, message in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'part of the arm')):
+        with pytest.raises(OptionError, match=message):
             held(fixed=wrong)
     with pytest.raises(OptionError, match='cannot be held'):
         HeldPositions({'waist': float('nan')})

@@ -26,7 +26,8 @@ def ambiguous_additions(model: GravityModel, recording: Recording,
     of the model. The result is empty if there are too few samples.
 
     :param model: the model without the added effects.
-    :param added: effects as `NAME` or `NAME:JOINT`.
+    :param added: the added effects, on every joint (`NAME`) or on one
+        (`NAME:JOINT`).
     :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     known = all_effects()

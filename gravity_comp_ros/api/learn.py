@@ -105,7 +105,7 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
 
     If neither description nor names give the joint order, it is identified from the torques.
 
-    :param effects: `NAME` or `NAME:JOINT`, as for `add`.
+    :param effects: effects as in `gravity_comp_ros.fit`.
     :param speeds: selection of the samples that the effects are fitted to.
     :param arm: axes and joint order; None takes them from the recording.
     :raises FitError: if there are too few samples, or no joint moves.

@@ -38,7 +38,8 @@ def fit(recording: Recording, *, formulation: str | None = None,
 
     :param formulation: `chain` (serial arm), `potential` (one sparse energy), `per_joint` (one
         sparse sum per joint) or `auto`. The default is `auto`; with `urdf` it is `chain`.
-    :param effects: effects fitted jointly with gravity, as `NAME` (every joint) or `NAME:JOINT`.
+    :param effects: effects fitted jointly with gravity, on every joint (`NAME`) or on one
+        (`NAME:JOINT`).
     :param urdf: a robot description file, or `none`. The default is the description in the
         recordings, if it matches. The model takes the joint axes from it, not the masses.
     :param fixed: positions, in rad or m, of description joints that were not recorded.
@@ -104,8 +105,9 @@ def add_effects(model: Model, recording: Recording, effects: Iterable[str | Find
 
     `Model.undo` removes the effects again.
 
-    :param effects: `NAME`, `NAME:JOINT`, or findings of a diagnosis. Only established and likely
-        findings are added; without any, the model is returned unchanged.
+    :param effects: effects on every joint (`NAME`), on one joint
+        (`NAME:JOINT`), or findings of a diagnosis. Only established and likely findings are
+        added; without any, the model is returned unchanged.
     :param all_samples: fit to fast motion also; some effects, such as inertia, always do.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if an effect is in the model already or is not identifiable, or if there
@@ -150,8 +152,9 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
 
         gc.plan(model, train, ['coulomb_friction:elbow']).save('motion.yaml')
 
-    :param effects: `NAME`, `NAME:JOINT`, or `gravity` for poses with a large standard deviation
-        of the gravity torque. By default, the effects that a diagnosis does not resolve.
+    :param effects: effects on every joint (`NAME`), on one joint
+        (`NAME:JOINT`), or `gravity` for poses with a large standard deviation of the gravity
+        torque. By default, the effects that a diagnosis does not resolve.
     :param urdf: a robot description file; its collision geometry is checked for self-collision.
     :param options: duration, limits and position range of the motion.
     :param progress: called with the name of the step and its completed fraction, 0 to 1.

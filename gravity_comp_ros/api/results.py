@@ -138,11 +138,11 @@ def is_found(finding: Finding) -> bool:
     return finding.effect is not None and finding.verdict in wording.FOUND
 
 
-def coefficients(finding: Finding, most: int = 3) -> str:
-    """Return the first `most` coefficients with units and 95 % intervals, in one line."""
+def coefficients(finding: Finding, limit: int = 3) -> str:
+    """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:most])
-    more = len(items) - most
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
+    more = len(items) - limit
     return shown + (f' and {more} more' if more > 0 else '') or '–'
 
 
@@ -153,8 +153,8 @@ def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
             for law in diagnosis.laws]
 
 
-def effect_numbers(effect: AppliedEffect, most: int = 6) -> list[str]:
-    """Return the first `most` coefficients of an effect of a model, one text each."""
+def effect_numbers(effect: AppliedEffect, limit: int = 6) -> list[str]:
+    """Return the first `limit` coefficients of an effect of a model, one text each."""
     parts = [f'{symbol} = {wording.plus_minus(Estimate(x.value, x.unit, x.ci95))}'
              for symbol, x in effect.coefficients.items()]
-    return [*parts[:most], *([f'{len(parts) - most} more'] if len(parts) > most else ())]
+    return [*parts[:limit], *([f'{len(parts) - limit} more'] if len(parts) > limit else ())]

@@ -52,7 +52,7 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
 
     Returns the fit with provenance, and the refit of the effects (None without effects).
 
-    :param effects: `NAME` or `NAME:JOINT`, as for `add`.
+    :param effects: effects as in `gravity_comp_ros.fit`.
     :param speeds: selection of the samples that the effects are fitted to.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises DataError: if no sample is slow, or an effect is not identifiable.
@@ -137,7 +137,8 @@ def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[st
 
     Samples held out of the original fit are not fitted.
 
-    :param effects: `NAME` or `NAME:JOINT`; without any, only the held-out error is computed.
+    :param effects: effects as in `gravity_comp_ros.fit`; without any, only the held-out error is
+        computed.
     :raises DataError: if an effect is in the model already or is not identifiable, or if there
         are too few samples.
     :raises OptionError: if an effect or joint is unknown, or named twice.

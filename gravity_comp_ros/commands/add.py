@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 import shlex
 
-from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.api.ambiguity import ambiguous_additions
+from gravity_comp_ros.api.steps import add_to_model
 from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.held_out import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions

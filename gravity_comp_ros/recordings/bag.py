@@ -29,10 +29,6 @@ class PositionRange:
     low: float
     high: float
 
-    @property
-    def span(self) -> float:
-        return self.high - self.low
-
 
 def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recording:
     """

@@ -40,9 +40,9 @@ class _Chunk:
 
 
 def topic_batches(stream: BinaryIO, indexes: Sequence[ChunkIndex], known: set[int],
-                  wanted: set[int]) -> Iterator[Batch]:
+                  channels: set[int]) -> Iterator[Batch]:
     """
-    Yield the messages of channels `wanted`, chunk by chunk, in order of log time.
+    Yield the messages of channels `channels`, chunk by chunk, in order of log time.
 
     Chunks that overlap in time are sorted together. Messages of equal time stay in file order.
 
@@ -50,9 +50,9 @@ def topic_batches(stream: BinaryIO, indexes: Sequence[ChunkIndex], known: set[in
     :raises ChunkError: if a chunk is damaged.
     """
     selected = [index for index in indexes if not index.message_index_offsets
-                or wanted & set(index.message_index_offsets)]
+                or channels & set(index.message_index_offsets)]
     for group in _overlapping(selected):
-        parts = [_select(_read(stream, index, known), wanted) for index in group]
+        parts = [_select(_read(stream, index, known), channels) for index in group]
         if any(len(part) for part in parts):
             yield _sorted(parts)
 
@@ -182,9 +182,9 @@ def _chunk(data: Bytes, offset: Places, known: set[int]) -> _Chunk:
     return _Chunk(data, offset, _field(data, offset + _RECORD.size + 6, 8), channel, length)
 
 
-def _select(chunk: _Chunk, wanted: set[int]) -> Batch:
+def _select(chunk: _Chunk, channels: set[int]) -> Batch:
     start = chunk.offset + _RECORD.size + _MESSAGE
-    keep = np.isin(chunk.channel, list(wanted))
+    keep = np.isin(chunk.channel, list(channels))
     if keep.all():
         return Batch(chunk.data, start, chunk.length, chunk.log_ns)
     return Batch(chunk.data, start[keep], chunk.length[keep], chunk.log_ns[keep])

@@ -59,10 +59,10 @@ class McapStorage(Storage):
             yield from batched(self.messages(topic))
             return
         channels = self._summary.channels
-        wanted = {number for number, channel in channels.items() if channel.topic == topic}
+        selected = {number for number, channel in channels.items() if channel.topic == topic}
         try:
             yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
-                                     wanted)
+                                     selected)
         except (ChunkError, OSError, struct.error) as error:
             raise self._damaged(error) from None
 

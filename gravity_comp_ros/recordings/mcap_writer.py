@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import heapq
+from itertools import count, repeat
 import json
 from pathlib import Path
 from typing import BinaryIO
@@ -122,7 +123,8 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntA
         writer.add_metadata(name, {key: value if isinstance(value, str) else json.dumps(
             value, ensure_ascii=False) for key, value in record.items()})
     counts = [0] * len(topics)
-    for stamp, number, row in heapq.merge(*(_events(k, s) for k, s in enumerate(stamps))):
+    events = (zip(stamp.tolist(), repeat(k), count()) for k, stamp in enumerate(stamps))
+    for stamp, number, row in heapq.merge(*events):
         topic = topics[number]
         position, velocity, effort = (
             () if values is None else values[row]
@@ -140,8 +142,3 @@ def _stamps(topic: JointTopic, start_ns: int) -> IntArray:
     if t.size and not (0 <= start_ns + t[0] * 1e9 and start_ns + t[-1] * 1e9 < 2**31 * 1e9):
         raise OptionError(f'topic {topic.name}: times from {t[0]} to {t[-1]} s do not fit a stamp')
     return start_ns + np.round(t * 1e9).astype(np.int64)
-
-
-def _events(number: int, stamps: IntArray) -> Iterator[tuple[int, int, int]]:
-    for row, stamp in enumerate(stamps.tolist()):
-        yield stamp, number, row

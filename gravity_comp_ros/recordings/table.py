@@ -199,14 +199,14 @@ def _lower(table: Table) -> list[str]:
     return [name.lower() for name in table.columns]
 
 
-def _find(table: Table, wanted: str | None, defaults: tuple[str, ...], what: str,
+def _find(table: Table, selection: str | None, defaults: tuple[str, ...], what: str,
           optional: bool = False) -> list[int]:
     where = str(table.path)
-    if wanted is not None:
+    if selection is not None:
         # The name of an NPZ array of shape (M, N) selects its N columns.
-        if wanted not in table.columns and has_columns(table.columns, wanted + '_{i}'):
-            wanted += '_{i}'
-        return find_columns(table.columns, wanted, what, where)
+        if selection not in table.columns and has_columns(table.columns, selection + '_{i}'):
+            selection += '_{i}'
+        return find_columns(table.columns, selection, what, where)
     for pattern in defaults:
         if has_columns(_lower(table), pattern):
             return find_columns(_lower(table), pattern, what, where)

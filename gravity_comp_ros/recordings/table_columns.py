@@ -27,22 +27,22 @@ _NAMED = (_shapes(_TOPIC, _LONG, '/{}'), _shapes(_TOPIC + '{}_', _LONG, ''),
           _shapes(_TOPIC + '{}_', ('q', 'qd', 'tau'), ''))
 
 
-def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
+def find_columns(columns: Sequence[str], selection: str, what: str, where: str) -> list[int]:
     """
-    Return the indices of the columns selected by `wanted`.
+    Return the indices of the columns selected by `selection`.
 
     A pattern such as `q_{i}` selects the columns with a number at `{i}`, sorted by it. Otherwise
-    `wanted` is a list of names, numbers from 1 and ranges, as in `a,b,7-9`. Names take precedence
-    over numbers.
+    `selection` is a list of names, numbers from 1 and ranges, as in `a,b,7-9`. Names take
+    precedence over numbers.
 
     :param what: purpose of the columns in errors.
     :param where: name of the file in errors.
     :raises BagError: if a column is missing or selected twice, or a number is missing.
     """
-    if '{i}' in wanted:
-        return _pattern(columns, wanted, what, where)
+    if '{i}' in selection:
+        return _pattern(columns, selection, what, where)
     selected: list[int] = []
-    for item in (part.strip() for part in wanted.split(',')):
+    for item in (part.strip() for part in selection.split(',')):
         selected += _item(columns, item, what, where)
     repeated = sorted({columns[k] for k in selected if selected.count(k) > 1})
     if repeated:
@@ -93,28 +93,28 @@ def _by_joint(columns: Sequence[str], shape: re.Pattern[str]) -> dict[tuple[str,
             if (match := shape.match(name))}
 
 
-def has_columns(columns: Sequence[str], wanted: str) -> bool:
-    """Return whether any column matches the pattern or name `wanted`."""
-    shape = _shape(wanted)
+def has_columns(columns: Sequence[str], selection: str) -> bool:
+    """Return whether any column matches the pattern or name `selection`."""
+    shape = _shape(selection)
     return any(shape.match(name) for name in columns)
 
 
-def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
-    shape = _shape(wanted)
+def _pattern(columns: Sequence[str], selection: str, what: str, where: str) -> list[int]:
+    shape = _shape(selection)
     numbered = sorted((int(match[1]), k) for k, name in enumerate(columns)
                       if (match := shape.match(name)))
     if not numbered:
-        raise BagError(f'{where}: no column {wanted} for {what}; it has '
+        raise BagError(f'{where}: no column {selection} for {what}; it has '
                        f'{shown_names(columns, _MAX_NAMES)}')
     numbers = [number for number, _ in numbered]
     if numbers != list(range(numbers[0], numbers[0] + len(numbers))):
-        raise BagError(f'{where}: columns {wanted} for {what} are numbered '
+        raise BagError(f'{where}: columns {selection} for {what} are numbered '
                        f'{", ".join(map(str, numbers))}; a number is missing or repeats')
     return [k for _, k in numbered]
 
 
-def _shape(wanted: str) -> re.Pattern[str]:
-    return re.compile(re.escape(wanted).replace(re.escape('{i}'), r'(\d+)', 1) + r'$')
+def _shape(selection: str) -> re.Pattern[str]:
+    return re.compile(re.escape(selection).replace(re.escape('{i}'), r'(\d+)', 1) + r'$')
 
 
 def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]:

@@ -19,19 +19,19 @@ COMMON_DEFECT = 0.5
 _DEFAULT_TOPIC = '/joint_states'
 
 
-def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str, list[str]]:
+def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[str, list[str]]:
     """
     Return the topic to read, and notes on the other JointState topics.
 
-    :param wanted: a topic; None for the only JointState topic with messages, or `/joint_states`.
+    :param requested: a topic; None for the only one with messages, or `/joint_states`.
     :raises BagError: if there is no such topic, or the choice is ambiguous.
     """
     if not storage.topics:
         raise BagError(f'{path} is empty: it has no topics')
     topics = {t.name: t for t in storage.topics}
     usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
-    if wanted is not None:
-        name = wanted if wanted.startswith('/') else '/' + wanted
+    if requested is not None:
+        name = requested if requested.startswith('/') else '/' + requested
         if name in usable:
             return name, []
         listed = f'its JointState topics are {", ".join(usable)}' if usable else \
@@ -53,7 +53,7 @@ def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str,
                    f'--topic')
 
 
-def named_joints(where: str, known: tuple[str, ...], wanted: Iterable[str],
+def named_joints(where: str, known: tuple[str, ...], requested: Iterable[str],
                  what: str) -> tuple[str, ...]:
     """
     Return the names of joints given by name or by number from 1.
@@ -63,15 +63,15 @@ def named_joints(where: str, known: tuple[str, ...], wanted: Iterable[str],
     :raises ModelMismatchError: if a joint is unknown.
     :raises OptionError: if a joint is named twice.
     """
-    wanted = tuple(wanted)
-    matches = tuple(joint_named(text, known) for text in wanted)
-    unknown = [text for text, joint in zip(wanted, matches) if joint is None]
+    requested = tuple(requested)
+    matches = tuple(joint_named(text, known) for text in requested)
+    unknown = [text for text, joint in zip(requested, matches) if joint is None]
     if unknown:
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it has '
                                  f'{", ".join(known)}')
     joints = tuple(joint for joint in matches if joint is not None)
     if len(set(joints)) < len(joints):
-        raise OptionError(f'a joint is named twice ({what}): {", ".join(wanted)}')
+        raise OptionError(f'a joint is named twice ({what}): {", ".join(requested)}')
     return joints
 
 
