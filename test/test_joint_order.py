@@ -1,7 +1,7 @@
 """Joint order from a description, from numbers or words in the names, or as recorded."""
 
 from gravity_comp_ros.description.joint_order import (
-    AS_RECORDED, DESCRIPTION, joint_order, NUMBERS, WORDS)
+    AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NUMBERS, WORDS)
 from hypothesis import given, settings, strategies
 import pytest
 import urdf_snippets as robots
@@ -10,8 +10,8 @@ import urdf_snippets as robots
 def test_a_description_orders_joints():
     assert joint_order(sorted(robots.UR_JOINTS), robots.UR) == joint_order(
         robots.UR_JOINTS, robots.UR)
-    order = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
-    assert (order.joints, order.source) == (robots.UR_JOINTS, DESCRIPTION)
+    assert joint_order(sorted(robots.UR_JOINTS), robots.UR.encode()) == JointOrder(
+        robots.UR_JOINTS, DESCRIPTION)
 
 
 ANY = ('tilt', 'swing', 'reach')
@@ -19,8 +19,7 @@ ANY = ('tilt', 'swing', 'reach')
 
 @pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
 def test_an_unusable_description_is_ignored(urdf):
-    order = joint_order(ANY, urdf)
-    assert (order.joints, order.source) == (ANY, AS_RECORDED)
+    assert joint_order(ANY, urdf) == JointOrder(ANY, AS_RECORDED)
 
 
 @pytest.mark.parametrize('names', [
@@ -33,8 +32,7 @@ def test_an_unusable_description_is_ignored(urdf):
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
-    order = joint_order(shuffled)
-    assert (order.joints, order.source) == (tuple(names), NUMBERS)
+    assert joint_order(shuffled) == JointOrder(tuple(names), NUMBERS)
 
 
 FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'elbow_flex_joint',
@@ -50,8 +48,8 @@ FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'el
 @settings(max_examples=30, deadline=None)
 @given(data=strategies.data())
 def test_words_in_the_names(names, data):
-    order = joint_order(data.draw(strategies.permutations(list(names))))
-    assert (order.joints, order.source) == (tuple(names), WORDS)
+    shuffled = data.draw(strategies.permutations(list(names)))
+    assert joint_order(shuffled) == JointOrder(tuple(names), WORDS)
 
 
 @pytest.mark.parametrize('names', [
@@ -63,8 +61,7 @@ def test_words_in_the_names(names, data):
     ['joint_2', 'joint_1', 'gripper'], ['joint_01', 'joint_1'],
 ])
 def test_ambiguous_names_stay_as_recorded(names):
-    order = joint_order(names)
-    assert (order.joints, order.source) == (tuple(names), AS_RECORDED)
+    assert joint_order(names) == JointOrder(tuple(names), AS_RECORDED)
 
 
 @settings(max_examples=50, deadline=None)

@@ -64,9 +64,9 @@ class Cleaning:
         """
         self._check_values()
         unmeasured = self._unmeasured(options)
-        clock = self._clock()
+        self._choose_clock()
         self._check_jumps()
-        self._differentiate(clock, unmeasured)
+        self._differentiate(unmeasured)
         time = (self.times - self.times[0]) / 1e9
         scale = options.scale(self.joints)
         self.tau *= list(scale.values())
@@ -142,7 +142,7 @@ class Cleaning:
         self.notes += zero_velocity_notes(self.joints, moves, self.qd.any(axis=0) | unmeasured)
         return unmeasured
 
-    def _clock(self) -> NDArray[np.int64]:
+    def _choose_clock(self) -> None:
         """Choose stamp or log time, and drop messages that are not later than all before."""
         clock = self.stamp_ns
         backwards = np.count_nonzero(~_rising(clock))
@@ -153,12 +153,12 @@ class Cleaning:
         rising = _rising(clock)
         self._keep(rising, TIME)
         self.times = clock[rising]
-        return self.times
 
-    def _differentiate(self, clock: NDArray[np.int64], unmeasured: BoolArray) -> None:
+    def _differentiate(self, unmeasured: BoolArray) -> None:
         if not unmeasured.any():
             return
-        self.qd[:, unmeasured] = differentiate((clock - clock[0]) / 1e9, self.q[:, unmeasured])
+        time = (self.times - self.times[0]) / 1e9
+        self.qd[:, unmeasured] = differentiate(time, self.q[:, unmeasured])
         finite = np.isfinite(self.qd).all(axis=1)
         self.times = self.times[finite]
         self._keep(finite, ISOLATED)

@@ -43,14 +43,12 @@ def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 def _with_shared_names(groups: dict[str, dict[tuple[str, ...], str]]) -> list[tuple[str, ...]]:
     """Return the groups that share enough names with another group."""
-    arms = []
-    for word, names in groups.items():
-        for other, others in groups.items():
-            minimum = _MIN_SHARED_SIDES if {word, other} <= set(_SIDES) else _MIN_SHARED
-            if word != other and len(names.keys() & others.keys()) >= minimum:
-                arms.append(tuple(names.values()))
-                break
-    return arms
+    def similar(word: str, other: str) -> bool:
+        minimum = _MIN_SHARED_SIDES if {word, other} <= set(_SIDES) else _MIN_SHARED
+        return word != other and len(groups[word].keys() & groups[other].keys()) >= minimum
+
+    return [tuple(names.values()) for word, names in groups.items()
+            if any(similar(word, other) for other in groups)]
 
 
 def arms_by_message(layouts: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:

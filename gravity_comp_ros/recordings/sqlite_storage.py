@@ -31,12 +31,9 @@ class SqliteStorage(Storage):
             raise self._unreadable(error) from None
         try:
             self.topics = self._read_topics()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, BagError) as error:
             self._base.close()
-            raise self._unreadable(error) from None
-        except BagError:
-            self._base.close()
-            raise
+            raise error if isinstance(error, BagError) else self._unreadable(error) from None
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield log time in ns and bytes of every message of a topic."""
