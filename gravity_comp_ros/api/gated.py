@@ -44,11 +44,11 @@ def apply_gate(samples: JointSamples, options: GateOptions | None) -> Gated:
     if options is None:
         return Gated(samples, samples.n_samples, {}, True)
     result = slow_samples(samples, options)
-    return passed(result.samples, samples.n_samples, result.dropped, options)
+    return gate_result(result.samples, samples.n_samples, result.dropped, options)
 
 
-def passed(samples: JointSamples, total: int, dropped: Mapping[str, int],
-           options: GateOptions) -> Gated:
+def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
+                options: GateOptions) -> Gated:
     """
     Return the result for samples already gated, for example while a file was read.
 

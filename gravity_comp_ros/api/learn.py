@@ -128,8 +128,8 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
                    arm, recording)
 
 
-def model_of(recording: Recording, options: LearnOptions = LearnOptions(),
-             progress: Progress | None = None, arm: KnownArm | None = None) -> GravityModel:
+def learn_gravity(recording: Recording, options: LearnOptions = LearnOptions(),
+                  progress: Progress | None = None, arm: KnownArm | None = None) -> GravityModel:
     """
     Return the gravity model that `fit` yields for a recording read without a gate.
 
@@ -154,7 +154,7 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
     return None if joints is None else JointOrder(joints, TORQUES)
 
 
-def better_order(learned: Learned) -> str:
+def joint_order_warning(learned: Learned) -> str:
     """Return a warning if another joint order explains the torques much better, else ''."""
     if not learned.recording.reports or learned.arm.axes.geometry is not None \
             or joint_order(learned.recording.joints).source != AS_RECORDED:

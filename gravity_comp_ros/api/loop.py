@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.axes import AxesOptions, known_axes
-from gravity_comp_ros.api.learn import better_order, learn, LearnOptions
+from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
@@ -51,7 +51,7 @@ def fit(recording: Recording, *, formulation: str | None = None,
     options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
     learned = learn(recording, options, tuple(effects), progress=progress)
     result = learned.result
-    for warning in filter(None, (learned.arm.axes.problem, better_order(learned))):
+    for warning in filter(None, (learned.arm.axes.problem, joint_order_warning(learned))):
         result = result.warned(warning)
     return Model(result.model)
 

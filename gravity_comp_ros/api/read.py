@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gravity_comp_ros.api.gated import passed
+from gravity_comp_ros.api.gated import gate_result
 from gravity_comp_ros.api.learn import known_arm
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -136,4 +136,5 @@ def gated_recording(runs: Sequence[GatedRecording], gate: GateOptions) -> Record
     samples = concatenate(runs[k].samples for k in kept)
     dropped = sum((Counter(runs[k].dropped) for k in kept), Counter())
     total = sum(report.n_samples for report in reports)
-    return Recording(samples, gate, reports, gated_before=passed(samples, total, dropped, gate))
+    gated = gate_result(samples, total, dropped, gate)
+    return Recording(samples, gate, reports, gated_before=gated)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.learn import learn, LearnOptions, model_of
+from gravity_comp_ros.api.learn import learn, learn_gravity, LearnOptions
 from gravity_comp_ros.api.read import gated_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -66,5 +66,5 @@ def diagnose_robot(robot: tuple[Sequence[Path], GravityModel | None], options: R
         raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
     recording = Recording(concatenate(run.samples for run in runs), None,
                           tuple(run.report for run in runs))
-    model = model or model_of(recording, LearnOptions(ordered=options.joints is not None))
+    model = model or learn_gravity(recording, LearnOptions(ordered=options.joints is not None))
     return diagnose(recording.samples, model, DiagnosisOptions(effects=effects)), failed
