@@ -1,10 +1,9 @@
 """
-Make the pages of the Python API from its docstrings, with pdoc.
+Generation of the Python API pages from docstrings, with pdoc.
 
-    python docs/make_api.py [FOLDER]      writes docs/api/index.html and what it links to
+    python docs/make_api.py [FOLDER]      writes index.html and its pages, by default to docs/api
 
-The pages are not kept in the repository. A test makes them and checks that every public name is
-on them.
+The pages are not under version control. A test checks that they include every public name.
 """
 
 from pathlib import Path
@@ -14,7 +13,7 @@ import gravity_comp_ros
 import pdoc
 
 HERE = Path(__file__).resolve().parent
-# What a user calls or gets; the rooms behind it are documented in the source.
+# Modules of the public functions and results; internal modules are documented in the source.
 MODULES = ('gravity_comp_ros', 'gravity_comp_ros.api.loop', 'gravity_comp_ros.api.recording',
            'gravity_comp_ros.api.model', 'gravity_comp_ros.api.results',
            'gravity_comp_ros.api.steps', 'gravity_comp_ros.evaluation.compare',
@@ -26,7 +25,7 @@ MODULES = ('gravity_comp_ros', 'gravity_comp_ros.api.loop', 'gravity_comp_ros.ap
 def make(folder: Path) -> None:
     """Write the pages into a folder."""
     for name in gravity_comp_ros.__all__:
-        getattr(gravity_comp_ros, name)  # pdoc shows what has been imported
+        getattr(gravity_comp_ros, name)  # pdoc includes only names that are imported
     pdoc.render.configure(docformat='restructuredtext', show_source=False, math=False)
     pdoc.pdoc(*MODULES, output_directory=folder)
 

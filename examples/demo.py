@@ -1,9 +1,9 @@
 """
-The whole job in two minutes: learn an arm, hang 2 kg on it, relearn, and show the errors.
+Demonstration in two minutes: learn an arm, add a payload of 2 kg, relearn, show the errors.
 
-The node runs as a process of its own and hears nothing but joint states, over DDS. The last
-part of each recording is never learned from: it is played without effort, the node answers
-with its predictions, and these are compared with the effort that was recorded.
+The node runs in its own process and receives only joint states, over DDS. The last part of each
+recording is used for evaluation only: it is played without effort, and the predictions of the
+node are compared with the recorded effort.
 """
 
 from __future__ import annotations
@@ -31,18 +31,22 @@ from robot import DemoError, Robot
 
 BAGS = Path(__file__).resolve().parent.parent / 'bags'
 UNLOADED, LOADED = 'eq17_unloaded.mcap', 'eq17_2kg.mcap'
-# Of the 100 s of each recording: what is learned from first, then, and what is judged on.
-FIRST, LEARNED, JUDGED = 10.0, 75.0, 78.0
+# End of the first and of the second training part, and start of the evaluation part, of the 100 s
+# of each recording, in s.
+FIRST, LEARNED, EVALUATED = 10.0, 75.0, 78.0
+# Playback speed, recorded seconds per second.
 SPEED = 40.0
-FIT_TIMEOUT = 60.0
-SETTLED = 0.5
-SMALL = 0.05
+FIT_TIMEOUT = 60.0  # s
+# Settling time of the node, recorded seconds.
+SETTLE_TIME = 0.5
+# Minimum change of an RMSE for a remaining error in percent, N·m.
+MIN_CHANGE = 0.05
 
 
 def main() -> int:
     """Run the demo; return 0 if the relearned model is better than the stale one."""
     started = time.monotonic()
-    # A domain of its own: joint states of the demo must never reach a real arm. Tests use 1-80.
+    # A separate domain: joint states of the demo must never reach a real arm. Tests use 1-80.
     os.environ['ROS_DOMAIN_ID'] = str(81 + os.getpid() % 20)
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
@@ -50,7 +54,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder, running_node(Path(folder)) as node:
             robot = Robot(unloaded.names, SPEED, lambda: node.poll() is None)
             try:
-                columns = tell(robot, unloaded, loaded)
+                columns = run_stages(robot, unloaded, loaded)
             finally:
                 robot.close()
     except (DemoError, GravityCompError) as error:
@@ -62,42 +66,42 @@ def main() -> int:
     return 0 if relearned.joints[stale.worst].rmse < stale.joints[stale.worst].rmse else 1
 
 
-def tell(robot: Robot, unloaded: JointSamples,
-         loaded: JointSamples) -> list[tuple[str, Comparison]]:
-    """Play the story; return the columns of the table."""
+def run_stages(robot: Robot, unloaded: JointSamples,
+               loaded: JointSamples) -> list[tuple[str, Comparison]]:
+    """Run the stages of the demo; return the title and the errors of each."""
     robot.connect(timeout=20.0)
-    say(f'The arm moves slowly, without load ({LEARNED:.0f} s of {UNLOADED}).')
+    show(f'The arm moves slowly without payload ({LEARNED:.0f} s of {UNLOADED}).')
     robot.play(between(unloaded, 0.0, LEARNED))
-    ask(robot, 'refit')
-    first = judge(robot, unloaded)
+    call(robot, 'refit')
+    first = evaluate(robot, unloaded)
 
-    say(f'Now 2 kg hang on its flange ({LOADED}), and the node gets no notice of it.')
-    stale = judge(robot, loaded)
-    say(f'The feed-forward is wrong: {stale.worst} by {stale.joints[stale.worst].rmse:.2f} N·m.')
+    show(f'A payload of 2 kg is added ({LOADED}) without notice to the node.')
+    stale = evaluate(robot, loaded)
+    show(f'The feed-forward is wrong: {stale.worst} by {stale.joints[stale.worst].rmse:.2f} N·m.')
 
-    ask(robot, 'payload_changed')
-    say(f'The arm moves slowly for {FIRST:.0f} s.')
+    call(robot, 'payload_changed')
+    show(f'The arm moves slowly for {FIRST:.0f} s.')
     robot.play(between(loaded, 0.0, FIRST))
-    ask(robot, 'refit')
-    quick = judge(robot, loaded)
-    say(f'It goes on moving, up to {LEARNED:.0f} s.')
+    call(robot, 'refit')
+    quick = evaluate(robot, loaded)
+    show(f'The motion continues up to {LEARNED:.0f} s.')
     robot.play(between(loaded, FIRST, LEARNED))
-    ask(robot, 'refit')
+    call(robot, 'refit')
     return [('no load,\nlearned', first), ('2 kg,\nstale', stale),
             (f'2 kg, after\n{FIRST:.0f} s', quick),
-            (f'2 kg, after\n{LEARNED:.0f} s', judge(robot, loaded))]
+            (f'2 kg, after\n{LEARNED:.0f} s', evaluate(robot, loaded))]
 
 
-def judge(robot: Robot, samples: JointSamples) -> Comparison:
-    """Return how wrong the node is on the part of a recording that it never learns from."""
-    answered, predicted = robot.predictions(between(samples, JUDGED, np.inf))
+def evaluate(robot: Robot, samples: JointSamples) -> Comparison:
+    """Return the errors of the node on the evaluation part of a recording."""
+    answered, predicted = robot.predictions(between(samples, EVALUATED, np.inf))
     return compare_prediction(answered, predicted, np.zeros(len(answered), dtype=bool))
 
 
-def ask(robot: Robot, service: str) -> None:
-    """Call a service of the node, and show its own words."""
-    done, words = robot.call(service, FIT_TIMEOUT)
-    say(f'{service}: {words}', 'green' if done else 'yellow')
+def call(robot: Robot, service: str) -> None:
+    """Call a service of the node, and show its message."""
+    success, message = robot.call(service, FIT_TIMEOUT)
+    show(f'{service}: {message}', 'green' if success else 'yellow')
 
 
 def between(samples: JointSamples, start: float, end: float) -> JointSamples:
@@ -105,48 +109,47 @@ def between(samples: JointSamples, start: float, end: float) -> JointSamples:
     return samples.select((samples.t >= start) & (samples.t < end))
 
 
-def say(text: str, style: str = '') -> None:
-    """Show a line now; nothing in it is markup."""
+def show(text: str, style: str = '') -> None:
+    """Show a line of plain text."""
     terminal.show(Text('• ' + printable(text), style=style))
 
 
 def table(columns: list[tuple[str, Comparison]]) -> ScreenTable:
-    """Return the errors of each joint at each stage."""
+    """Return a table of the errors of each joint at each stage."""
     stale, last = columns[1][1], columns[-1][1]
     rows = []
     for joint in stale.joints:
         before, after = stale.joints[joint].rmse, last.joints[joint].rmse
-        left = '–' if before - after < SMALL and after - before < SMALL else \
-            f'{100 * after / before:.0f} %'
-        row = [joint, *(f'{found.joints[joint].rmse:.3f}' for _, found in columns), left]
+        remaining = '–' if abs(before - after) < MIN_CHANGE else f'{100 * after / before:.0f} %'
+        row = [joint, *(f'{errors.joints[joint].rmse:.3f}' for _, errors in columns), remaining]
         rows.append([Text(printable(cell), style='bold' if joint == stale.worst else '')
                      for cell in row])
     return terminal.table(
-        'RMSE of the predictions in N·m, on motion that was never learned from',
+        'RMSE of the predictions in N·m, on motion that was not fitted',
         ['joint', *(title for title, _ in columns), 'remaining\nerror'], rows)
 
 
 def summary(columns: list[tuple[str, Comparison]]) -> list[str]:
-    """Return what the table means, worst joint first."""
+    """Return a summary of the table: the worst joint before and after relearning."""
     stale, last = columns[1][1], columns[-1][1]
     worst = stale.worst
     now = last.joints[last.worst].rmse
     return [terminal.safe(
-        f'Worst joint while stale: {worst}, {stale.joints[worst].rmse:.2f} N·m; relearned it has '
-        f'{last.joints[worst].rmse:.2f} N·m.'), terminal.safe(
-        f'Worst joint after relearning: {last.worst}, {now:.2f} N·m. The recordings were made '
-        'with 0.1 N·m of noise (bags/make.sh), so no model can show less.')]
+        f'Worst joint with the stale model: {worst}, {stale.joints[worst].rmse:.2f} N·m; after '
+        f'relearning {last.joints[worst].rmse:.2f} N·m.'), terminal.safe(
+        f'Worst joint after relearning: {last.worst}, {now:.2f} N·m. The recordings contain '
+        '0.1 N·m of noise (bags/make.sh), which is a lower bound of the error.')]
 
 
 @contextmanager
 def running_node(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run gravity_comp_node as a process of its own; on a failure show its last words."""
+    """Run gravity_comp_node in its own process; on failure show the end of its log."""
     log = folder / 'node.log'
     command = [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
                '-p', 'auto_fit:=false', '-p', 'capacity:=2000',
-               # The robot's time passes faster than the node's.
-               '-p', f'settle_time:={SETTLED / SPEED}']
-    say(f'Starting the node: {Path(sys.executable).name} {" ".join(command[1:])}')
+               # Playback is faster than real time.
+               '-p', f'settle_time:={SETTLE_TIME / SPEED}']
+    show(f'Starting the node: {Path(sys.executable).name} {" ".join(command[1:])}')
     with log.open('wb') as stream:
         node = subprocess.Popen(command, stdout=stream, stderr=subprocess.STDOUT, cwd=folder)
         try:

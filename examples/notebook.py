@@ -1,9 +1,9 @@
 # %% [markdown]
 # # Gravity compensation from a notebook
-# Every cell runs as it is, without a robot and without ROS: `pip install gravity_comp_ros`, then
+# Every cell runs without a robot and without ROS: `pip install gravity_comp_ros`, then
 # open this file in VS Code or Jupyter (jupytext), or run `python examples/notebook.py`.
 
-# %% The data: any NumPy arrays. Here two links with Coulomb friction in the shoulder.
+# %% Data from NumPy arrays: two links with Coulomb friction on the shoulder.
 import gravity_comp_ros as gc
 import numpy as np
 
@@ -12,7 +12,7 @@ FRICTION, NOISE = 0.6, 0.05  # N·m
 
 
 def motion(seed: int, payload: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return times (M,) in s, angles (M, 2) in rad and torques (M, 2) in N·m of a minute."""
+    """Return one minute of times (M,) in s, positions (M, 2) in rad and torques (M, 2) in N·m."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 60.0, 0.05)
     a, b, c, d = rng.uniform(0.0, 6.0, 4)
@@ -30,30 +30,30 @@ data = gc.Recording.from_arrays(q=[q for _, q, _ in runs], tau=[tau for *_, tau 
                                 t=[t for t, *_ in runs], names=NAMES)
 print(data)
 
-# %% Learn gravity from two runs, and judge it on the third.
+# %% Fit gravity to two runs, and compare on the third.
 train, test = data.split(0.2)
 model = gc.fit(train)
 print(model.report)
 before = gc.compare(model, test)
 print(before)
 
-# %% Which physical effect is missing?
+# %% Diagnose: which physical effect is missing?
 found = gc.diagnose(train, model)
 print(found)
 
-# %% Add it, and compare on the run that was not used.
+# %% Add the effect, and compare on the held-out run.
 model = gc.add_effects(model, train, found.findings)
 print(model.report)
 after = gc.compare(model, test)
 print(after)
 
-# %% Ten seconds with a tool in the hand.
+# %% Update after a payload change, from ten seconds of motion.
 t, q, tau = motion(4, payload=1.5)
 tool = gc.Recording.from_arrays(q[:200], tau[:200], t[:200], names=NAMES)
 stale = gc.compare(model, tool)
 model = gc.update(model, tool)
 print(model.report)
 
-# %% Predict, and save for the node and the commands.
+# %% Predict the gravity torque, and save the model for the node and the commands.
 print('gravity torque at q = (0.5, -0.2):', model.predict([0.5, -0.2]).round(2), 'N·m')
 model.save('arm.json')

@@ -1,4 +1,4 @@
-"""The robot of the demo: plays recorded joint states over DDS and hears what the node answers."""
+"""Robot of the demo: playback of recorded joint states over DDS, and the node's predictions."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 NODE = '/gravity_comp'
-# The node's answers may trail behind the last joint state by this long, s.
-_ROUNDS = 4
-_PATIENCE = 5.0
+# Maximum number of playbacks until all samples have a prediction.
+_MAX_ROUNDS = 4
+# Maximum delay of predictions after the last joint state, s.
+_TIMEOUT = 5.0
 
 
 class DemoError(Exception):
-    """The demo cannot go on; the message says why."""
+    """The demo failed; the message gives the reason."""
 
 
 class Robot:
     """
-    A ROS node that stands for the arm and its operator.
+    ROS node in place of the arm and its operator.
 
-    :param speed: how many seconds of a recording are played in one second.
-    :param alive: tells whether the node under test still runs.
+    :param speed: playback speed, recorded seconds per second.
+    :param alive: returns whether the node under test is running.
     """
 
     def __init__(self, joints: tuple[str, ...], speed: float, alive: Callable[[], bool]) -> None:
@@ -44,10 +45,10 @@ class Robot:
         self._executor.add_node(self._node)
         self._publisher = self._node.create_publisher(JointState, '/joint_states', QoSProfile(
             depth=100))
-        self._node.create_subscription(JointState, f'{NODE}/prediction', self._heard,
+        self._node.create_subscription(JointState, f'{NODE}/prediction', self._received,
                                        qos_profile_sensor_data)
         self._predicted: dict[int, FloatArray] = {}
-        # Stamps go on from recording to recording, as a robot's clock does.
+        # Stamps increase from recording to recording, like the clock of a robot.
         self._clock_ns = 1_000_000_000_000
 
     def close(self) -> None:
@@ -57,7 +58,7 @@ class Robot:
         rclpy.shutdown(context=self._context)
 
     def connect(self, timeout: float) -> None:
-        """Wait until the node hears joint states and offers its services."""
+        """Wait until the node has subscribed to the joint states."""
         self._wait(lambda: self._publisher.get_subscription_count() > 0, timeout,
                    'the node does not subscribe to /joint_states')
 
@@ -75,9 +76,9 @@ class Robot:
 
     def play(self, samples: JointSamples, with_effort: bool = True) -> list[int]:
         """
-        Publish samples in their own rhythm, faster by `speed`; return the stamps used, ns.
+        Publish samples at `speed` times real time; return their stamps, ns.
 
-        Without effort the node can predict, but has nothing to learn from.
+        Without effort the node predicts but does not learn.
         """
         start, stamps = time.monotonic(), []
         for k in range(samples.n_samples):
@@ -91,40 +92,41 @@ class Robot:
 
     def predictions(self, samples: JointSamples) -> tuple[JointSamples, FloatArray]:
         """
-        Play samples without their effort; return those answered, and the answers in N·m.
+        Play samples without effort; return those with a prediction, and the predictions, N·m.
 
-        Joint states go out best effort, and a busy machine loses some: those are played again.
+        Samples without a prediction are played again: joint states are sent best effort, so that
+        a busy machine loses some.
 
-        :raises DemoError: if fewer than nine tenths are answered in the end.
+        :raises DemoError: if fewer than nine tenths have a prediction.
         """
-        answers: dict[int, FloatArray] = {}
-        for _ in range(_ROUNDS):
-            open_ = np.array([k for k in range(samples.n_samples) if k not in answers])
-            if not open_.size:
+        predictions: dict[int, FloatArray] = {}
+        for _ in range(_MAX_ROUNDS):
+            missing = np.array([k for k in range(samples.n_samples) if k not in predictions])
+            if not missing.size:
                 break
             self._predicted.clear()
-            stamps = self.play(samples.select(open_), with_effort=False)
-            deadline = time.monotonic() + _PATIENCE
+            stamps = self.play(samples.select(missing), with_effort=False)
+            deadline = time.monotonic() + _TIMEOUT
             while len(self._predicted) < len(stamps) and time.monotonic() < deadline:
                 self._spin_until(time.monotonic() + 0.05)
-            answers |= {int(k): self._predicted[stamp] for k, stamp in zip(open_, stamps)
-                        if stamp in self._predicted}
-        if len(answers) < 0.9 * samples.n_samples:
-            raise DemoError(f'{len(answers)} of {samples.n_samples} joint states were answered '
-                            f'with a prediction on {NODE}/prediction')
-        heard = np.array(sorted(answers), dtype=np.int64)
-        return samples.select(heard), np.array([answers[k] for k in heard.tolist()])
+            predictions |= {int(k): self._predicted[stamp] for k, stamp in zip(missing, stamps)
+                            if stamp in self._predicted}
+        if len(predictions) < 0.9 * samples.n_samples:
+            raise DemoError(f'{len(predictions)} of {samples.n_samples} joint states had a '
+                            f'prediction on {NODE}/prediction')
+        rows = np.array(sorted(predictions), dtype=np.int64)
+        return samples.select(rows), np.array([predictions[k] for k in rows.tolist()])
 
-    def _heard(self, message: Any) -> None:
+    def _received(self, message: Any) -> None:
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         effort = dict(zip(message.name, message.effort))
         self._predicted[stamp] = np.array([effort[joint] for joint in self.joints])
 
     def _spin_until(self, moment: float) -> None:
         while True:
-            left = moment - time.monotonic()
-            self._executor.spin_once(timeout_sec=max(left, 0.0))
-            if left <= 0.0:
+            remaining = moment - time.monotonic()
+            self._executor.spin_once(timeout_sec=max(remaining, 0.0))
+            if remaining <= 0.0:
                 return
 
     def _wait(self, ready: Callable[[], bool], timeout: float, otherwise: str) -> None:

@@ -12,9 +12,9 @@ Gravity compensation for robot arms, learned from recorded joint states.
     model = gc.update(model, gc.read("tool.mcap"))   # after a payload change
     model.save("arm.json")
 
-Arrays are NumPy arrays of M samples and N joints, (M, N), in rad, rad/s and N·m. Every result
-has typed fields, prints as a table, and shows as one in a notebook. Every error that data or
-options can cause is a `GravityCompError` whose message says what was wrong and where.
+Arrays are NumPy arrays of M samples and N joints, shape (M, N), in rad, rad/s and N·m. Results
+have typed fields and print as tables, in a terminal and in a notebook. Errors caused by data or
+options derive from `GravityCompError`; the message names the cause and its location.
 """
 
 from importlib import import_module
@@ -45,9 +45,9 @@ if TYPE_CHECKING:
 
 __version__ = '0.1.0'
 
-# Name -> module. A module is imported when one of its names is asked for first, so that
-# `import gravity_comp_ros` costs nothing and the node never loads what it does not use.
-_PLACES = {
+# Module of each public name. Modules are imported at the first access to one of their names, so
+# that `import gravity_comp_ros` is fast and the node loads only the modules that it uses.
+_MODULES = {
     'read': 'api.read', 'Recording': 'api.recording', 'GateOptions': 'data.gate',
     'fit': 'api.loop', 'compare': 'api.loop', 'diagnose': 'api.loop',
     'add_effects': 'api.loop', 'update': 'api.loop', 'plan': 'api.loop',
@@ -63,14 +63,14 @@ __all__ = ['add_effects', 'compare', 'Comparison', 'diagnose', 'Diagnosis', 'Fin
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name, and import it if it is asked for the first time (PEP 562)."""
-    if name not in _PLACES:
+    """Return a public name; its module is imported at the first access (PEP 562)."""
+    if name not in _MODULES:
         raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    found = getattr(import_module(f'{__name__}.{_PLACES[name]}'), name)
-    globals()[name] = found
-    return found
+    value = getattr(import_module(f'{__name__}.{_MODULES[name]}'), name)
+    globals()[name] = value
+    return value
 
 
 def __dir__() -> list[str]:
-    """Return the public names, those that were not asked for yet included."""
+    """Return the public names, including those not yet imported."""
     return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""Recordings made on the spot: rosbag2 folders by rosbags' writer, files by our own."""
+"""Test recordings: a synthetic motion, and rosbag2 folders written by rosbags."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ NAMES = ('shoulder', 'elbow', 'wrist')
 
 
 def motion(count=50, rate=50.0):
-    """Return t (M,), q, qd and tau (M, 3) of a made-up arm."""
+    """Return t (M,), q, qd and tau (M, 3) of a synthetic arm."""
     t = np.arange(count) / rate
     phase = t[:, None] + np.array([0.0, 1.0, 2.0])
     return t, np.sin(phase), np.cos(phase), 10 * np.cos(np.sin(phase))
 
 
 def messages(count=50, rate=50.0, names=NAMES):
-    """Return [log time in ns, keyword arguments of `encode`] for every sample of `motion`."""
+    """Return [log time in ns, keyword arguments of `encode`] of each sample of `motion`."""
     t, q, qd, tau = motion(count, rate)
     stamps = START_NS + np.round(t * 1e9).astype(int)
     return [[int(ns), {'stamp_ns': int(ns), 'names': list(names), 'position': list(a),
@@ -51,7 +51,7 @@ def write_folder(path: Path, topics, plugin='sqlite3', version=8, compression=No
 
 
 def add_other_topic(path: Path, type_name='std_msgs/msg/String') -> Path:
-    """Write a rosbag2 folder that has one topic of another type."""
+    """Write a rosbag2 folder with one topic of another type."""
     with Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
         connection = writer.add_connection('/chatter', type_name, typestore=STORE)
         String = STORE.types[type_name]

@@ -1,4 +1,4 @@
-"""`import gravity_comp_ros as gc`: the loop in Python, on two links whose torque is known."""
+"""Public Python API: the loop on two links with known torque."""
 
 from dataclasses import FrozenInstanceError, replace
 import json
@@ -34,20 +34,20 @@ def data(bags):
 
 @pytest.fixture(scope='module')
 def loop(data):
-    """Run the loop once; return its parts, model, diagnosis, and model with the effects."""
+    """Run the loop once; return both parts, model, diagnosis, and the model with effects."""
     train, test = data.split(0.2)
     model = gc.fit(train)
-    found = gc.diagnose(train, model)
-    return train, test, model, found, gc.add_effects(model, train, found.findings)
+    diagnosis = gc.diagnose(train, model)
+    return train, test, model, diagnosis, gc.add_effects(model, train, diagnosis.findings)
 
 
-def test_the_package_is_imported_without_what_it_does_not_need():
+def test_optional_dependencies_are_not_imported():
     code = ('import sys, gravity_comp_ros as gc\n'
             'assert not {"numpy", "scipy"} & set(sys.modules)\n'
             'sys.modules.update(dict.fromkeys(["rclpy", "mcap", "rich", "yaml", "pinocchio", '
             '"bokeh", "zstandard", "defusedxml"]))\n'
             'for name in gc.__all__: getattr(gc, name)\n'
-            'assert set(gc.__all__) == set(gc._PLACES) <= set(dir(gc))\n'
+            'assert set(gc.__all__) == set(gc._MODULES) <= set(dir(gc))\n'
             'import numpy as np\n'
             'q = np.random.default_rng(0).normal(size=(40, 2))\n'
             'print(gc.fit(gc.Recording.from_arrays(q, np.sin(q), rate=5, qd=0 * q)).joints)')
@@ -58,9 +58,9 @@ def test_the_package_is_imported_without_what_it_does_not_need():
 
 
 def test_the_loop_finds_the_friction_and_the_error_falls(loop):
-    _, test, model, found, better = loop
-    assert any(f.effect == 'coulomb_friction' and f.joint == 'shoulder' for f in found.found)
-    assert all(isinstance(f.verdict, gc.Verdict) for f in found.findings)
+    _, test, model, diagnosis, better = loop
+    assert any(f.effect == 'coulomb_friction' and f.joint == 'shoulder' for f in diagnosis.found)
+    assert all(isinstance(f.verdict, gc.Verdict) for f in diagnosis.findings)
     assert FRICTION in better.effects and not model.effects
     before, after = gc.compare(model, test), gc.compare(better, test)
     assert after.joints['shoulder'].rmse < 1.15 * NOISE < 0.5 * before.joints['shoulder'].rmse
@@ -69,9 +69,9 @@ def test_the_loop_finds_the_friction_and_the_error_falls(loop):
     assert better.undo().effects == ()
 
 
-def test_it_is_what_the_commands_do(loop, bags, tmp_path, capsys):
-    """`fit --holdout` and `add` give the very numbers of `fit` and `add_effects`."""
-    _, test, model, found, better = loop
+def test_functions_and_commands_give_equal_results(loop, bags, tmp_path, capsys):
+    """`fit --holdout` and `add` give the same numbers as `fit` and `add_effects`."""
+    _, test, model, diagnosis, better = loop
     path = tmp_path / 'arm.json'
     assert cli.main(['fit', *bags, '--holdout', '0.2', '-o', str(path)]) == 0
     same = load_model(path)
@@ -80,12 +80,12 @@ def test_it_is_what_the_commands_do(loop, bags, tmp_path, capsys):
     assert cli.main(['add', ','.join(better.effects), '--model', str(path), *bags]) == 0
     capsys.readouterr()
     assert cli.main(['compare', *bags, '--model', str(path), '--holdout', '--json']) == 0
-    told = json.loads(capsys.readouterr().out)['joints']
+    printed = json.loads(capsys.readouterr().out)['joints']
     for name, joint in gc.compare(better, test).joints.items():
-        assert told[name]['rmse'] == pytest.approx(joint.rmse, rel=1e-9)
+        assert printed[name]['rmse'] == pytest.approx(joint.rmse, rel=1e-9)
 
 
-def test_a_payload_is_learned_and_taken_back(data, loop, tmp_path):
+def test_payload_update_and_undo(data, loop, tmp_path):
     better = loop[-1]
     loaded = two_links(7)
     both = 1.5 * np.sin(loaded.q.sum(axis=1))
@@ -103,7 +103,7 @@ def test_a_payload_is_learned_and_taken_back(data, loop, tmp_path):
     assert again.report == model.report and 'before payload' in str(model.report)
 
 
-def test_a_motion_is_planned_for_what_is_open(loop, tmp_path):
+def test_a_motion_is_planned_for_a_named_effect(loop, tmp_path):
     train, _, model, *_ = loop
     plan = gc.plan(model, train, ['viscous_friction:shoulder'],
                    options=gc.PlanOptions(duration=20.0))
@@ -115,25 +115,25 @@ def test_a_motion_is_planned_for_what_is_open(loop, tmp_path):
     assert 'viscous_friction' in str(plan) and '<table>' in plan._repr_html_()
 
 
-def test_findings_that_are_not_sure_are_not_added(loop):
-    train, _, model, found, _ = loop
-    weak = [replace(f, verdict='weak') for f in found.findings]
+def test_weak_findings_are_not_added(loop):
+    train, _, model, diagnosis, _ = loop
+    weak = [replace(f, verdict='weak') for f in diagnosis.findings]
     assert gc.add_effects(model, train, weak) is model
 
 
 def test_results_print_and_show_in_a_notebook(loop):
-    train, test, model, found, better = loop
-    for result in (train, test, model, better, better.report, found, gc.compare(better, test)):
+    train, test, model, diagnosis, better = loop
+    for result in (train, test, model, better, better.report, diagnosis, gc.compare(better, test)):
         assert len(repr(result)) < 200 and '\n' not in repr(result)
         text, page = str(result), result._repr_html_()
         assert text.splitlines()[0] == result.summary() and len(text.splitlines()) > 2
         assert 'shoulder' in text and '<table>' in page
         with pytest.raises(FrozenInstanceError):
             result.anything = 1
-    assert 'established' in str(found)
+    assert 'established' in str(diagnosis)
 
 
-def test_names_from_a_file_are_no_markup():
+def test_names_from_a_file_are_escaped():
     q = np.random.default_rng(0).normal(size=(20, 1))
     odd = gc.Recording.from_arrays(q, q, rate=5, names=['<b>\x1b[31m'])
     assert '<b>' not in odd._repr_html_().split('</p>', 1)[1] and '\x1b' not in str(odd)
@@ -146,7 +146,7 @@ def arrays(count=60, seed=0):
     return t, q, planar_2r(q)
 
 
-def test_arrays_of_several_runs_in_other_units_are_the_same_recording():
+def test_runs_units_and_scales_of_arrays():
     runs = [arrays(60, 0), arrays(80, 1)]
     t, q, tau = ([run[k] for run in runs] for k in range(3))
     plain = gc.Recording.from_arrays(q, tau, t, names=JOINTS)
@@ -163,7 +163,7 @@ def test_arrays_of_several_runs_in_other_units_are_the_same_recording():
     assert not given.samples.qd.any()
 
 
-@pytest.mark.parametrize('change, error, words', [
+@pytest.mark.parametrize('change, error, message', [
     ({'t': None}, OptionError, 'times t in s, or the rate'),
     ({'rate': 5.0}, OptionError, 'not both'), ({'t': None, 'rate': -1.0}, OptionError, 'rate'),
     ({'tau': np.zeros((60, 3))}, DataError, 'must be the same'),
@@ -173,13 +173,13 @@ def test_arrays_of_several_runs_in_other_units_are_the_same_recording():
     ({'tau': np.full((60, 2), np.nan)}, DataError, 'not finite'),
     ({'effort_scale': 0.0}, OptionError, 'not 0'),
     ({'effort_scale': {'wrist': 1.0}}, ModelMismatchError, 'wrist')])
-def test_arrays_that_cannot_be_used_are_refused(change, error, words):
+def test_invalid_arrays_are_refused(change, error, message):
     t, q, tau = arrays()
-    with pytest.raises(error, match=words):
+    with pytest.raises(error, match=message):
         gc.Recording.from_arrays(**{'q': q, 'tau': tau, 't': t, **change})
 
 
-def test_split_parts_share_no_sample_and_know_what_was_held_out(data):
+def test_split_parts_are_disjoint_and_record_the_holdout(data):
     train, test = data.split(0.4)
     assert not (train.usable & test.usable).any()
     assert set(train.used.runs) == {0, 1} and set(test.used.runs) == {2}
@@ -191,12 +191,12 @@ def test_split_parts_share_no_sample_and_know_what_was_held_out(data):
     assert gap > 2.0 and len(test.slow) == test.holdout.n_samples
 
 
-def test_an_error_says_what_to_do_in_the_words_of_who_asked(bags, data, tmp_path, capsys):
+def test_hints_for_python_and_for_the_command_line(bags, data, tmp_path, capsys):
     fast = gc.GateOptions(max_speed=1e-9)
     with pytest.raises(DataError) as error:
         gc.fit(gc.Recording(data.samples, fast))
     assert error.value.hint is gc.Hint.SLOW_MOTION and 'gate=None' in str(error.value)
-    again = pickle.loads(pickle.dumps(error.value))  # from a process of a fleet, say
+    again = pickle.loads(pickle.dumps(error.value))  # as from a worker process
     assert str(again) == str(error.value) and again.hint is error.value.hint
     assert cli.main(['fit', bags[0], '--max-speed', '1e-9']) == 1
     assert '--all-samples' in capsys.readouterr().err
@@ -204,7 +204,7 @@ def test_an_error_says_what_to_do_in_the_words_of_who_asked(bags, data, tmp_path
         gc.fit(data, effects=['coulomb_frictoin'])
 
 
-def test_samples_do_not_compare_by_value(data):
-    # Arrays have no truth value, so `==` of what holds them could only raise.
+def test_samples_compare_by_identity(data):
+    # Comparison of arrays in `==` would raise an error.
     copy = data.samples.select(np.arange(len(data.samples)))
     assert data.samples == data.samples and copy != data.samples

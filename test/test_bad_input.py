@@ -1,4 +1,4 @@
-"""What a person gives by a slip: one line that says what is wrong, and nothing written."""
+"""Wrong input of users: one line of error message, and no output file."""
 
 import json
 
@@ -34,7 +34,7 @@ def files(tmp_path_factory):
     return {'GOOD': good, 'MODEL': model, 'CSV': str(folder / 'log.csv')}
 
 
-@pytest.mark.parametrize(('status', 'call', 'says'), [
+@pytest.mark.parametrize(('status', 'call', 'message'), [
     (2, 'fit GOOD --terms -3', 'not a whole number above 0'),
     (2, 'synth --tilt 90 900 -o NEW.mcap', 'not within -180 to 180'),
     (2, 'synth --samples 0 -o NEW.mcap', 'not a whole number above 0'),
@@ -53,15 +53,16 @@ def files(tmp_path_factory):
     (1, 'fit GOOD --joints 1,3', 'no joint 3 (chosen); it has shoulder, elbow'),
     (1, 'fit GOOD --joints 2,elbow', 'a joint is named twice'),
     (1, 'add coulomb_friction:3 GOOD --model MODEL', 'it has shoulder, elbow, or 1 to 2')])
-def test_one_line(files, tmp_path, capsys, monkeypatch, status, call, says):
+def test_errors_are_one_line_and_write_nothing(files, tmp_path, capsys, monkeypatch, status, call,
+                                               message):
     monkeypatch.chdir(tmp_path)
     assert main([files.get(word, word) for word in call.split()]) == status
     shown = capsys.readouterr()
-    assert says in shown.err and shown.err.count('\n') == 1 and shown.out == ''
+    assert message in shown.err and shown.err.count('\n') == 1 and shown.out == ''
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_may_be_called_like_an_effect(tmp_path, monkeypatch, capsys):
+def test_a_recording_may_have_the_name_of_an_effect(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     bag('coulomb_friction')
     assert main(['info', 'coulomb_friction']) == 0
@@ -73,15 +74,15 @@ def test_a_recording_may_be_called_like_an_effect(tmp_path, monkeypatch, capsys)
     'compare GOOD --model MODEL --joints 2,1'])
 def test_a_joint_is_a_name_or_a_number_in_every_verb(files, capsys, call):
     argv = [files.get(word, word) for word in call.split()]
-    found = []
+    results = []
     for joints in ('2,1', 'elbow,shoulder'):
         assert main([joints if word == '2,1' else word for word in argv] + ['--json']) == 0
         document = json.loads(capsys.readouterr().out)
-        found.append(document.get('recordings', [document])[0]['joints'])
-    assert list(found[0]) == ['elbow', 'shoulder'] and found[0] == found[1]
+        results.append(document.get('recordings', [document])[0]['joints'])
+    assert list(results[0]) == ['elbow', 'shoulder'] and results[0] == results[1]
 
 
-def test_a_scale_and_an_effect_by_number(files, capsys):
+def test_effort_scale_and_effect_by_joint_number(files, capsys):
     assert main(['info', files['GOOD'], '--effort-scale', '2=-1', '--json']) == 0
     facts = json.loads(capsys.readouterr().out)['recordings'][0]
     assert facts['effort_scale'] == {'elbow': -1.0}
@@ -90,14 +91,14 @@ def test_a_scale_and_an_effect_by_number(files, capsys):
     assert json.loads(capsys.readouterr().out)['added'] == ['torque_offset:elbow']
 
 
-def test_a_name_comes_before_a_number():
+def test_names_take_precedence_over_numbers():
     assert joint_named('2', ('2', '1')) == '2'
     assert joint_named('2', ('a', 'b')) == 'b'
     assert joint_named('0', ('a', 'b')) is None and joint_named('x', ('a',)) is None
 
 
 @pytest.mark.parametrize('what', ['q', 'tau'])
-def test_a_value_that_no_arm_has_is_dropped(tmp_path, capsys, what):
+def test_values_out_of_range_are_dropped(tmp_path, capsys, what):
     spoiled = {'q': Q.copy(), 'tau': TAU.copy()}
     spoiled[what][100, 0] = 1e300
     path = bag(tmp_path / 'x.mcap', **spoiled)
@@ -111,23 +112,23 @@ def test_a_value_that_no_arm_has_is_dropped(tmp_path, capsys, what):
     assert json.loads(shown.out)['joints']['shoulder']['rmse'] < 0.1
 
 
-def test_efforts_that_no_arm_has_throughout(tmp_path, capsys):
+def test_efforts_out_of_range_throughout_are_refused(tmp_path, capsys):
     assert main(['info', bag(tmp_path / 'x.mcap', tau=1e300 * TAU)]) == 1
     assert 'beyond 1e+09 in 500 of 500' in capsys.readouterr().err
 
 
-def test_a_gap_is_named_wherever_the_recording_is_read(tmp_path):
+def test_gaps_are_noted_by_both_readers(tmp_path):
     t = T.copy()
     t[250:] += 1000.0
     path = bag(tmp_path / 'x.mcap', t=t)
     for report in (read_bag(path).report, read_gated(path).report):
         assert any(note.startswith('a gap of 1000 s, 49.8 s after') for note in report.notes)
-    # Poses half a minute apart are no gaps.
+    # Poses half a minute apart do not count as gaps.
     slow = bag(tmp_path / 'y.mcap', t=30.0 * np.arange(500.0))
     assert not any('gap' in note for note in read_bag(slow).report.notes)
 
 
-def test_one_is_one(tmp_path, capsys):
+def test_singular_of_one_sample(tmp_path, capsys):
     path = bag(tmp_path / 'x.mcap', T[:1], Q[:1], TAU[:1])
     assert main(['info', path]) == 0
     assert '\n1 sample at' in capsys.readouterr().out

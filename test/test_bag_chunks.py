@@ -1,4 +1,4 @@
-"""Whole chunks of MCAP files against the reader of the mcap package, message by message."""
+"""Chunk-wise reading of MCAP files, against the reader of the mcap package."""
 
 from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE, JOINT_STATE_DEFINITION
@@ -12,7 +12,7 @@ TOPICS = ('/joint_states', '/other', '/joint_states')   # the first topic has tw
 
 
 def write(path, events, **options):
-    """Write (log time, channel number) events; the payload is the number of the event."""
+    """Write (log time, channel number) events; the stamp is the index of the event."""
     with path.open('wb') as stream:
         writer = Writer(stream, **options)
         writer.start(profile='ros2', library='test')
@@ -26,7 +26,7 @@ def write(path, events, **options):
 
 
 def both(path):
-    """Return the messages of the first topic as batches give them, and as mcap reads them."""
+    """Return the messages of the first topic from batches and from mcap, and the batches."""
     storage = McapStorage(path)
     try:
         batches = list(storage.batches(TOPICS[0]))
@@ -39,7 +39,7 @@ def both(path):
 
 @st.composite
 def recordings(draw):
-    """Draw events in order, nearly in order or in disorder, and how to write them."""
+    """Draw sorted, nearly sorted or unsorted events, and options of the writer."""
     rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
     count = draw(st.integers(0, 80))
     times = np.cumsum(rng.integers(0, 4, count)) + draw(
@@ -60,21 +60,21 @@ def recordings(draw):
 @settings(max_examples=150, deadline=None,
           suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(recordings())
-def test_the_messages_and_their_order_are_those_of_mcap(tmp_path, recording):
+def test_messages_and_order_agree_with_mcap(tmp_path, recording):
     events, options = recording
-    found, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
-    assert found == expected
-    assert len(found) == sum(channel != 1 for _, channel in events)
+    result, expected, _ = both(write(tmp_path / 'x.mcap', events, **options))
+    assert result == expected
+    assert len(result) == sum(channel != 1 for _, channel in events)
 
 
 def test_a_chunk_is_one_batch(tmp_path):
     events = [(k, k % 2) for k in range(1000)]
-    found, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
-    assert found == expected and 2 <= len(batches) <= 10
+    result, expected, batches = both(write(tmp_path / 'x.mcap', events, chunk_size=20000))
+    assert result == expected and 2 <= len(batches) <= 10
 
 
 def index_records(raw):
-    """Yield where the message indexes of a file lie: content begin and length."""
+    """Yield the content offset and length of each message index of a file."""
     at = raw.index(b'MCAP0') + 7
     while at < len(raw) - 8:
         opcode, length = raw[at], int.from_bytes(raw[at + 1:at + 9], 'little')
@@ -84,7 +84,7 @@ def index_records(raw):
 
 
 @pytest.mark.parametrize('spoil', ['offset', 'count', 'repeated', 'opcode'])
-def test_an_index_that_lies_is_not_believed(tmp_path, spoil):
+def test_an_invalid_index_is_not_used(tmp_path, spoil):
     path = write(tmp_path / 'x.mcap', [(k, 0) for k in range(100)], chunk_size=2000)
     expected = both(path)[1]
     raw = bytearray(path.read_bytes())
@@ -92,7 +92,7 @@ def test_an_index_that_lies_is_not_believed(tmp_path, spoil):
         entries = raw[begin + 6:begin + length]
         if spoil == 'offset':
             raw[begin + 14] ^= 1
-        elif spoil == 'count':                  # one message fewer, its bytes as another channel
+        elif spoil == 'count':                  # one message fewer
             raw[begin + 2:begin + 6] = (len(entries) - 16).to_bytes(4, 'little')
         elif spoil == 'repeated':
             raw[begin + 6:begin + 22] = entries[16:32]
@@ -105,7 +105,7 @@ def test_an_index_that_lies_is_not_believed(tmp_path, spoil):
 @pytest.mark.parametrize('compression', [CompressionType.NONE, CompressionType.ZSTD,
                                          CompressionType.LZ4])
 @pytest.mark.parametrize('seed', range(3))
-def test_flipped_bytes_never_give_other_messages(tmp_path, compression, seed):
+def test_flipped_bytes_never_change_messages(tmp_path, compression, seed):
     path = write(tmp_path / 'x.mcap', [(k, k % 3) for k in range(100)], chunk_size=2000,
                  compression=compression)
     whole, good = path.read_bytes(), both(path)[0]
@@ -116,12 +116,12 @@ def test_flipped_bytes_never_give_other_messages(tmp_path, compression, seed):
         path.write_bytes(raw)
         try:
             storage = McapStorage(path)
-            found = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
-                     for m in range(len(b))]
+            result = [(int(b.log_ns[m]), b.message(m)) for b in storage.batches(TOPICS[0])
+                      for m in range(len(b))]
             storage.close()
         except BagError as error:
             assert '\n' not in str(error)
             refused += 1
             continue
-        assert found == good
+        assert result == good
     assert refused > 15

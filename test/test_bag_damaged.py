@@ -1,4 +1,4 @@
-"""Files that are no recordings, or no longer: refused in one line, never half read."""
+"""Damaged files and files of other formats: refused in one line, never read in part."""
 
 import sqlite3
 
@@ -34,7 +34,7 @@ def refusal(path, options=None):
     return text
 
 
-def test_truncated_mcap_says_so_and_how_much_is_left(mcap):
+def test_truncated_mcap_reports_the_readable_messages(mcap):
     whole = mcap.read_bytes()
     mcap.write_bytes(whole[:len(whole) * 2 // 3])
     text = refusal(mcap)
@@ -59,9 +59,9 @@ def test_flipped_bytes_are_refused_or_harmless(mcap, seed):
     rng = np.random.default_rng(seed)
     refused = 0
     for place in rng.integers(0, len(whole), 60):
-        spoilt = bytearray(whole)
-        spoilt[place] ^= int(rng.integers(1, 256))
-        mcap.write_bytes(spoilt)
+        damaged = bytearray(whole)
+        damaged[place] ^= int(rng.integers(1, 256))
+        mcap.write_bytes(damaged)
         try:
             samples = read_bag(mcap).samples
         except BagError as error:
@@ -73,7 +73,7 @@ def test_flipped_bytes_are_refused_or_harmless(mcap, seed):
     assert refused > 30
 
 
-def test_summary_that_lies_is_refused(mcap):
+def test_a_wrong_summary_is_refused(mcap):
     whole = bytearray(mcap.read_bytes())
     place = whole.rindex(b'/joint_states')
     whole[place:place + 13] = b'/other_states'
@@ -92,16 +92,16 @@ def test_flipped_bytes_of_a_db3_never_crash(db3):
     whole = db3.read_bytes()
     rng = np.random.default_rng(0)
     for place in rng.integers(16, len(whole), 60):
-        spoilt = bytearray(whole)
-        spoilt[place] ^= 255
-        db3.write_bytes(spoilt)
+        damaged = bytearray(whole)
+        damaged[place] ^= 255
+        db3.write_bytes(damaged)
         try:
             read_bag(db3)
         except GravityCompError as error:
             assert '\n' not in str(error)
 
 
-def test_rows_of_a_db3_that_are_no_messages(db3):
+def test_invalid_rows_of_a_db3(db3):
     base = sqlite3.connect(db3)
     base.execute("UPDATE messages SET data = 'text' WHERE id = 3")
     base.execute('UPDATE messages SET data = 3.5 WHERE id = 4')
@@ -110,7 +110,7 @@ def test_rows_of_a_db3_that_are_no_messages(db3):
     assert dict(read_bag(db3).report.dropped) == {'not decodable': 2}
 
 
-def test_database_of_something_else(tmp_path):
+def test_a_database_without_recording(tmp_path):
     path = tmp_path / 'x.db3'
     base = sqlite3.connect(path)
     base.execute('CREATE TABLE songs (name TEXT)')
@@ -119,23 +119,23 @@ def test_database_of_something_else(tmp_path):
     assert 'not a recording' in refusal(path)
 
 
-@pytest.mark.parametrize(('content', 'says'), [
+@pytest.mark.parametrize(('content', 'message'), [
     (b'', 'empty'), (b'hello', 'neither an MCAP nor'), (b'#ROSBAG V2.0\n', 'ROS 1'),
     (b'\x28\xb5\x2f\xfd junk', 'cannot be decompressed'),
     (b'\x89MCAP0\r\n', 'truncated'), (b'SQLite format 3\0' + bytes(200), 'cannot be read')])
-def test_not_a_recording(tmp_path, content, says):
+def test_not_a_recording(tmp_path, content, message):
     path = tmp_path / 'x.mcap'
     path.write_bytes(content)
-    assert says in refusal(path)
+    assert message in refusal(path)
 
 
-def test_nothing_there(tmp_path):
+def test_missing_recordings(tmp_path):
     assert 'no such recording' in refusal(tmp_path / 'none.mcap')
     (tmp_path / 'folder').mkdir()
     assert 'neither metadata.yaml nor' in refusal(tmp_path / 'folder')
 
 
-def test_no_joint_states_in_it(tmp_path):
+def test_recordings_without_joint_states(tmp_path):
     path = add_other_topic(tmp_path / 'chat')
     assert 'it has /chatter (std_msgs/msg/String)' in refusal(path)
     text = refusal(path, ReadOptions(topic='/chatter'))

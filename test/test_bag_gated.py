@@ -1,4 +1,4 @@
-"""Bags gated while they are read: the same samples and words as reading first, gating then."""
+"""Streaming reader with gate: same samples, notes and errors as reading, then gating."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ GATES = (GateOptions(max_speed=0.9), GateOptions(max_speed=(0.5, 2.0, 2.0), rate
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10 ** 6), st.lists(st.integers(0, 40), max_size=6),
        st.sampled_from(GATES[:3]))
-def test_blocks_of_any_size_pass_as_the_whole_does(seed, sizes, options):
+def test_blocks_of_any_size_are_gated_alike(seed, sizes, options):
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.choice([0.01, 0.02, 0.3], 100))
     qd = np.cumsum(0.1 * rng.normal(size=(100, 3)), axis=0)
@@ -37,7 +37,7 @@ def test_blocks_of_any_size_pass_as_the_whole_does(seed, sizes, options):
 
 
 def rare(change, every=9):
-    """Return messages of which every few were changed."""
+    """Return 200 messages, of which every `every`-th is changed."""
     rows = messages(200)
     for row in rows[every::every]:
         change(row)
@@ -58,7 +58,7 @@ def broken(row):
     row[1] = b'\0\1\0\0none'
 
 
-def stand_still(row):
+def repeat_stamp(row):
     row[1]['stamp_ns'] -= 40_000_000
 
 
@@ -99,7 +99,7 @@ def weightless(row):
     row[1]['effort'][0] = 0.0
 
 
-CHANGES = (nothing, other_order, broken, stand_still, nan, one_short, gripper, long_frame,
+CHANGES = (nothing, other_order, broken, repeat_stamp, nan, one_short, gripper, long_frame,
            without_elbow, no_velocity, no_stamp, rest, weightless)
 OPTIONS = (ReadOptions(), ReadOptions(joints=('wrist', 'shoulder')),
            ReadOptions(effort_scale={'elbow': -2.0}), ReadOptions(differentiate=True),
@@ -108,7 +108,7 @@ OPTIONS = (ReadOptions(), ReadOptions(joints=('wrist', 'shoulder')),
 
 @pytest.mark.parametrize('every', [1, 9])
 @pytest.mark.parametrize('change', CHANGES)
-def test_the_answer_is_that_of_the_whole(tmp_path, change, every):
+def test_gated_reading_equals_reading_then_gating(tmp_path, change, every):
     rows = rare(change, every)
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin='mcap')
     for number, options in enumerate(OPTIONS):
@@ -125,28 +125,28 @@ def check_same(path, options, gate):
             read_gated(path, options, gate)
         assert str(again.value) == str(error)
         return
-    found = read_gated(path, options, gate)
-    assert found.samples.names == slow.samples.names
+    result = read_gated(path, options, gate)
+    assert result.samples.names == slow.samples.names
     for field in ('t', 'q', 'qd', 'tau'):
-        np.testing.assert_array_equal(getattr(found.samples, field),
+        np.testing.assert_array_equal(getattr(result.samples, field),
                                       getattr(slow.samples, field))
-    assert found.report == whole.report
-    assert found.dropped == slow.dropped
+    assert result.report == whole.report
+    assert result.dropped == slow.dropped
 
 
-def test_the_usual_recording_is_not_read_as_a_whole(tmp_path, monkeypatch):
+def test_most_recordings_are_streamed(tmp_path, monkeypatch):
     path = write_folder(tmp_path / 'bag', {'/joint_states': rare(nan)}, plugin='mcap')
     monkeypatch.setattr(gated_bag, 'read_bag', None)
     assert len(read_gated(path, gate=GATES[0]).samples) == 6
 
 
-def test_nothing_slow_is_no_error_here(tmp_path):
+def test_no_slow_sample_is_not_an_error(tmp_path):
     path = write_folder(tmp_path / 'bag', {'/joint_states': messages(200)}, plugin='mcap')
     check_same(path, ReadOptions(), GATES[3])
     assert not len(read_gated(path, gate=GATES[3]).samples)
 
 
-def test_memory_does_not_grow_with_the_recording(tmp_path):
+def test_memory_is_bounded(tmp_path):
     import tracemalloc
     t = np.arange(60000) / 1000
     q = np.sin(0.1 * t)[:, None] + np.arange(8.0)
@@ -154,12 +154,12 @@ def test_memory_does_not_grow_with_the_recording(tmp_path):
     write_bag(tmp_path / 'x.mcap', [JointTopic('/joint_states', names, t, q, 0 * q + 0.1, q)],
               WriteOptions(chunk_bytes=100_000))
     tracemalloc.start()
-    found = read_gated(tmp_path / 'x.mcap')
+    result = read_gated(tmp_path / 'x.mcap')
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert found.report.n_samples == 60000 and len(found.samples) == 301
-    # All samples alone are 60000 * 24 * 8 bytes, 11.5 MB; what grows is 8 bytes a message and
-    # what the median of the intervals takes at the end.
+    assert result.report.n_samples == 60000 and len(result.samples) == 301
+    # The samples would take 60000 * 24 * 8 bytes, 11.5 MB. The reader stores 8 bytes per message,
+    # and temporary arrays for the median interval.
     assert peak < 5e6
 
 

@@ -1,4 +1,4 @@
-"""Decoding many messages at a time says what decoding one by one says, whatever they hold."""
+"""Vectorised decoding of messages, against decoding one by one."""
 
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JointStateDecoder
 from gravity_comp_ros.recordings.message_batch import Batch, batched
@@ -24,7 +24,7 @@ SENDERS = (
 
 @st.composite
 def traffic(draw):
-    """Draw messages of several senders, some of them cut, spoilt or with bytes to spare."""
+    """Draw messages of several senders, some of them truncated, damaged or too long."""
     rng = np.random.default_rng(draw(st.integers(0, 10 ** 6)))
     senders = draw(st.lists(st.sampled_from(SENDERS), min_size=1, max_size=4))
     spoilt = draw(st.sampled_from([0.0, 0.1, 0.5]))
@@ -44,25 +44,25 @@ def traffic(draw):
             elif kind == 2:
                 raw += bytes(int(rng.integers(1, 9)))
             else:
-                raw[1] ^= 1                    # the other byte order: nonsense, or not
+                raw[1] ^= 1                    # wrong byte order
         messages.append((number, bytes(raw)))
     return messages
 
 
-def many(decoder, batches):
-    found = {}
+def decode_batches(decoder, batches):
+    decoded = {}
     for batch in batches:
         for block in decoder.decode(batch):
             for row, which in enumerate(block.which):
                 number = int(batch.log_ns[which])
-                assert number not in found
-                found[number] = (block.names, int(block.stamp_ns[row]),
-                                 block.position[row], block.velocity[row], block.effort[row])
-    return found
+                assert number not in decoded
+                decoded[number] = (block.names, int(block.stamp_ns[row]),
+                                   block.position[row], block.velocity[row], block.effort[row])
+    return decoded
 
 
 def split(messages, rng):
-    """Return the messages in several batches, with other bytes lying between some of them."""
+    """Return the messages in several batches, with other bytes between some of them."""
     batches, begin = [], 0
     while begin < len(messages):
         part = messages[begin:begin + int(rng.integers(1, 40))]
@@ -78,22 +78,21 @@ def split(messages, rng):
 
 @settings(max_examples=200, deadline=None)
 @given(traffic(), st.integers(0, 10 ** 6))
-def test_many_at_a_time_are_as_one_by_one(messages, seed):
-    single = {number: JointStateDecoder() for number, _ in messages}
+def test_batch_decoding_equals_single_decoding(messages, seed):
     expected = {}
     for number, raw in messages:
         try:
-            expected[number], _ = single[number].decode(raw)
+            expected[number], _ = JointStateDecoder().decode(raw)
         except ValueError:
             continue
-    found = many(LayoutDecoder(), split(messages, np.random.default_rng(seed)))
-    assert found.keys() == expected.keys()
+    decoded = decode_batches(LayoutDecoder(), split(messages, np.random.default_rng(seed)))
+    assert decoded.keys() == expected.keys()
     for number, message in expected.items():
-        names, stamp, *values = found[number]
+        names, stamp, *values = decoded[number]
         assert (names, stamp) == (message.names, message.stamp_ns)
-        for mine, theirs in zip(values, (message.position, message.velocity, message.effort)):
-            assert mine.dtype == np.float64
-            np.testing.assert_array_equal(mine, theirs)
+        for value, single in zip(values, (message.position, message.velocity, message.effort)):
+            assert value.dtype == np.float64
+            np.testing.assert_array_equal(value, single)
 
 
 def test_a_repeated_layout_is_decoded_by_its_template(monkeypatch):
@@ -116,21 +115,22 @@ def test_a_repeated_layout_is_decoded_by_its_template(monkeypatch):
 
 def test_more_layouts_than_templates():
     messages = [(k, encode(k, [f'j{k % 40}'], [1.0 * k])) for k in range(200)]
-    found = many(LayoutDecoder(), batched(iter(messages)))
-    assert [found[k][0] for k in range(200)] == [(f'j{k % 40}',) for k in range(200)]
-    assert [found[k][2][0] for k in range(200)] == list(range(200))
+    decoded = decode_batches(LayoutDecoder(), batched(iter(messages)))
+    assert [decoded[k][0] for k in range(200)] == [(f'j{k % 40}',) for k in range(200)]
+    assert [decoded[k][2][0] for k in range(200)] == list(range(200))
 
 
 @pytest.mark.parametrize('place', range(0, 120, 3))
-def test_a_flipped_byte_is_seen_or_harmless(place):
+def test_a_flipped_byte_is_detected_or_harmless(place):
     good = encode(10 ** 9, ['a', 'bb', 'ccc'], [1, 2, 3], [4, 5, 6], [7, 8, 9])
     bad = bytearray(good)
     bad[place % len(good)] ^= 0x41
-    found = many(LayoutDecoder(), batched(iter([(0, good), (1, bytes(bad)), (2, good)])))
+    messages = [(0, good), (1, bytes(bad)), (2, good)]
+    decoded = decode_batches(LayoutDecoder(), batched(iter(messages)))
     try:
         expected, _ = JointStateDecoder().decode(bytes(bad))
     except ValueError:
-        assert found.keys() == {0, 2}
+        assert decoded.keys() == {0, 2}
         return
-    assert found[1][:2] == (expected.names, expected.stamp_ns)
-    np.testing.assert_array_equal(found[1][4], expected.effort)
+    assert decoded[1][:2] == (expected.names, expected.stamp_ns)
+    np.testing.assert_array_equal(decoded[1][4], expected.effort)

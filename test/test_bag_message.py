@@ -1,4 +1,4 @@
-"""JointState in CDR against rosbags' own serialiser, and against damaged bytes."""
+"""CDR encoding of JointState, against the serialiser of rosbags and with damaged bytes."""
 
 from gravity_comp_ros.recordings.joint_state_cdr import (
     encode, JOINT_STATE, JOINT_STATE_DEFINITION, JOINT_STATE_HASH, JointStateDecoder)
@@ -19,7 +19,7 @@ messages = st.tuples(st.integers(0, 2**31 * 10**9 - 1), names, floats, floats, f
                      st.text('abcdefgh', max_size=9))
 
 
-def theirs(stamp, joints, position, velocity, effort, frame):
+def rosbags_message(stamp, joints, position, velocity, effort, frame):
     header = Header(stamp=Time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id=frame)
     arrays = (np.array(x, dtype=float) for x in (position, velocity, effort))
     return JointState(header, joints, *arrays)
@@ -37,7 +37,7 @@ def check_equal(message, stamp, joints, position, velocity, effort, frame):
 @given(messages)
 @example((0, [], [], [], [], ''))
 @example((10**18, ['a'], [], [1.0], [], 'b'))
-def test_what_we_encode_rosbags_decodes(message):
+def test_rosbags_decodes_our_messages(message):
     stamp, joints, position, velocity, effort, frame = message
     decoded = STORE.deserialize_cdr(encode(stamp, joints, position, velocity, effort, frame),
                                     JOINT_STATE)
@@ -51,11 +51,11 @@ def test_what_we_encode_rosbags_decodes(message):
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(messages, min_size=1, max_size=4), st.booleans())
-def test_what_rosbags_encodes_we_decode(sequence, little):
-    decoder = JointStateDecoder()  # one for all: its cache of names must not leak
+def test_we_decode_messages_of_rosbags(sequence, little):
+    decoder = JointStateDecoder()  # one for all messages, to test its cache of names
     for message in sequence:
-        raw = bytes(STORE.serialize_cdr(theirs(*message), JOINT_STATE, little_endian=little))
-        check_equal(decoder.decode(raw)[0], *message)
+        raw = STORE.serialize_cdr(rosbags_message(*message), JOINT_STATE, little_endian=little)
+        check_equal(decoder.decode(bytes(raw))[0], *message)
 
 
 @settings(max_examples=200, deadline=None)

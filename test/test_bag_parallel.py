@@ -1,4 +1,4 @@
-"""Bags read in processes of their own: the same results in the same order, the same refusals."""
+"""Bags read in worker processes: same results, order and errors."""
 
 from functools import partial
 
@@ -25,24 +25,24 @@ def bags(tmp_path):
     return paths
 
 
-def test_processes_give_what_this_one_gives(bags):
+def test_worker_processes_give_equal_results(bags):
     read = partial(read_gated, gate=GATE)
     here, there = list(in_processes(read, bags, 1)), list(in_processes(read, bags, 2))
-    assert [found.report.n_messages for found in there] == [100, 101, 102]
+    assert [result.report.n_messages for result in there] == [100, 101, 102]
     for a, b in zip(here, there):
         assert (a.report, a.dropped) == (b.report, b.dropped)
         np.testing.assert_array_equal(a.samples.tau, b.samples.tau)
 
 
-def test_a_refusal_comes_out_of_its_process_as_it_is(bags, monkeypatch):
+def test_errors_of_a_worker_are_raised_unchanged(bags, monkeypatch):
     monkeypatch.setattr(parallel, 'workers', lambda paths: 2)
     bags[1].write_bytes(b'')
-    found = read_gated_bags(bags, gate=GATE)
-    assert next(found).report.n_messages == 100
+    result = read_gated_bags(bags, gate=GATE)
+    assert next(result).report.n_messages == 100
     with pytest.raises(BagError, match='1.mcap is empty'):
-        next(found)
+        next(result)
 
 
-def test_small_bags_are_not_worth_a_process(bags, tmp_path):
+def test_small_bags_are_read_in_one_process(bags, tmp_path):
     assert workers(bags) == 1
     assert workers([tmp_path / 'missing.mcap', *bags]) == 1

@@ -1,4 +1,4 @@
-"""Recordings in every layout become the same samples; what is wrong in them is named."""
+"""Reading of recordings in all formats, and handling of defects in them."""
 
 import shutil
 
@@ -16,7 +16,7 @@ T, Q, QD, TAU = motion()
 
 
 def recorded(tmp_path, rows):
-    """Return a recording of /joint_states with these messages."""
+    """Write these messages as a recording of /joint_states; return its path."""
     return write_folder(tmp_path / 'bag', {'/joint_states': rows})
 
 
@@ -41,7 +41,7 @@ def check_is_the_motion(recording):
 @pytest.mark.parametrize('compression', [None, 'MESSAGE', 'FILE', 'STORAGE'])
 def test_rosbag2_folders(tmp_path, plugin, version, compression):
     if compression == 'STORAGE' and plugin == 'sqlite3':
-        compression = None  # only mcap compresses by itself
+        compression = None  # only mcap has storage compression
     path = write_folder(tmp_path / 'bag', {'/joint_states': messages()}, plugin, version,
                         compression)
     check_is_the_motion(read_bag(path))
@@ -78,7 +78,7 @@ def test_recording_split_into_files_in_natural_order(tmp_path):
 
 @settings(max_examples=25, deadline=None)
 @given(st.data())
-def test_what_is_written_is_read(tmp_path_factory, data):
+def test_written_samples_are_read_back(tmp_path_factory, data):
     n = data.draw(st.integers(1, 10))
     m = data.draw(st.integers(1, 20))
     names = data.draw(st.lists(st.text(st.characters(codec='utf-8', exclude_characters='\0'),
@@ -90,11 +90,11 @@ def test_what_is_written_is_read(tmp_path_factory, data):
     samples = JointSamples.single_run(names, t, q, qd, tau)
     path = tmp_path_factory.mktemp('x') / 'x.mcap'
     write_bag(path, [joint_states(samples)])
-    found = read_bag(path).samples
-    assert found.names == samples.names
-    np.testing.assert_allclose(found.t, t - t[0], atol=1.1e-9)
+    result = read_bag(path).samples
+    assert result.names == samples.names
+    np.testing.assert_allclose(result.t, t - t[0], atol=1.1e-9)
     for field in ('q', 'qd', 'tau'):
-        np.testing.assert_array_equal(getattr(found, field), getattr(samples, field))
+        np.testing.assert_array_equal(getattr(result, field), getattr(samples, field))
 
 
 def test_joints_are_matched_by_name_in_every_message(tmp_path):
@@ -144,7 +144,7 @@ def spoil_time_back(row):
     row[1]['stamp_ns'] -= 10**9
 
 
-def spoil_time_still(row):
+def spoil_time_repeated(row):
     row[1]['stamp_ns'] -= 20_000_000
 
 
@@ -166,7 +166,7 @@ def spoil_joints(row):
     (spoil_velocity, cleaning.VELOCITY),
     (spoil_empty_effort, cleaning.NOT_FINITE), (spoil_size, 'arrays of different lengths'),
     (spoil_names, 'duplicate joint name'), (spoil_time_back, cleaning.TIME),
-    (spoil_time_still, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
+    (spoil_time_repeated, cleaning.TIME), (spoil_bytes, joint_columns.UNDECODABLE),
     (spoil_joint, cleaning.MISSING),
     (spoil_joints, cleaning.OTHER_JOINTS)])
 def test_bad_messages_are_dropped_and_counted(tmp_path, spoil, reason):
@@ -199,7 +199,7 @@ def zero_effort(row):
     row[1]['effort'] = [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize(('spoil', 'says'), [
+@pytest.mark.parametrize(('spoil', 'message'), [
     (every(zero_effort), 'effort is 0 throughout'),
     (every(spoil_empty_effort), 'effort is missing, NaN or beyond 1e.09 in 50 of 50 messages'),
     (every(spoil_nan), 'effort of joint elbow is missing, NaN or beyond 1e.09 in 50 of 50.*'
@@ -212,16 +212,16 @@ def zero_effort(row):
     (every(spoil_names), 'no usable message: 50 duplicate joint name'),
     (every(spoil_bytes), 'no usable message: 50 not decodable'),
     (lambda rows: rows.clear(), 'has no messages')])
-def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, spoil, says):
+def test_defect_of_half_the_recording_is_an_error_in_one_line(tmp_path, spoil, message):
     rows = messages()
     spoil(rows)
     path = recorded(tmp_path, rows)
-    with pytest.raises(BagError, match=says) as error:
+    with pytest.raises(BagError, match=message) as error:
         read_bag(path)
     assert str(path) in str(error.value) and '\n' not in str(error.value)
 
 
-def test_two_publishers_on_one_topic_can_be_told_apart(tmp_path):
+def test_joints_of_two_publishers_on_one_topic_can_be_selected(tmp_path):
     rows = messages(100)
     for row in rows[1::2]:
         spoil_joints(row)
@@ -241,7 +241,7 @@ def test_unknown_joint(tmp_path, option):
 
 
 @pytest.mark.parametrize('stamp', ['unset', 'same', 'backwards', 'one from the future'])
-def test_log_time_where_stamps_are_no_clock(tmp_path, stamp):
+def test_log_time_replaces_bad_stamps(tmp_path, stamp):
     rows = messages()
     for number, (log_ns, content) in enumerate(rows):
         content['stamp_ns'] = {'unset': 0, 'same': START_NS, 'backwards': START_NS - number,
@@ -251,7 +251,7 @@ def test_log_time_where_stamps_are_no_clock(tmp_path, stamp):
     assert any('time of recording' in note for note in recording.report.notes)
 
 
-def test_stamps_win_over_a_jittering_log_time(tmp_path):
+def test_stamps_take_precedence_over_a_jittering_log_time(tmp_path):
     rows = messages()
     rng = np.random.default_rng(1)
     for row in rows:
@@ -271,7 +271,7 @@ def test_simulated_clock_that_begins_at_zero(tmp_path):
     np.testing.assert_allclose(check, T, atol=1e-9)
 
 
-def test_missing_velocity_is_differentiated_and_said_so(tmp_path):
+def test_missing_velocity_is_differentiated_and_noted(tmp_path):
     rows = messages(200)
     for row in rows:
         row[1]['velocity'] = []
@@ -313,26 +313,26 @@ def test_zero_velocity_of_one_joint_is_noted(tmp_path):
     path = recorded(tmp_path, rows)
     (note,) = read_bag(path).report.notes
     assert note.startswith('velocity of elbow is 0 throughout') and '--differentiate' in note
-    # A joint that stands still has every right to a speed of 0.
+    # Velocity 0 of a joint at rest is not noted.
     for row in rows:
         row[1]['position'][1] = 0.4
     assert read_bag(recorded(tmp_path / 'still', rows)).report.notes == ()
 
 
-def test_the_report_keeps_the_effort_scales_that_were_used(tmp_path):
+def test_the_report_contains_the_effort_scales_used(tmp_path):
     path = recorded(tmp_path, messages())
     options = ReadOptions(joints=('wrist', 'elbow'), effort_scale={'elbow': -2, 'shoulder': 3,
                                                                    'wrist': 1.0})
     assert read_bag(path, options).report.effort_scale == {'elbow': -2.0}
 
 
-def test_sample_alone_in_a_gap_has_no_velocity(tmp_path):
+def test_an_isolated_sample_is_dropped(tmp_path):
     rows = messages(100)
     for number, row in enumerate(rows):
         row[1]['velocity'] = []
         row[1]['stamp_ns'] += 10**10 * ((number >= 50) + (number >= 51))
     recording = read_bag(recorded(tmp_path, rows))
-    assert dict(recording.report.dropped) == {cleaning.LONELY: 1}
+    assert dict(recording.report.dropped) == {cleaning.ISOLATED: 1}
     assert len(recording.samples) == 99
 
 
@@ -346,11 +346,11 @@ def test_joint_without_effort_is_noted(tmp_path):
 
 def test_several_bags_are_several_runs(tmp_path):
     first = write_folder(tmp_path / 'one', {'/joint_states': messages(30)})
-    turned = messages(40)
-    for _, content in turned:
+    reversed_names = messages(40)
+    for _, content in reversed_names:
         for field in ('names', 'position', 'velocity', 'effort'):
             content[field] = content[field][::-1]
-    second = write_folder(tmp_path / 'two', {'/joint_states': turned}, 'mcap')
+    second = write_folder(tmp_path / 'two', {'/joint_states': reversed_names}, 'mcap')
     both = concatenate(read_bag(path).samples for path in (first, second))
     assert both.names == NAMES
     assert both.run_labels == ('one', 'two')
@@ -369,7 +369,7 @@ def topic(name, effort=TAU):
     return JointTopic(name, NAMES, T, Q, QD, effort)
 
 
-def test_topic_is_chosen(tmp_path):
+def test_choice_of_the_topic(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, [topic('/other', 2 * TAU), topic('/joint_states')])
     recording = read_bag(path)
@@ -383,7 +383,7 @@ def test_topic_is_chosen(tmp_path):
         read_bag(path, ReadOptions(topic='/none'))
 
 
-def test_several_topics_and_none_chosen(tmp_path):
+def test_ambiguous_topics_are_refused(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, [topic('/left/joint_states'), topic('/right/joint_states')])
     with pytest.raises(BagError, match='/left/joint_states, /right/joint_states; choose'):
@@ -396,14 +396,14 @@ def test_several_topics_and_none_chosen(tmp_path):
 @pytest.mark.parametrize('bad', [
     {'effort_scale': {'a': 0.0}}, {'effort_scale': {'a': float('nan')}}, {'joints': ()},
     {'joints': ('a', 'a')}])
-def test_options_that_make_no_sense(bad):
+def test_invalid_options_are_refused(bad):
     with pytest.raises(OptionError):
         ReadOptions(**bad)
 
 
 @pytest.mark.parametrize('plugin', ['sqlite3', 'mcap'])
-def test_of_many_messages_an_even_part_is_read(tmp_path, plugin):
-    # A gripper of its own takes turns with the arm: every second message would be one of them.
+def test_many_messages_are_subsampled_evenly(tmp_path, plugin):
+    # The messages of a gripper alternate with those of the arm.
     rows = []
     for row in messages(600):
         gripper = [row[0] + 1, {**row[1], 'stamp_ns': row[0] + 1, 'names': ['gripper'],
@@ -411,12 +411,12 @@ def test_of_many_messages_an_even_part_is_read(tmp_path, plugin):
         rows += [row, gripper]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows}, plugin)
     whole = read_bag(path, ReadOptions(joints=NAMES)).samples
-    recording = read_bag(path, ReadOptions(joints=NAMES, most=600))
+    recording = read_bag(path, ReadOptions(joints=NAMES, max_messages=600))
     samples = recording.samples
     assert abs(len(samples) - 300) <= 2 and len(whole) == 600
     assert '50% of 1200 messages are used' in ' '.join(recording.report.notes)
     kept = np.searchsorted(whole.t + 1e-9, samples.t + whole.t[0])
     assert np.diff(kept).max() <= 4
     with pytest.raises(OptionError, match='messages to read'):
-        ReadOptions(most=0)
-    assert read_bag(path, ReadOptions(joints=NAMES, most=1200)).report.notes == ()
+        ReadOptions(max_messages=0)
+    assert read_bag(path, ReadOptions(joints=NAMES, max_messages=1200)).report.notes == ()

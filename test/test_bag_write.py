@@ -1,4 +1,4 @@
-"""MCAP files that we write, read by the mcap library and by rosbags."""
+"""Written MCAP files, as read by the mcap library and by rosbags."""
 
 from pathlib import Path
 import subprocess
@@ -51,18 +51,18 @@ def test_rosbags_reads_names_stamps_and_values(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, topics())
     with AnyReader([path]) as reader:
-        found = {}
+        result = {}
         for connection, log_ns, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             assert stamp == log_ns
-            found.setdefault(connection.topic, []).append(message)
-    assert [m.name for m in found['/joint_states']] == [['a', 'b']] * 3
-    np.testing.assert_array_equal([m.position for m in found['/joint_states']], Q)
-    np.testing.assert_array_equal([m.velocity for m in found['/joint_states']], 10 * Q)
-    np.testing.assert_array_equal([m.effort for m in found['/joint_states']], -Q)
-    np.testing.assert_array_equal([m.effort for m in found['/extra']], Q)
-    assert [m.position.size for m in found['/extra']] == [0, 0, 0]
+            result.setdefault(connection.topic, []).append(message)
+    assert [m.name for m in result['/joint_states']] == [['a', 'b']] * 3
+    np.testing.assert_array_equal([m.position for m in result['/joint_states']], Q)
+    np.testing.assert_array_equal([m.velocity for m in result['/joint_states']], 10 * Q)
+    np.testing.assert_array_equal([m.effort for m in result['/joint_states']], -Q)
+    np.testing.assert_array_equal([m.effort for m in result['/extra']], Q)
+    assert [m.position.size for m in result['/extra']] == [0, 0, 0]
 
 
 def test_same_samples_give_the_same_bytes(tmp_path):
@@ -96,7 +96,7 @@ except BagError as error:
 """
 
 
-def test_no_room_leaves_the_old_file_and_no_rubbish(tmp_path):
+def test_a_full_disk_leaves_the_old_file_only(tmp_path):
     path = tmp_path / 'x.mcap'
     path.write_bytes(b'old')
     result = subprocess.run([sys.executable, '-c', FULL_DISK, str(path)], text=True,
@@ -108,17 +108,17 @@ def test_no_room_leaves_the_old_file_and_no_rubbish(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_missing_folder_is_one_line(tmp_path):
+def test_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(BagError) as error:
         write_bag(tmp_path / 'none' / 'x.mcap', topics())
     assert 'x.mcap' in str(error.value) and '\n' not in str(error.value)
 
 
-def test_samples_of_one_run_are_a_topic_and_of_two_are_not():
+def test_a_topic_requires_a_single_run():
     one = JointSamples.single_run(NAMES, T, Q, Q, Q)
     topic = joint_states(one)
     assert topic.name == '/joint_states' and topic.joints == NAMES
-    with pytest.raises(OptionError, match='one bag a run'):
+    with pytest.raises(OptionError, match='one bag per run'):
         joint_states(concatenate([one, one]))
 
 

@@ -16,7 +16,7 @@ from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pinocchio as pin
 import pytest
-from serial_arms import poses, samples_of, six_axes_with_parallel_ones
+from serial_arms import poses, samples_of, parallel_axis_arm
 from test_chain_model import random_chain
 
 pytestmark = pytest.mark.slow
@@ -131,7 +131,7 @@ def test_parallel_axes(level):
 @pytest.mark.parametrize('tilt', [(0.0, 0.0), (0.4, -0.3), (np.pi, 0.0), (np.pi / 2, 0.0)])
 def test_six_axes_three_of_them_parallel(tilt):
     # Upright, tilted, on a ceiling, on a wall.
-    arm = arms.with_base_tilt(six_axes_with_parallel_ones(), *tilt)
+    arm = arms.with_base_tilt(parallel_axis_arm(), *tilt)
     q = generated.small_motion(arm, 2).q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     model = fit(samples, CHAIN).model

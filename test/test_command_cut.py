@@ -77,4 +77,4 @@ def test_a_copy_of_a_recording_counts_once(bag, tmp_path):
     copy.write_bytes(bag.read_bytes())
     both = gc.read([bag, copy], gate=None)
     assert both.n_runs == 1 and len(both.samples) == 300
-    assert any('copy.mcap is the same recording' in note for note in both.reports[0].notes)
+    assert any('copy.mcap is a copy of this recording' in note for note in both.reports[0].notes)

@@ -135,7 +135,7 @@ def test_a_gripper_is_left_out_and_a_moving_waist_is_told(bags, capsys):
 
 
 @pytest.mark.parametrize('argv, words', [
-    (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'one of the arm'),
+    (('--fixed', 'hip=1'), 'has no joint hip'), (('--fixed', 'iiwa_joint_1=1'), 'part of the arm'),
     (('--urdf', 'none', '--fixed', 'waist=1'), '--urdf is none'),
 ])
 def test_a_useless_fixed_joint_is_refused(bags, capsys, argv, words):

@@ -18,7 +18,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp('plan')
     write_bag(folder / 'old.mcap', [joint_states(one_way(0))])
     save_model(folder / 'arm.json', model())
-    (folder / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', turn='0 0 0')))
+    (folder / 'arm.urdf').write_text(robots.robot(robots.arm(NAMES, 'base_link', twist='0 0 0')))
     return folder
 
 

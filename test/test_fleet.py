@@ -1,4 +1,4 @@
-"""Fleets: one process, several, and a real Dask cluster of which a worker is killed."""
+"""Fleets in one process, in several, and on a Dask cluster with a killed worker."""
 
 import json
 import os
@@ -14,7 +14,7 @@ from gravity_comp_ros import cli
 from gravity_comp_ros.errors import BagError, DataError
 from gravity_comp_ros.fleet.engine import Engine, Failure
 from gravity_comp_ros.fleet.folder import find_robots, Robot
-from gravity_comp_ros.fleet.run import FleetRun, KEPT
+from gravity_comp_ros.fleet.run import CACHE, FleetRun
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.mcap_writer import joint_states, write_bag
 from gravity_comp_ros.simulation.arms import gravity_torque
@@ -51,13 +51,13 @@ def run(fleet, output, engine=Engine()):
     return FleetRun(find_robots(fleet), output, engine).fit()
 
 
-def test_a_folder_is_robots_and_their_bags(fleet, tmp_path):
+def test_layout_of_the_fleet_folder(fleet, tmp_path):
     robots = find_robots(fleet)
     assert [(robot.name, [bag.name for bag in robot.bags]) for robot in robots] == [
         (name, ['run0.mcap', 'run1.mcap', 'run2.mcap']) for name in ('anna', 'bert')]
     assert find_robots(fleet / 'anna') == [Robot('anna', robots[0].bags)]
     (tmp_path / 'empty').mkdir()
-    with pytest.raises(BagError, match='holds no recording'):
+    with pytest.raises(BagError, match='contains no recording'):
         find_robots(tmp_path / 'empty')
     with pytest.raises(BagError, match='cannot read the fleet'):
         find_robots(tmp_path / 'nowhere')
@@ -76,18 +76,18 @@ def test_a_failed_bag_is_reported_and_skipped(fleet, tmp_path):
         'run0.mcap', 'run1.mcap', 'run2.mcap']
 
 
-def test_processes_give_what_one_process_gives(fleet, tmp_path):
+def test_worker_processes_give_equal_models(fleet, tmp_path):
     run(fleet, tmp_path / 'one')
     run(fleet, tmp_path / 'two', Engine(workers=2))
     assert weights(tmp_path / 'two') == weights(tmp_path / 'one')
 
 
-def test_what_is_done_is_not_done_again(fleet, tmp_path):
+def test_completed_work_is_resumed(fleet, tmp_path):
     first = run(fleet, tmp_path / 'out')
     assert first.resumed == 0
     second = run(fleet, tmp_path / 'out')
     assert second.resumed == 5 + 2 and second.robots == first.robots
-    assert len(second.failed_bags) == 1            # a failure is tried again
+    assert len(second.failed_bags) == 1            # failures are tried again
     (tmp_path / 'out' / 'anna.json').write_text('damaged')
     q = poses(60, 3, seed=7)
     write_bag(fleet / 'bert' / 'run3.mcap', [joint_states(samples_of(
@@ -97,34 +97,34 @@ def test_what_is_done_is_not_done_again(fleet, tmp_path):
     assert weights(tmp_path / 'out')['anna.json']
 
 
-def test_what_was_kept_and_is_damaged_is_read_again(fleet, tmp_path):
+def test_a_damaged_cache_is_ignored(fleet, tmp_path):
     run(fleet, tmp_path / 'out')
     before = weights(tmp_path / 'out')
-    for file in (tmp_path / 'out' / KEPT).iterdir():
+    for file in (tmp_path / 'out' / CACHE).iterdir():
         file.write_bytes(file.read_bytes()[:100])
     assert run(fleet, tmp_path / 'out').resumed == 0
     assert weights(tmp_path / 'out') == before
 
 
-def test_a_worker_that_dies_loses_nothing(tmp_path):
+def test_tasks_of_a_dead_worker_are_repeated(tmp_path):
     items = ['', str(tmp_path / 'died'), '', '']
     assert dict(Engine(workers=2).run(die_once, items)) == dict(enumerate(items))
 
 
-def test_a_task_that_kills_every_worker_is_given_up():
-    found = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
-    assert (found[0], found[2]) == ('x', 'y')
-    assert isinstance(found[1], Failure) and 'died 3 times' in found[1].reason
+def test_a_task_that_kills_every_worker_fails():
+    results = dict(Engine(workers=2).run(die_of, ['x', 'kill', 'y']))
+    assert (results[0], results[2]) == ('x', 'y')
+    assert isinstance(results[1], Failure) and 'died 3 times' in results[1].reason
 
 
-def test_an_error_in_a_task_ends_no_other():
-    found = dict(Engine().run(int, ['1', 'x', '3']))
-    assert (found[0], found[2]) == (1, 3) and 'ValueError' in found[1].reason
+def test_other_tasks_go_on_after_an_error():
+    results = dict(Engine().run(int, ['1', 'x', '3']))
+    assert (results[0], results[2]) == (1, 3) and 'ValueError' in results[1].reason
     (failure,) = dict(Engine().run(Robot, [None])).values()
     assert isinstance(failure, Failure)
 
 
-# A cluster, its parts as processes of their own.
+# A Dask cluster in separate processes.
 
 def start(*command: str) -> subprocess.Popen:
     return subprocess.Popen([sys.executable, '-m', *command], stdout=subprocess.DEVNULL,
@@ -136,7 +136,7 @@ def start(*command: str) -> subprocess.Popen:
 
 @pytest.fixture(scope='module')
 def running():
-    """Yield the address of a scheduler, and its workers by name, of which there are none yet."""
+    """Yield the address of a scheduler, and its workers by name, initially none."""
     pytest.importorskip('distributed')
     scheduler = start('distributed.cli.dask_scheduler', '--host', '127.0.0.1', '--port', '0',
                       '--no-dashboard')
@@ -153,7 +153,7 @@ def running():
 
 @pytest.fixture
 def cluster(running):
-    """Yield the address of a scheduler with two workers, and those: new ones for killed ones."""
+    """Yield the address of a scheduler with two workers, and the workers; replace killed ones."""
     from distributed import Client
     address, workers = running
     living = [name for name in workers if workers[name].poll() is None]
@@ -173,8 +173,8 @@ def known_workers(client) -> set[str]:
     return {worker['name'] for worker in client.scheduler_info()['workers'].values()}
 
 
-def kill_who_works(log: Path, workers: dict, killed: list) -> None:
-    """Kill the first worker that has begun a task, and tell the others."""
+def kill_working_worker(log: Path, workers: dict, killed: list) -> None:
+    """Kill the first worker that has started a task, and notify the others."""
     end = time.monotonic() + DEADLINE
     while not killed and time.monotonic() < end:
         working = set(log.read_text().split()) if log.exists() else set()
@@ -185,7 +185,7 @@ def kill_who_works(log: Path, workers: dict, killed: list) -> None:
     Path(f'{log}.killed').touch()
 
 
-def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
+def test_a_dask_cluster_gives_equal_models(fleet, tmp_path, cluster):
     address, _ = cluster
     run(fleet, tmp_path / 'one')
     outcome = run(fleet, tmp_path / 'dask', Engine(scheduler=address))
@@ -193,22 +193,22 @@ def test_a_dask_cluster_gives_what_one_process_gives(fleet, tmp_path, cluster):
     assert len(outcome.failed_bags) == 1 and not outcome.failed_robots
 
 
-def test_a_dask_worker_killed_in_mid_run(tmp_path, cluster):
+def test_a_dask_worker_killed_during_a_run(tmp_path, cluster):
     address, workers = cluster
     log, killed = tmp_path / 'log', []
-    killer = threading.Thread(target=kill_who_works, args=(log, workers, killed))
+    killer = threading.Thread(target=kill_working_worker, args=(log, workers, killed))
     killer.start()
-    found = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
+    results = dict(Engine(scheduler=address).run(until_killed, [str(log)] * 20))
     killer.join()
     begun = [int(line) for line in log.read_text().split()]
     assert killed[0].returncode == -signal.SIGKILL and killed[0].pid in begun
     (survivor,) = set(workers.values()) - set(killed)
-    assert set(found) == set(range(20)) and set(found.values()) == {survivor.pid}
-    assert len(begun) > 20                          # the task that was lost was begun again
+    assert set(results) == set(range(20)) and set(results.values()) == {survivor.pid}
+    assert len(begun) > 20                          # the lost task was repeated
 
 
-def kill_who_fits(address: str, workers: dict, killed: list) -> None:
-    """Kill the first worker that is seen in the middle of a fit."""
+def kill_fitting_worker(address: str, workers: dict, killed: list) -> None:
+    """Kill the first worker that runs a fit."""
     import distributed
     end = time.monotonic() + DEADLINE
     with distributed.Client(address, timeout=DEADLINE, set_as_default=False) as client:
@@ -221,7 +221,7 @@ def kill_who_fits(address: str, workers: dict, killed: list) -> None:
                     return
 
 
-def test_a_dask_worker_killed_in_the_middle_of_a_fit(tmp_path, cluster):
+def test_a_dask_worker_killed_during_a_fit(tmp_path, cluster):
     address, workers = cluster
     for robot in range(4):
         (tmp_path / 'fleet' / f'r{robot}').mkdir(parents=True)
@@ -230,7 +230,7 @@ def test_a_dask_worker_killed_in_the_middle_of_a_fit(tmp_path, cluster):
         write_bag(tmp_path / 'fleet' / f'r{robot}' / 'run.mcap',
                   [joint_states(samples_of(q, tau, 0.05))])
     killed: list[subprocess.Popen] = []
-    killer = threading.Thread(target=kill_who_fits, args=(address, workers, killed))
+    killer = threading.Thread(target=kill_fitting_worker, args=(address, workers, killed))
     killer.start()
     outcome = FleetRun(find_robots(tmp_path / 'fleet'), tmp_path / 'dask',
                        Engine(scheduler=address)).fit()
@@ -241,7 +241,7 @@ def test_a_dask_worker_killed_in_the_middle_of_a_fit(tmp_path, cluster):
     assert weights(tmp_path / 'dask') == weights(tmp_path / 'one')
 
 
-def test_no_scheduler_is_one_line(fleet, tmp_path, monkeypatch):
+def test_a_missing_scheduler_is_refused(fleet, tmp_path, monkeypatch):
     pytest.importorskip('distributed')
     from gravity_comp_ros.fleet import engine
     monkeypatch.setattr(engine, '_CONNECT', 1.0)
@@ -254,13 +254,13 @@ def test_the_command_fits_and_diagnoses(fleet, tmp_path, capsys):
     models = tmp_path / 'models'
     assert cli.main(['fleet', 'fit', str(fleet), '-o', str(models), '--workers', '1',
                      '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert set(told['robots']) == {'anna', 'bert'} and len(told['failed_bags']) == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed['robots']) == {'anna', 'bert'} and len(printed['failed_bags']) == 1
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1']) == 0
     assert 'anna.diagnosis.json' in capsys.readouterr().out
-    found = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
-    assert {'findings', 'joints'} <= set(found)
+    results = json.loads((tmp_path / 'found' / 'anna.diagnosis.json').read_text())
+    assert {'findings', 'joints'} <= set(results)
     assert cli.main(['fleet', 'diagnose', str(fleet / 'anna'), '-o', str(tmp_path / 'found'),
                      '--models', str(models), '--workers', '1', '--json']) == 0
     assert json.loads(capsys.readouterr().out)['resumed'] == 1

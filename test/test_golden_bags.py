@@ -1,4 +1,4 @@
-"""The bags in bags/ are what their commands make."""
+"""The bags in bags/, against the output of their commands."""
 
 import os
 from pathlib import Path
@@ -24,7 +24,7 @@ def remade(tmp_path_factory):
     return folder
 
 
-def test_there_are_bags_and_the_script_makes_all_of_them(remade):
+def test_the_script_makes_all_bags(remade):
     assert len(FILES) == 5
     assert sorted(path.name for path in remade.iterdir()) == FILES
 
@@ -35,7 +35,7 @@ def test_same_samples_when_made_again(remade, name):
     assert kept.samples.names == again.samples.names
     assert kept.report.start_ns == again.report.start_ns
     for field in ('t', 'q', 'qd', 'tau'):
-        # Another version of the rigid-body library may round otherwise.
+        # Rounding depends on the version of the rigid-body library.
         np.testing.assert_allclose(getattr(kept.samples, field), getattr(again.samples, field),
                                    rtol=1e-9, atol=1e-9)
 

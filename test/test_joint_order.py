@@ -1,26 +1,25 @@
-"""The order of joints: from a description, from numbers in the names, or as recorded."""
+"""Joint order from a description, from numbers or words in the names, or as recorded."""
 
 from gravity_comp_ros.description.joint_order import (
-    AS_RECORDED, DESCRIPTION, joint_order, NUMBERS, WORDS)
+    AS_RECORDED, DESCRIPTION, joint_order, JointOrder, NUMBERS, WORDS)
 from hypothesis import given, settings, strategies
 import pytest
 import urdf_snippets as robots
 
 
-def test_a_description_orders_what_was_published_by_alphabet():
+def test_a_description_orders_joints():
     assert joint_order(sorted(robots.UR_JOINTS), robots.UR) == joint_order(
         robots.UR_JOINTS, robots.UR)
-    found = joint_order(sorted(robots.UR_JOINTS), robots.UR.encode())
-    assert (found.joints, found.source) == (robots.UR_JOINTS, DESCRIPTION)
+    assert joint_order(sorted(robots.UR_JOINTS), robots.UR.encode()) == JointOrder(
+        robots.UR_JOINTS, DESCRIPTION)
 
 
 ANY = ('tilt', 'swing', 'reach')
 
 
 @pytest.mark.parametrize('urdf', ['<robot', robots.PANDA, None])
-def test_a_description_of_no_use_leaves_the_names(urdf):
-    found = joint_order(ANY, urdf)
-    assert (found.joints, found.source) == (ANY, AS_RECORDED)
+def test_an_unusable_description_is_ignored(urdf):
+    assert joint_order(ANY, urdf) == JointOrder(ANY, AS_RECORDED)
 
 
 @pytest.mark.parametrize('names', [
@@ -33,8 +32,7 @@ def test_a_description_of_no_use_leaves_the_names(urdf):
 @given(data=strategies.data())
 def test_numbers_in_the_names(names, data):
     shuffled = data.draw(strategies.permutations(names))
-    found = joint_order(shuffled)
-    assert (found.joints, found.source) == (tuple(names), NUMBERS)
+    assert joint_order(shuffled) == JointOrder(tuple(names), NUMBERS)
 
 
 FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'elbow_flex_joint',
@@ -50,26 +48,25 @@ FETCH = ('shoulder_pan_joint', 'shoulder_lift_joint', 'upperarm_roll_joint', 'el
 @settings(max_examples=30, deadline=None)
 @given(data=strategies.data())
 def test_words_in_the_names(names, data):
-    found = joint_order(data.draw(strategies.permutations(list(names))))
-    assert (found.joints, found.source) == (tuple(names), WORDS)
+    shuffled = data.draw(strategies.permutations(list(names)))
+    assert joint_order(shuffled) == JointOrder(tuple(names), WORDS)
 
 
 @pytest.mark.parametrize('names', [
     ['tilt', 'swing'], ['a'], ['left_elbow', 'right_elbow', 'left_wrist', 'right_wrist'],
     ['shoulder_pitch', 'shoulder_roll', 'shoulder_yaw', 'elbow'], ['elbow', 'Elbow', 'wrist'],
-    # Two arms, or joints beside an arm: numbers order neither.
+    # Two arms, or other joints besides those of the arm: the numbers define no order.
     ['left_1', 'left_2', 'right_1', 'right_2'],
     ['arm1_joint1', 'arm1_joint2', 'arm2_joint1', 'arm2_joint2'],
     ['joint_2', 'joint_1', 'gripper'], ['joint_01', 'joint_1'],
 ])
-def test_names_that_say_nothing(names):
-    found = joint_order(names)
-    assert (found.joints, found.source) == (tuple(names), AS_RECORDED)
+def test_ambiguous_names_stay_as_recorded(names):
+    assert joint_order(names) == JointOrder(tuple(names), AS_RECORDED)
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.lists(strategies.text(max_size=8), max_size=6, unique=True))
-def test_an_order_has_the_same_joints_and_is_stable(names):
-    found = joint_order(names)
-    assert sorted(found.joints) == sorted(names)
-    assert joint_order(found.joints).joints == found.joints
+def test_an_order_is_a_stable_permutation(names):
+    order = joint_order(names)
+    assert sorted(order.joints) == sorted(names)
+    assert joint_order(order.joints).joints == order.joints

@@ -1,4 +1,4 @@
-"""docs/json.md has every key that the verbs print, and no other."""
+"""docs/json.md documents exactly the keys that the verbs print."""
 
 import json
 from pathlib import Path
@@ -37,22 +37,22 @@ def printed(tmp_path_factory):
         write_bag(folder / f'{name}.mcap', [joint_states(two_links(seed))])
     (folder / 'table.csv').write_text('t,q_1,tau_1\n' + ''.join(
         f'{k / 10},{k / 100},{k}\n' for k in range(30)))
-    found = {}
+    output = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for verb, arguments in CALLS.items():
             assert main([verb, *arguments, '--json', f'{verb}.json']) == 0, verb
-            found[verb] = json.loads(Path(f'{verb}.json').read_text())
-    return found
+            output[verb] = json.loads(Path(f'{verb}.json').read_text())
+    return output
 
 
 @pytest.mark.parametrize('verb', CALLS)
-def test_the_page_has_the_keys_of(verb, printed):
+def test_keys_of_each_verb_are_documented(verb, printed):
     assert next(iter(printed[verb].items())) == ('schema', 1)
     assert keys(SECTIONS[verb]) == set(printed[verb]) - {'schema'}
 
 
-def test_what_is_inside_is_documented_as_well(printed):
+def test_nested_keys_are_documented(printed):
     whole = keys(PAGE) | set(re.findall(r'`(\w+)`', PAGE))
     for inner in (printed['fit']['joints']['shoulder'], printed['fit']['bags'][0],
                   printed['compare']['joints']['shoulder'], printed['fit']['gate'],
@@ -62,6 +62,6 @@ def test_what_is_inside_is_documented_as_well(printed):
         assert set(inner) <= whole, set(inner) - whole
 
 
-def test_every_verb_that_prints_json_is_on_the_page():
-    # The last two print none.
+def test_all_verbs_are_documented():
+    # `workbench` and `completion` print no JSON.
     assert set(SECTIONS) == set(VERBS) - {'workbench', 'completion'}

@@ -1,4 +1,4 @@
-"""Layouts for PlotJuggler and Foxglove: what they plot is what the node and `replay` write."""
+"""Layouts for PlotJuggler and Foxglove: plotted topics exist in the node and in `replay`."""
 
 import importlib.util
 import json
@@ -25,26 +25,26 @@ def curves():
 
 
 def paths():
-    """Return (topic, field, place) of every path of the Foxglove layout."""
+    """Return (topic, field, index) of every path of the Foxglove layout."""
     panels = json.loads((LAYOUTS / 'foxglove.json').read_text())['configById']
     return [MESSAGE_PATH.fullmatch(path['value']).groups()
             for panel in panels.values() for path in panel.get('paths', [])]
 
 
 def check(topics):
-    """Check that each plotted field of each topic is there; `topics`: name -> message."""
+    """Check that each plotted field of each topic exists; `topics`: name -> message."""
     names = {name: list(message.name) for name, message in topics.items()}
     plotted = [curve for curve in curves() if curve[0] in topics]
     assert {topic for topic, _, _ in plotted} == set(topics)
     for topic, joint, field in plotted:
         assert len(getattr(topics[topic], field)) > names[topic].index(joint)
-    for topic, field, place in paths():
+    for topic, field, index in paths():
         if topic in topics:
-            assert len(getattr(topics[topic], field)) > int(place)
+            assert len(getattr(topics[topic], field)) > int(index)
 
 
-class Told:
-    """The last row of a topic of a bag, as a message."""
+class LastMessage:
+    """The last row of a topic of a bag, with the attributes of a message."""
 
     def __init__(self, path, topic):
         samples = read_bag(path, ReadOptions(topic=topic)).samples
@@ -52,16 +52,16 @@ class Told:
         self.effort, self.velocity = samples.tau[-1], samples.qd[-1]
 
 
-def test_what_is_plotted_is_in_the_output_of_replay(iiwa_model_file, tmp_path):
+def test_plotted_topics_are_in_the_output_of_replay(iiwa_model_file, tmp_path):
     out = tmp_path / 'out.mcap'
     subprocess.run([sys.executable, '-m', 'gravity_comp_ros.cli', 'replay',
                     ROOT / 'bags' / 'eq17_later.mcap', '--model', iiwa_model_file, '-o', out],
                    check=True, cwd=ROOT, capture_output=True)
     everything = {topic for topic, _, _ in curves()} | {topic for topic, _, _ in paths()}
-    check({topic: Told(out, topic) for topic in everything - LIVE_ONLY})
+    check({topic: LastMessage(out, topic) for topic in everything - LIVE_ONLY})
 
 
-def test_what_is_plotted_is_published_by_the_node(iiwa_model_file):
+def test_plotted_topics_are_published_by_the_node(iiwa_model_file):
     pytest.importorskip('rclpy')
     from ros_harness import running
     later = read_bag(ROOT / 'bags' / 'eq17_later.mcap').samples
@@ -76,7 +76,7 @@ def test_what_is_plotted_is_published_by_the_node(iiwa_model_file):
                '/gravity_comp/extrapolation': probe.doubts[-1]})
 
 
-def test_they_are_what_the_script_writes(tmp_path):
+def test_layouts_are_up_to_date(tmp_path):
     spec = importlib.util.spec_from_file_location('make_layouts', LAYOUTS / 'make_layouts.py')
     make_layouts = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(make_layouts)
@@ -89,16 +89,16 @@ def test_they_are_what_the_script_writes(tmp_path):
     assert 'name="/arm/joint_states/elbow/effort"' in text and 'iiwa' not in text
 
 
-def test_every_panel_of_foxglove_has_its_place():
+def test_foxglove_panels_match_the_layout_tree():
     layout = json.loads((LAYOUTS / 'foxglove.json').read_text())
-    found = []
+    names = []
 
     def walk(node):
         if isinstance(node, str):
-            found.append(node)
+            names.append(node)
         else:
             walk(node['first'])
             walk(node['second'])
 
     walk(layout['layout'])
-    assert sorted(found) == sorted(layout['configById'])
+    assert sorted(names) == sorted(layout['configById'])

@@ -182,7 +182,7 @@ def test_csv_and_mcap(motion, tmp_path):
 def test_files_without_a_trajectory(tmp_path, name, text):
     path = tmp_path / name
     path.write_text(text)
-    with pytest.raises(BagError, match='holds no joint trajectory') as caught:
+    with pytest.raises(BagError, match='contains no joint trajectory') as caught:
         read_trajectory(path)
     assert '\n' not in str(caught.value)
     with pytest.raises(BagError, match='no such file'):

@@ -1,7 +1,7 @@
-"""Descriptions and positions of other joints in bags of every kind."""
+"""Robot descriptions, and positions of joints without effort, in bags of all formats."""
 
 from gravity_comp_ros.errors import BagError
-from gravity_comp_ros.recordings.bag import joint_positions
+from gravity_comp_ros.recordings.bag import joint_positions, PositionRange
 from gravity_comp_ros.recordings.joint_state_cdr import encode, JOINT_STATE
 from gravity_comp_ros.recordings.robot_description import (
     decode_string, first_description, robot_description)
@@ -19,7 +19,7 @@ LATCHED = Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TR
 
 
 def string(text: str) -> bytes:
-    """Return a std_msgs/String as another program writes it."""
+    """Return a std_msgs/String as serialised by rosbags."""
     return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
 
 
@@ -43,9 +43,9 @@ def write_bag(path, topics, plugin='mcap', qos=()):
 def test_the_description_of_a_bag(tmp_path, plugin, qos):
     text = '<robot name="Ärmchen"/>\n' * 3000
     bag = write_bag(tmp_path / 'run1', {'/robot_description': [string(text)]}, plugin, qos)
-    found = robot_description(bag)
-    assert found.text == text
-    assert found.source == '/robot_description in run1'
+    result = robot_description(bag)
+    assert result.text == text
+    assert result.source == '/robot_description in run1'
 
 
 def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
@@ -54,7 +54,7 @@ def test_the_latest_one_and_the_one_in_a_namespace(tmp_path):
     assert robot_description(two).text == 'new'
     one = write_bag(tmp_path / 'one', {'/left/robot_description': [string('left')]})
     assert robot_description(one).source == '/left/robot_description in one'
-    # Of two in namespaces nobody knows which one is meant.
+    # Two descriptions in namespaces are ambiguous.
     assert robot_description(write_bag(tmp_path / 'none', {
         '/left/robot_description': [string('l')], '/right/robot_description': [string('r')]})
     ) is None
@@ -69,7 +69,7 @@ def test_bags_without_one(tmp_path):
     assert first_description([plain, full]).path == full
 
 
-def test_a_damaged_description_says_so(tmp_path):
+def test_a_damaged_description_is_refused(tmp_path):
     bag = write_bag(tmp_path / 'bad', {'/robot_description': [string('<robot/>')[:-4]]})
     with pytest.raises(BagError, match='the text ends after the message'):
         robot_description(bag)
@@ -81,21 +81,21 @@ def test_a_damaged_description_says_so(tmp_path):
 @given(strategies.text(alphabet=strategies.characters(exclude_characters='\0',
                                                       exclude_categories=['Cs'])),
        strategies.booleans())
-def test_any_text_comes_back_in_either_byte_order(text, little):
+def test_text_in_either_byte_order(text, little):
     raw = STORE.serialize_cdr(STORE.types[STRING](data=text), STRING, little_endian=little)
     assert decode_string(bytes(raw)) == text
 
 
 @settings(max_examples=50, deadline=None)
 @given(strategies.binary(max_size=40))
-def test_any_bytes_are_a_text_or_an_error(raw):
+def test_any_bytes_are_text_or_an_error(raw):
     try:
         decode_string(raw)
     except ValueError:
         pass  # UnicodeDecodeError is one
 
 
-def test_positions_of_joints_that_need_no_effort(tmp_path):
+def test_positions_of_joints_without_effort(tmp_path):
     rows = []
     for n in range(20):
         rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['waist', 'lift'],
@@ -103,7 +103,7 @@ def test_positions_of_joints_that_need_no_effort(tmp_path):
         rows.append([START_NS + n, {'stamp_ns': START_NS + n, 'names': ['elbow'],
                                     'position': [np.nan], 'effort': [1.0]}])
     bag = write_folder(tmp_path / 'bag', {'/joint_states': rows})
-    found = joint_positions(bag, ('waist', 'lift', 'elbow', 'absent'))
-    assert set(found) == {'waist', 'lift'}
-    assert found['waist'].median == 0.3 and found['waist'].span == 0.0
-    assert found['lift'].span == pytest.approx(0.19)
+    result = joint_positions(bag, ('waist', 'lift', 'elbow', 'absent'))
+    assert set(result) == {'waist', 'lift'}
+    assert result['waist'] == PositionRange(0.3, 0.3, 0.3)
+    assert result['lift'].high - result['lift'].low == pytest.approx(0.19)

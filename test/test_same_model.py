@@ -1,4 +1,4 @@
-"""Whichever way a recording comes in, the same model is learned: the best one that there is."""
+"""Commands, notebook, workbench and fleet fit the same model to a recording."""
 
 from dataclasses import replace
 import json
@@ -16,7 +16,7 @@ from test_command_description import IIWA, JOINTS, recording, WAISTED
 
 @pytest.fixture(scope='module')
 def folder(tmp_path_factory):
-    """Return a folder with recordings whose joints are in another order than the arm's."""
+    """Return a folder with recordings whose joints are not in the order of the arm."""
     folder = tmp_path_factory.mktemp('same')
     q, arm = motions.eq17(duration=40.0).q, arms.iiwa7()
     (folder / 'robots' / 'one').mkdir(parents=True)
@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
 
 
 def on_the_bench(path, urdf=None):
-    """Return the workbench's session once it has learned a model."""
+    """Return a session of the workbench after its first fit."""
     session, bench = Session((path,), urdf=urdf), Bench()
     for _ in range(2):
         job = session.next_job()
@@ -49,9 +49,9 @@ def poses():
 def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys, name):
     bag, file = folder / name, tmp_path / 'arm.json'
     assert main(['fit', str(bag), '-o', str(file), '--json']) == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = json.loads(capsys.readouterr().out)
     fitted = load_model(file)
-    assert fitted.joints == JOINTS and told['report']['chain']['known_axes']
+    assert fitted.joints == JOINTS and printed['report']['chain']['known_axes']
     data = gc.read(bag)
     assert data.joints == JOINTS
     notebook, session = gc.fit(data).gravity, on_the_bench(bag)
@@ -60,7 +60,7 @@ def test_terminal_notebook_and_workbench_learn_the_same(folder, tmp_path, capsys
     for other in (notebook, session.stage.model):
         assert other.joints == JOINTS
         np.testing.assert_array_equal(other.predict(poses()), fitted.predict(poses()))
-    # The same again by the command lines of the page.
+    # The command line shown on the page gives the same model.
     again = session.commands()[0].split()[1:]
     assert main([*again[:-1], str(file)]) == 0
     np.testing.assert_array_equal(load_model(file).predict(poses()), fitted.predict(poses()))
@@ -76,7 +76,7 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
     np.testing.assert_array_equal(model.predict(poses()), single.predict(poses()))
 
 
-def test_the_page_can_do_without_the_description(folder):
+def test_the_workbench_can_ignore_the_description(folder):
     session = on_the_bench(folder / 'robots' / 'one' / 'run')
     session.learn(replace(session.choice, urdf='none'))
     bench = Bench()
@@ -88,10 +88,10 @@ def test_the_page_can_do_without_the_description(folder):
     assert session.facts('stage 1')['axes'] == 'not known'
 
 
-def test_without_a_model_a_diagnosis_is_beside_the_one_that_fit_makes(folder, tmp_path, capsys):
+def test_a_diagnosis_without_a_model_uses_the_model_of_fit(folder, tmp_path, capsys):
     bag, page = folder / 'gripper', tmp_path / 'page.html'
-    # The gripper, which no model of the arm has, is in nobody's way.
+    # The joints of the gripper are ignored.
     assert main(['diagnose', str(bag), '--json', '--html', str(page)]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert set(found['joints']) == set(JOINTS)
+    printed = json.loads(capsys.readouterr().out)
+    assert set(printed['joints']) == set(JOINTS)
     assert 'fitted for this report to' in page.read_text()

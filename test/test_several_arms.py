@@ -1,4 +1,4 @@
-"""Two arms in one recording are named, with what to write for each; never fitted as one."""
+"""Recordings of several arms: refused, with the option that selects each arm."""
 
 import re
 
@@ -7,7 +7,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.bag import read_bag, ReadOptions
 from gravity_comp_ros.recordings.gated_bag import read_gated
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag
-from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_turns
+from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ HUMAN = tuple(f'{part}_{way}' for part in ('shoulder', 'wrist')
     tuple(f'fr3_joint{n}' for n in range(1, 8)) + ('fr3_finger_joint1', 'fr3_finger_joint2'),
     ('1', '2', '3', '4', '5', '6'), ('shoulder_pan', 'shoulder_lift', 'elbow_flex', 'wrist_flex',
                                      'wrist_roll', 'gripper'), ()])
-def test_one_arm_is_one_arm(names):
+def test_single_arms_are_not_split(names):
     assert arms_by_name(names) == []
 
 
@@ -50,11 +50,11 @@ def test_any_number_of_arms(parts, count):
     assert sorted(arms_by_name([name for arm in arms for name in arm])) == sorted(arms)
 
 
-def test_turns():
+def test_arms_in_separate_messages():
     left, right = ('a', 'b', 'c'), ('x', 'y')
-    assert arms_by_turns([left, right]) == [left, right]
-    assert arms_by_turns([left, ('gripper',)]) == []       # no arm has one joint
-    assert arms_by_turns([left, left[::-1], left + ('d',)]) == []
+    assert arms_by_message([left, right]) == [left, right]
+    assert arms_by_message([left, ('gripper',)]) == []       # an arm has at least two joints
+    assert arms_by_message([left, left[::-1], left + ('d',)]) == []
 
 
 def moving(phase, count=400):
@@ -63,10 +63,10 @@ def moving(phase, count=400):
     return t, q, np.gradient(q, t, axis=0), 5 * np.sin(q)
 
 
-def refused(path, says):
-    """Check that every reader refuses, and return the lines of --joints that it offers."""
+def refused(path, message):
+    """Check that both readers refuse, and return the suggested values of --joints."""
     for read in (read_bag, read_gated):
-        with pytest.raises(BagError, match=says) as caught:
+        with pytest.raises(BagError, match=message) as caught:
             read(path)
     return re.findall(r'--joints (\S+)', str(caught.value))
 
@@ -77,27 +77,27 @@ def test_two_arms_in_one_message(tmp_path, capsys):
     path = tmp_path / 'x.mcap'
     write_bag(path, [JointTopic('/joint_states', names, t, np.hstack([q, p]), np.hstack([qd, pd]),
                                 np.hstack([tau, sigma]))])
-    offered = refused(path, 'the joints of 2 arms; choose one')
-    assert offered == [','.join(names[:4]), ','.join(names[4:])]
+    suggested = refused(path, 'the joints of 2 arms; choose one')
+    assert suggested == [','.join(names[:4]), ','.join(names[4:])]
     for verb in ('info', 'fit', 'diagnose'):
         assert main([verb, str(path)]) == 1
         shown = capsys.readouterr().err
         assert '2 arms' in shown and shown.count('\n') == 1
-    for joints in offered:
-        # What is offered solves it; so does the wish to have all of them.
+    for joints in suggested:
+        # Each suggestion can be read, and so can all joints together.
         assert read_bag(path, ReadOptions(joints=tuple(joints.split(',')))).samples.n_joints == 4
     assert read_bag(path, ReadOptions(joints=names)).samples.n_joints == 8
 
 
-def test_two_arms_by_turns(tmp_path):
+def test_two_arms_by_message(tmp_path):
     left = messages(60)
     right = [[stamp + 1, {**row, 'names': [f'other_{name}' for name in row['names']]}]
              for stamp, row in messages(60)]
     rows = [row for both in zip(left, right) for row in both]
     path = write_folder(tmp_path / 'bag', {'/joint_states': rows})
     for joints in refused(path, 'the joints of 2 arms; choose one'):
-        found = read_bag(path, ReadOptions(joints=tuple(joints.split(','))))
-        assert len(found.samples) == 60
+        result = read_bag(path, ReadOptions(joints=tuple(joints.split(','))))
+        assert len(result.samples) == 60
 
 
 def test_two_robots_with_the_same_names(tmp_path):
@@ -107,10 +107,10 @@ def test_two_robots_with_the_same_names(tmp_path):
     path = tmp_path / 'x.mcap'
     write_bag(path, [JointTopic('/joint_states', ('a', 'b', 'c', 'd'),
                                 np.arange(len(both[0])) / 10.0, *both)])
-    assert refused(path, 'two robots publish the same joint names') == []
+    assert refused(path, 'two robots published the same joint names') == []
 
 
-def test_random_poses_do_not_jump_to_and_fro(tmp_path):
+def test_random_poses_do_not_alternate(tmp_path):
     path = tmp_path / 'x.mcap'
     assert main(['synth', '--motion', 'random', '--samples', '200', '-o', str(path)]) == 0
     assert len(read_bag(path).samples) == 200

@@ -1,4 +1,4 @@
-"""Tables with any columns, units and signs become the right joint states, or a clear error."""
+"""Conversion of tables with any columns, units and signs, and its errors."""
 
 import pickle
 
@@ -43,7 +43,7 @@ def check_is_the_table(converted):
     ('t\tpos_1\tpos_2\teffort_1\teffort_2', '\t'), ('t q_1 q_2 tau_1 tau_2', ' '),
     ('# t,q_0,q_1,tau_0,tau_1', ','), ('"t","q_0","q_1","tau_0","tau_1"', ','),
     ('\ufefft, q_0, q_1, tau_0, tau_1', ',')])
-def test_usual_tables_need_no_options(tmp_path, header, delimiter):
+def test_default_columns_need_no_options(tmp_path, header, delimiter):
     check_is_the_table(read_table(csv(tmp_path, table_text(header, delimiter))))
 
 
@@ -87,7 +87,7 @@ def test_units_signs_constants_by_hand(tmp_path):
     np.testing.assert_allclose(topic.effort, [[5, -5], [10, 0]])
 
 
-def test_fixed_rate_and_rows_left_out_keep_their_time(tmp_path):
+def test_skipped_rows_do_not_shift_the_time(tmp_path):
     text = table_text('x,q_0,q_1,tau_0,tau_1').replace('0.3', '')
     path = csv(tmp_path, text)
     with pytest.raises(BagError, match=r'x\.csv, row 2 \(line 3\), column q_0: empty'):
@@ -97,14 +97,14 @@ def test_fixed_rate_and_rows_left_out_keep_their_time(tmp_path):
     np.testing.assert_allclose(converted.topic.t, [0, 0.2])
 
 
-def test_clock_of_the_world_is_kept(tmp_path):
+def test_absolute_times_are_kept(tmp_path):
     values = np.column_stack([1.7e9 + T, Q, TAU])
     converted = read_table(csv(tmp_path, table_text(values=values)))
     assert converted.start_ns == 1_700_000_000 * 10**9
     np.testing.assert_allclose(converted.topic.t, T, atol=1e-6)
 
 
-def test_degrees_taken_for_radians_are_noticed(tmp_path):
+def test_degrees_read_as_radians_are_refused(tmp_path):
     values = np.column_stack([T, 100 * Q, TAU])
     path = csv(tmp_path, table_text(values=values))
     with pytest.raises(BagError, match='are they degrees. Give --angle-unit deg, or rad'):
@@ -117,7 +117,7 @@ def test_degrees_taken_for_radians_are_noticed(tmp_path):
 GOOD = table_text()
 
 
-@pytest.mark.parametrize(('text', 'options', 'says'), [
+@pytest.mark.parametrize(('text', 'options', 'message'), [
     ('', {}, 'is empty'),
     ('t,q_0,tau_0\n', {}, 'no rows'),
     (GOOD.replace('-4.0', 'abc'), {}, "line 3, column tau_1: 'abc' is not a number"),
@@ -136,9 +136,9 @@ GOOD = table_text()
     (GOOD.replace('tau', 'x'), {}, 'no columns of effort such as'),
     ('t,q_0,tau_0\n0,1,0\n1,2,0\n', {}, 'effort is 0 throughout'),
     ('t,q_0,tau_0\n' + 'x' * 200000, {}, 'line 2')])
-def test_bad_tables_name_the_place(tmp_path, text, options, says):
+def test_errors_name_row_and_column(tmp_path, text, options, message):
     path = csv(tmp_path, text)
-    with pytest.raises(BagError, match=says) as error:
+    with pytest.raises(BagError, match=message) as error:
         read_table(path, TableOptions(**options))
     assert str(path) in str(error.value) and '\n' not in str(error.value)
 
@@ -147,7 +147,7 @@ def test_bad_tables_name_the_place(tmp_path, text, options, says):
     {'rate': 0}, {'rate': 10.0, 'time': 't'}, {'time_unit': 'h'}, {'effort_sign': (2.0,)},
     {'effort_unit': 'A'}, {'torque_constant': (1.0,)}, {'delimiter': ',,'},
     {'effort_unit': 'A', 'torque_constant': (0.0,)}, {'gear_ratio': (float('nan'),)}])
-def test_options_that_make_no_sense(options):
+def test_invalid_options_are_refused(options):
     with pytest.raises(OptionError):
         TableOptions(**options)
 
@@ -171,8 +171,8 @@ def test_npz(tmp_path):
     np.testing.assert_array_equal(topic.position, Q)
 
 
-class Trap:
-    """An object that says so when it is unpickled."""
+class Unpicklable:
+    """An object that fails the test when it is unpickled."""
 
     def __reduce__(self):
         return (pytest.fail, ('a pickle was loaded',))
@@ -180,24 +180,24 @@ class Trap:
 
 def test_npz_is_never_unpickled(tmp_path):
     path = tmp_path / 'x.npz'
-    np.savez(path, q=np.array([Trap()], dtype=object), tau=TAU)
+    np.savez(path, q=np.array([Unpicklable()], dtype=object), tau=TAU)
     with pytest.raises(BagError, match='pickled objects'):
         read_table(path)
-    path.write_bytes(pickle.dumps(Trap()))
+    path.write_bytes(pickle.dumps(Unpicklable()))
     with pytest.raises(BagError):
         read_table(path)
 
 
-@pytest.mark.parametrize(('arrays', 'says'), [
+@pytest.mark.parametrize(('arrays', 'message'), [
     ({'q': Q, 'tau': TAU[:2], 't': T}, 'different lengths'), ({}, 'no arrays of numbers'),
     ({'q': Q, 'tau': TAU}, 'no column of time'),
     ({'q': Q, 'tau': TAU, 't': T, 'names': [1, 2]}, 'names must be a list'),
     ({'q': Q, 'tau': np.array([[1, 2], [3, np.nan], [5, 6]]), 't': T}, 'row 2, column tau_2'),
     ({'q': Q, 'tau': TAU, 't': T[::-1]}, 'row 2: time does not increase')])
-def test_bad_npz(tmp_path, arrays, says):
+def test_bad_npz(tmp_path, arrays, message):
     path = tmp_path / 'x.npz'
     np.savez(path, **arrays)
-    with pytest.raises(BagError, match=says):
+    with pytest.raises(BagError, match=message):
         read_table(path)
 
 
@@ -215,7 +215,7 @@ def test_damaged_npz_never_crashes(tmp_path_factory, data):
         assert '\n' not in str(error)
 
 
-def test_not_a_file(tmp_path):
+def test_unreadable_files(tmp_path):
     for name in ('none.csv', 'none.npz'):
         with pytest.raises(BagError, match='cannot read'):
             read_table(tmp_path / name)

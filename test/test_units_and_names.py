@@ -1,4 +1,4 @@
-"""Units, names and the usual troubles of tables: understood, or asked about, never guessed."""
+"""Units, column names and common defects of tables: supported or refused, never guessed."""
 
 from pathlib import Path
 import tempfile
@@ -38,9 +38,9 @@ def bag(path, q=Q, tau=TAU, names=('joint_1', 'joint_2')):
 def test_a_decimal_comma(tmp_path, comma, head):
     path = table(tmp_path / 'x.csv', head.replace(',', comma), comma, ',')
     options = TableOptions() if head else TableOptions(time='1', position='2-3', effort='4-5')
-    found = read_table(path, options).topic
-    np.testing.assert_allclose(found.position, Q, atol=1e-6)
-    np.testing.assert_allclose(found.t, T, atol=1e-6)
+    result = read_table(path, options).topic
+    np.testing.assert_allclose(result.position, Q, atol=1e-6)
+    np.testing.assert_allclose(result.t, T, atol=1e-6)
 
 
 def test_thousands_are_not_decimals(tmp_path):
@@ -52,15 +52,15 @@ def test_thousands_are_not_decimals(tmp_path):
 
 @pytest.mark.parametrize('end', ['6.00,0.5', '6.00,0.5,0.5,1.0,', '6.00,0.5,0.5,1.0,1e',
                                  '6.00,0.5,0.5,1.0,1.0,7'])
-def test_a_row_that_is_cut_off(tmp_path, end):
+def test_an_incomplete_row(tmp_path, end):
     path = table(tmp_path / 'x.csv', end=end)
     with pytest.raises(BagError, match='line 302|row 301'):
         read_table(path)
-    found = read_table(path, TableOptions(skip_bad_rows=True))
-    assert len(found.topic.t) == 300 and found.dropped == 1
+    result = read_table(path, TableOptions(skip_bad_rows=True))
+    assert len(result.topic.t) == 300 and result.dropped == 1
 
 
-def test_milliseconds_are_not_taken_for_seconds(tmp_path):
+def test_milliseconds_read_as_seconds_are_refused(tmp_path):
     path = table(tmp_path / 'x.csv', t=1000 * T)
     with pytest.raises(BagError, match='--time-unit ms, or s if that is right'):
         read_table(path)
@@ -71,7 +71,7 @@ def test_milliseconds_are_not_taken_for_seconds(tmp_path):
 
 
 def moving(t, speed=1.0):
-    """Return a table of two joints at this speed: times, positions, velocities, torques."""
+    """Return columns of two moving joints: time, positions, velocities, torques."""
     q = np.column_stack([np.sin(speed * t), 0.8 * np.sin(0.8 * speed * t + 1.0)])
     return np.column_stack([t, q, np.gradient(q, t, axis=0), 5 * np.sin(q)])
 
@@ -81,7 +81,7 @@ def with_velocity(path, rows, head='t,q_1,q_2,qd_1,qd_2,tau_1,tau_2'):
     return path
 
 
-def test_milliseconds_of_a_fast_motion_are_noticed_too(tmp_path):
+def test_milliseconds_of_a_fast_motion_are_refused(tmp_path):
     rows = moving(np.arange(300) * 0.1)
     rows[:, 0] *= 1000
     path = with_velocity(tmp_path / 'x.csv', rows)
@@ -95,26 +95,26 @@ def test_milliseconds_of_a_fast_motion_are_noticed_too(tmp_path):
         read_table(with_velocity(path, rows), TableOptions(velocity='none'))
 
 
-@pytest.mark.parametrize(('columns', 'factor', 'words'), [
+@pytest.mark.parametrize(('columns', 'factor', 'message'), [
     (slice(1, 3), 57.29578, 'in degrees and the velocity in rad/s: give --angle-unit deg, --vel'),
     (slice(3, 5), 57.29578, 'in rad and the velocity in degrees/s: give --velocity none'),
-    (slice(3, 5), -1.0, 'the velocity has the other sign: give --velocity none')])
-def test_a_velocity_that_is_not_that_of_the_positions(tmp_path, columns, factor, words):
+    (slice(3, 5), -1.0, 'the velocity has the opposite sign: give --velocity none')])
+def test_velocity_inconsistent_with_the_positions(tmp_path, columns, factor, message):
     rows = moving(np.arange(300) * 0.1, 0.2)
     rows[:, columns] *= factor
     path = with_velocity(tmp_path / 'x.csv', rows)
     unit = 'deg' if columns.start == 1 else 'rad'
-    with pytest.raises(BagError, match=words):
+    with pytest.raises(BagError, match=message):
         read_table(path, TableOptions(angle_unit=unit))
-    found = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
-    assert found.topic.velocity is None
-    np.testing.assert_allclose(found.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
+    result = read_table(path, TableOptions(angle_unit=unit, velocity='none'))
+    assert result.topic.velocity is None
+    np.testing.assert_allclose(result.topic.position, moving(np.arange(300) * 0.1, 0.2)[:, 1:3],
                                atol=1e-6)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.floats(0.002, 3.0), st.floats(0.002, 0.49), st.integers(0, 100))
-def test_a_table_in_rad_and_s_is_never_asked_about(speed, step, seed):
+def test_a_table_in_rad_and_s_is_never_refused(speed, step, seed):
     t = np.arange(400) * step
     rows = moving(t, speed)
     noise = np.random.default_rng(seed).normal(size=(400, 4))
@@ -129,46 +129,47 @@ def test_a_table_in_rad_and_s_is_never_asked_about(speed, step, seed):
     '/joint_states/a/velocity,/joint_states/b/effort,/joint_states/a/effort',
     'Time,position_b,position_a,velocity_b,velocity_a,effort_b,effort_a',
     'stamp,b_pos,a_pos,b_vel,a_vel,b_eff,a_eff', 't_s,q_b,q_a,qd_b,qd_a,tau_b,tau_a'])
-def test_columns_that_are_called_after_joints(tmp_path, head):
+def test_columns_named_after_joints(tmp_path, head):
     rows = moving(np.arange(100) * 0.1)
-    found = read_table(with_velocity(tmp_path / 'x.csv', rows, head)).topic
-    assert found.joints == ('b', 'a')
-    np.testing.assert_allclose(found.velocity, rows[:, 3:5])
-    np.testing.assert_allclose(found.effort, rows[:, 5:])
+    result = read_table(with_velocity(tmp_path / 'x.csv', rows, head)).topic
+    assert result.joints == ('b', 'a')
+    np.testing.assert_allclose(result.velocity, rows[:, 3:5])
+    np.testing.assert_allclose(result.effort, rows[:, 5:])
 
 
-def test_joints_of_two_topics_are_asked_about(tmp_path):
+def test_joints_of_two_topics_are_refused(tmp_path):
     head = 't,/left/a/position,/right/a/position,/left/a/velocity,/right/a/velocity,' \
            '/left/a/effort,/right/a/effort'
     path = with_velocity(tmp_path / 'x.csv', moving(np.arange(100) * 0.1), head)
-    with pytest.raises(BagError, match='several topics, /left, /right; say which'):
+    with pytest.raises(BagError, match='several topics, /left, /right; name the columns'):
         read_table(path)
 
 
-def test_dates_are_times_and_text_that_is_not_used_does_no_harm(tmp_path):
+def test_dates_as_times_and_unused_text_columns(tmp_path):
     path = tmp_path / 'x.csv'
     lines = [f'2026-01-02T03:04:{s:06.3f}Z,run,{q},{5 * q}' for s, q in
              zip(np.arange(20) * 0.5, np.sin(np.arange(20) * 0.05))]
     path.write_text('time,note,q_1,tau_1\n' + '\n'.join(lines) + '\n')
-    found = read_table(path)
-    assert found.start_ns == 1767323040 * 10**9
-    np.testing.assert_allclose(found.topic.t, np.arange(20) * 0.5, atol=1e-6)
+    result = read_table(path)
+    assert result.start_ns == 1767323040 * 10**9
+    np.testing.assert_allclose(result.topic.t, np.arange(20) * 0.5, atol=1e-6)
     with pytest.raises(BagError, match="line 2, column note: 'run' is not a number"):
         read_table(path, TableOptions(effort='note'))
 
 
-@pytest.mark.parametrize(('cell', 'words'), [('"0,5"', 'a decimal comma. Then put semicolons'),
-                                             ('half', "'half' is not a number .--skip")])
-def test_a_cell_that_is_no_number(tmp_path, cell, words):
+@pytest.mark.parametrize(('cell', 'message'), [
+    ('"0,5"', 'for a decimal comma, separate the cells'),
+    ('half', "'half' is not a number .--skip")])
+def test_a_cell_of_text(tmp_path, cell, message):
     path = tmp_path / 'x.csv'
     path.write_text(f't,q_1,tau_1\n0,0.1,1\n1,{cell},2\n')
-    with pytest.raises(BagError, match=words):
+    with pytest.raises(BagError, match=message):
         read_table(path)
 
 
 def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):
     path = table(tmp_path / 'x.csv')
-    with pytest.raises(OptionError, match='has a column of time, t: leave --rate out'):
+    with pytest.raises(OptionError, match='has a column of time, t: omit --rate'):
         read_table(path, TableOptions(rate=100.0))
     assert read_table(path, TableOptions(rate=100.0, time='none')).topic.t[-1] == 2.99
 
@@ -176,12 +177,12 @@ def test_a_rate_does_not_replace_a_time_column_silently(tmp_path):
 @pytest.mark.parametrize('columns', [{'position': '2-3', 'effort': '2-3'},
                                      {'position': '2-3', 'velocity': '3-4', 'effort': '4-5'},
                                      {'time': 'q_1'}])
-def test_a_column_is_one_thing(tmp_path, columns):
-    with pytest.raises(BagError, match='cannot be two things at once'):
+def test_a_column_used_twice_is_refused(tmp_path, columns):
+    with pytest.raises(BagError, match='is used twice'):
         read_table(table(tmp_path / 'x.csv'), TableOptions(**columns))
 
 
-def test_one_line_and_no_file(tmp_path, capsys):
+def test_errors_are_one_line_and_write_nothing(tmp_path, capsys):
     path = table(tmp_path / 'x.csv', t=1000 * T)
     assert main(['convert', str(path), '-o', str(tmp_path / 'x.mcap')]) == 1
     assert capsys.readouterr().err.count('\n') == 1 and not (tmp_path / 'x.mcap').exists()
@@ -191,11 +192,11 @@ def same(path, options, other):
     """Check that both readers give the samples of `other`."""
     whole, gated = read_bag(path, options), read_gated(path, options)
     assert gated.report == whole.report
-    for found in (whole.samples, gated.samples):
-        at = np.searchsorted(other.t, found.t)
-        assert found.names == other.names
+    for result in (whole.samples, gated.samples):
+        at = np.searchsorted(other.t, result.t)
+        assert result.names == other.names
         for what in ('q', 'qd', 'tau'):
-            np.testing.assert_allclose(getattr(found, what), getattr(other, what)[at], atol=1e-9)
+            np.testing.assert_allclose(getattr(result, what), getattr(other, what)[at], atol=1e-9)
     return whole.report
 
 
@@ -217,18 +218,18 @@ def test_units_of_effort(tmp_path, unit, size):
     assert report.effort_scale == pytest.approx({'joint_1': -size, 'joint_2': -size})
 
 
-def test_a_current_is_no_torque():
+def test_currents_need_a_torque_constant():
     with pytest.raises(OptionError, match='effort unit'):
         ReadOptions(effort_unit='A')
 
 
-def test_joints_are_called_as_in_a_urdf(tmp_path):
+def test_renamed_joints(tmp_path):
     known = read_bag(bag(tmp_path / 'x.mcap', names=('shoulder', 'elbow'))).samples
     path = bag(tmp_path / 'y.mcap')
     rename = {'joint_1': 'shoulder', 'joint_2': 'elbow'}
     same(path, ReadOptions(rename=rename), known)
-    turned = ReadOptions(joints=('elbow',), rename=rename, effort_scale={'elbow': -1.0})
-    np.testing.assert_array_equal(read_gated(path, turned).samples.tau[:, 0] < 0, True)
+    inverted = ReadOptions(joints=('elbow',), rename=rename, effort_scale={'elbow': -1.0})
+    np.testing.assert_array_equal(read_gated(path, inverted).samples.tau[:, 0] < 0, True)
     with pytest.raises(ModelMismatchError, match='no joint wrist .to be renamed.'):
         read_gated(path, ReadOptions(rename={'wrist': 'x'}))
     with pytest.raises(BagError, match='duplicate joint name'):

@@ -1,4 +1,4 @@
-"""Where a URDF puts the axes of an arm, against Pinocchio's reading of the same file."""
+"""Joint axes from a URDF, against Pinocchio."""
 
 from pathlib import Path
 
@@ -13,9 +13,9 @@ from serial_arms import poses
 
 IIWA = Path(__file__).resolve().parent.parent / 'bags' / 'iiwa7.urdf'
 
-# A tilted pedestal, axes along anything, fixed joints between, a gripper beyond; a joint element
-# of a transmission, which is no joint.
-BENT = """<robot name="bent">
+# A tilted pedestal, axes in any direction, fixed joints between them, a gripper, and a joint
+# element of a transmission.
+TILTED = """<robot name="bent">
   <link name="world"/>
   <joint name="pedestal" type="fixed"><parent link="world"/><child link="base"/>
     <origin xyz="0 0 1" rpy="0.3 -0.2 1"/></joint>
@@ -45,30 +45,30 @@ BENT = """<robot name="bent">
 
 
 def tool_chain(geometry: Geometry, mass: float, com) -> Chain:
-    """Return a chain that carries nothing but a tool."""
+    """Return a massless chain with a tool."""
     numbers = np.array([mass, *(mass * np.asarray(com))])
     return Chain(geometry.rotations, (numbers @ geometry.tool_moments()).reshape(-1, 2))
 
 
 def arm_without_fingers(tmp_path) -> arms.Arm:
     path = tmp_path / 'bent.urdf'
-    path.write_text(BENT.replace('type="prismatic"', 'type="fixed"'))
+    path.write_text(TILTED.replace('type="prismatic"', 'type="fixed"'))
     return arms.from_urdf(path)
 
 
 @pytest.mark.parametrize('mass, com', [(2.0, (0.0, 0.0, 0.1)), (-1.0, (0.02, 0.3, -0.1))])
-def test_a_tool_weighs_what_pinocchio_says(tmp_path, mass, com):
+def test_torque_of_a_tool_agrees_with_pinocchio(tmp_path, mass, com):
     iiwa = arms.iiwa7()
     for arm, geometry in ((iiwa, read_urdf(IIWA, iiwa.joints)),
-                          (arm_without_fingers(tmp_path), parse_urdf(BENT, ('a', 'b', 'c')))):
+                          (arm_without_fingers(tmp_path), parse_urdf(TILTED, ('a', 'b', 'c')))):
         q = poses(30, arm.n_joints)
         heavier = arms.with_payload(arm, arms.Payload(abs(mass), com))
         expected = arms.gravity_torque(heavier, q) - arms.gravity_torque(arm, q)
-        found = tool_chain(geometry, mass, com).torque(q)
-        np.testing.assert_allclose(found, np.sign(mass) * expected, atol=1e-6)
+        torque = tool_chain(geometry, mass, com).torque(q)
+        np.testing.assert_allclose(torque, np.sign(mass) * expected, atol=1e-6)
 
 
-def test_the_file_is_the_arm_of_the_recordings():
+def test_the_urdf_matches_the_simulated_arm():
     arm, again = arms.iiwa7(), arms.from_urdf(IIWA)
     q = poses(20, 7)
     np.testing.assert_allclose(arms.gravity_torque(again, q), arms.gravity_torque(arm, q),
@@ -77,36 +77,36 @@ def test_the_file_is_the_arm_of_the_recordings():
     assert again.joints == arm.joints
 
 
-def test_joints_come_in_the_order_of_the_arm():
-    geometry = parse_urdf(BENT, ('c', 'a', 'b'))
+def test_joints_are_in_the_order_of_the_arm():
+    geometry = parse_urdf(TILTED, ('c', 'a', 'b'))
     assert geometry.joints == ('a', 'b', 'c') and geometry.link == 'hand'
-    # A part of an arm is an arm, if it begins at the base.
-    assert parse_urdf(BENT, ('b', 'a')).link == 'two'
+    # The first joints of an arm are an arm.
+    assert parse_urdf(TILTED, ('b', 'a')).link == 'two'
 
 
-@pytest.mark.parametrize('text, joints, error, words', [
-    (BENT, ('a', 'x'), ModelMismatchError, 'has no joint x; it has a, b, c, finger'),
-    (BENT, ('a', 'b', 'c', 'finger'), ModelMismatchError, 'finger is prismatic'),
-    (BENT.replace('<parent link="two"/>', '<parent link="base"/>'),
+@pytest.mark.parametrize('text, joints, error, message', [
+    (TILTED, ('a', 'x'), ModelMismatchError, 'has no joint x; it has a, b, c, finger'),
+    (TILTED, ('a', 'b', 'c', 'finger'), ModelMismatchError, 'finger is prismatic'),
+    (TILTED.replace('<parent link="two"/>', '<parent link="base"/>'),
      ('a', 'b', 'c'), ModelMismatchError, 'different branches'),
     ('<robot', ('a',), DataError, 'not a URDF'),
     ('<sdf/>', ('a',), DataError, '<sdf>'),
     ('<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="x"/></robot>', ('a',),
      DataError, 'xacro'),
-    (BENT.replace('xyz="0.1 0 0.2"', 'xyz="${reach} 0 0"'), ('a',), DataError, 'xacro'),
+    (TILTED.replace('xyz="0.1 0 0.2"', 'xyz="${reach} 0 0"'), ('a',), DataError, 'xacro'),
     ('<robot><joint name="a" type="revolute"/></robot>', ('a',), DataError, 'no parent'),
-    (BENT.replace('name="c"', 'name="a"'), ('a',), DataError, 'two joints are named a'),
-    (BENT.replace('<child link="tip"/>', '<child link="two"/>'), ('a',), DataError,
+    (TILTED.replace('name="c"', 'name="a"'), ('a',), DataError, 'two joints are named a'),
+    (TILTED.replace('<child link="tip"/>', '<child link="two"/>'), ('a',), DataError,
      'link two has two parents'),
-    (BENT.replace('type="continuous"', 'type="ball"'), ('b',), DataError, 'type "ball"'),
-    (BENT.replace('xyz="0 0 -2"', 'xyz="0 0 nan"'), ('a', 'b'), DataError, 'not 3 numbers'),
-    (BENT.replace('xyz="0 0 -2"', 'xyz="0 0"'), ('a', 'b'), DataError, 'not 3 numbers'),
-    (BENT.replace('xyz="0 0 -2"', 'xyz="0 0 0"'), ('a', 'b'), DataError, 'no direction'),
-    (BENT.replace('<parent link="world"/>', '<parent link="one"/>'), ('a',), DataError,
+    (TILTED.replace('type="continuous"', 'type="ball"'), ('b',), DataError, 'type "ball"'),
+    (TILTED.replace('xyz="0 0 -2"', 'xyz="0 0 nan"'), ('a', 'b'), DataError, 'not 3 numbers'),
+    (TILTED.replace('xyz="0 0 -2"', 'xyz="0 0"'), ('a', 'b'), DataError, 'not 3 numbers'),
+    (TILTED.replace('xyz="0 0 -2"', 'xyz="0 0 0"'), ('a', 'b'), DataError, 'no direction'),
+    (TILTED.replace('<parent link="world"/>', '<parent link="one"/>'), ('a',), DataError,
      'among its own parents'),
 ])
-def test_what_is_no_arm_says_so(text, joints, error, words):
-    with pytest.raises(error, match=words) as caught:
+def test_invalid_descriptions_are_refused(text, joints, error, message):
+    with pytest.raises(error, match=message) as caught:
         parse_urdf(text, joints, 'arm.urdf')
     assert '\n' not in str(caught.value)
 

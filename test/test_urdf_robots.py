@@ -1,8 +1,8 @@
-"""Descriptions as they are in the wild: what is unusual in them, against Pinocchio."""
+"""Joint axes from descriptions with the peculiarities of real robots, against Pinocchio."""
 
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.description.serial_arm import arm_joints
-from gravity_comp_ros.description.urdf import held_joints, HeldAt, parse_urdf
+from gravity_comp_ros.description.urdf import held_joints, HeldPositions, parse_urdf
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics
 from gravity_comp_ros.models.kinematic.geometry import Geometry
@@ -17,7 +17,7 @@ MASS, COM = 2.0, np.array([0.03, -0.05, 0.12])
 
 def pinocchio_torque(text: str, joints, q: np.ndarray, held: dict[str, float],
                      payload: bool = False) -> np.ndarray:
-    """Return gravity's torque on `joints` at poses q, other joints at `held` or at 0."""
+    """Return the gravity torque of `joints` at poses q, other joints at `held` or at 0."""
     model = pin.buildModelFromXML(text.strip())
     model.gravity.linear = np.array([0.0, 0.0, -STANDARD_GRAVITY])
     if payload:
@@ -36,7 +36,7 @@ def pinocchio_torque(text: str, joints, q: np.ndarray, held: dict[str, float],
 
 
 def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
-    """Check that some moments on these axes are all of gravity, and that lengths are right."""
+    """Check that the axes explain the gravity torque, and the lengths that of a payload."""
     q = np.random.default_rng(0).uniform(-2.5, 2.5, (30, geometry.n_joints))
     torque = pinocchio_torque(text, geometry.joints, q, held)
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
@@ -52,24 +52,24 @@ def check_axes(text: str, geometry: Geometry, held: dict[str, float]) -> None:
 @pytest.mark.parametrize('text, joints, fixed, held', [
     (robots.UR, robots.UR_JOINTS, {}, {}),
     (robots.PANDA, robots.PANDA_JOINTS, {}, {}),
-    # A finger's place is of no interest to the arm's axes.
+    # Positions of fingers do not affect the axes of the arm.
     (robots.PANDA, robots.PANDA_JOINTS, {'panda_finger_joint1': 0.02}, {}),
     (robots.BAXTER, tuple(f'left_{part}' for part in robots.BAXTER_PARTS), {}, {}),
     (robots.BAXTER, tuple(f'right_{part}' for part in robots.BAXTER_PARTS), {}, {}),
-    # A lift does not turn gravity, wherever it stands.
+    # The position of a lift does not rotate gravity.
     (robots.TIAGO, robots.TIAGO_JOINTS, {'torso_lift_joint': 0.2}, {}),
     (robots.HUMANOID, robots.HUMANOID_ARM, {}, {'waist_pitch_joint': 0.0}),
     (robots.HUMANOID, robots.HUMANOID_ARM, {'waist_pitch_joint': 0.4},
      {'waist_pitch_joint': 0.4}),
     (robots.HUMANOID, ('waist_yaw_joint', 'waist_pitch_joint', *robots.HUMANOID_ARM), {}, {}),
     (robots.SO101, robots.SO101_JOINTS, {}, {}),
-    # Joints within the arm that the recording lacks.
+    # Joints within the arm that are not recorded.
     (robots.PANDA, ('panda_joint2', 'panda_joint4', 'panda_joint5'),
      {'panda_joint1': 0.2, 'panda_joint3': -0.7}, {'panda_joint3': -0.7}),
 ], ids=lambda value: None)
 def test_axes_of_robots(text, joints, fixed, held):
-    # The joints come in any order.
-    geometry = parse_urdf(text, joints[::-1], held=HeldAt(fixed))
+    # Any order of the joints.
+    geometry = parse_urdf(text, joints[::-1], held=HeldPositions(fixed))
     assert geometry.joints == joints
     assert {joint.name: joint.value for joint in geometry.held} == held
     check_axes(text, geometry, {**held, **fixed})
@@ -82,7 +82,7 @@ VECTORS = strategies.tuples(*3 * [strategies.floats(-1.0, 1.0)])
 @settings(max_examples=30, deadline=None)
 @given(strategies.lists(strategies.tuples(KINDS, VECTORS, VECTORS, VECTORS,
                                           strategies.floats(-1.0, 1.0)), min_size=1, max_size=8))
-def test_any_way_through_a_robot_has_pinocchios_gravity(steps):
+def test_random_paths_agree_with_pinocchio(steps):
     parts, wanted, held = [], [], {}
     for n, (kind, xyz, rpy, axis, value) in enumerate(steps):
         if np.linalg.norm(axis) < 0.1:
@@ -98,15 +98,15 @@ def test_any_way_through_a_robot_has_pinocchios_gravity(steps):
     if not wanted:
         return
     text = robots.robot(*parts, root='l0')
-    geometry = parse_urdf(text, wanted, held=HeldAt(recorded=held))
+    geometry = parse_urdf(text, wanted, held=HeldPositions(recorded=held))
     assert set(held_joints(text, wanted)) >= {joint.name for joint in geometry.held}
     check_axes(text, geometry, held)
 
 
-def test_which_joints_must_be_known():
+def test_joints_that_the_geometry_depends_on():
     assert held_joints(robots.HUMANOID, robots.HUMANOID_ARM) == ('waist_pitch_joint',)
     assert held_joints(robots.TIAGO, robots.TIAGO_JOINTS) == ()
-    # A yaw matters once something before it is tilted; a lift within the arm does as well.
+    # A yaw joint after a tilted one matters; so does a lift within the arm.
     tilted = robots.robot(robots.joint('lean', 'base_link', 'a', rpy='0 0 0', axis='0 1 0'),
                           robots.joint('yaw', 'a', 'b'), robots.joint('up', 'b', 'c', 'prismatic'),
                           robots.joint('one', 'c', 'd', axis='1 0 0'),
@@ -115,32 +115,33 @@ def test_which_joints_must_be_known():
     assert held_joints(tilted, ('one', 'two')) == ('lean', 'yaw', 'slide')
 
 
-def test_where_a_held_joint_stands():
+def test_positions_of_held_joints():
     one = robots.joint('waist', 'base_link', 'a', axis='0 1 0',
                        extra='<limit lower="0.5" upper="1.5"/>')
     text = robots.robot(one, robots.joint('arm', 'a', 'b', axis='0 1 0'))
 
     def held(**where):
-        return [(j.value, j.by) for j in parse_urdf(text, ('arm',), held=HeldAt(**where)).held]
+        geometry = parse_urdf(text, ('arm',), held=HeldPositions(**where))
+        return [(j.value, j.by) for j in geometry.held]
 
-    assert held() == [(1.0, 'assumption')]  # 0 lies beyond its limits
+    assert held() == [(1.0, 'assumption')]  # its limits exclude 0
     assert held(recorded={'waist': 0.7}) == [(0.7, 'recording')]
     assert held(recorded={'waist': 0.7}, fixed={'waist': 0.0}) == [(0.0, 'option')]
-    for wrong, words in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'one of the arm')):
-        with pytest.raises(OptionError, match=words):
+    for wrong, message in (({'hip': 0.1}, 'has no joint hip'), ({'arm': 0.1}, 'part of the arm')):
+        with pytest.raises(OptionError, match=message):
             held(fixed=wrong)
     with pytest.raises(OptionError, match='cannot be held'):
-        HeldAt({'waist': float('nan')})
+        HeldPositions({'waist': float('nan')})
 
 
-def test_a_joint_that_mimics():
+def test_mimic_joints():
     def text(leader):
         rule = f'<mimic joint="{leader}" multiplier="-2" offset="0.1"/>'
         return robots.robot(robots.joint('a', 'base_link', 'l1', axis='0 1 0'),
                             robots.joint('b', 'l1', 'l2', axis='0 1 0'),
                             robots.joint('follower', 'l2', 'l3', axis='0 1 0', extra=rule),
                             robots.joint('c', 'l3', 'l4', axis='1 0 0'))
-    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldAt({'b': 0.3}))
+    geometry = parse_urdf(text('b'), ('a', 'c'), held=HeldPositions({'b': 0.3}))
     assert [(j.name, round(j.value, 12)) for j in geometry.held] == [('b', 0.3),
                                                                      ('follower', -0.5)]
     assert held_joints(text('b'), ('a', 'c')) == ('b',)
@@ -154,7 +155,7 @@ def test_a_joint_that_mimics():
         parse_urdf(text('follower'), ('a', 'b', 'c'))
 
 
-def test_the_arm_among_recorded_joints():
+def test_selection_of_the_arm_joints():
     recorded = sorted([*robots.PANDA_JOINTS, 'panda_finger_joint1', 'panda_finger_joint2'])
     found = arm_joints(robots.PANDA, recorded)
     assert found.joints == robots.PANDA_JOINTS
@@ -169,7 +170,7 @@ def test_the_arm_among_recorded_joints():
         parse_urdf(robots.TIAGO, ('torso_lift_joint', *robots.TIAGO_JOINTS))
 
 
-def test_a_namespace_a_blank_line_and_a_used_up_xacro():
+def test_namespace_blank_line_and_expanded_xacro():
     text = robots.UR.replace('<robot ', '<robot xmlns="http://www.ros.org" '
                              'xmlns:xacro="http://ros.org/wiki/xacro" ')
     plain = parse_urdf(robots.UR, robots.UR_JOINTS)
@@ -178,7 +179,7 @@ def test_a_namespace_a_blank_line_and_a_used_up_xacro():
         np.testing.assert_array_equal(again.rotations, plain.rotations)
 
 
-def test_a_malformed_axis_elsewhere_is_no_obstacle():
+def test_a_malformed_axis_outside_the_arm_is_ignored():
     wheel = robots.joint('wheel', 'base_link', 'rim', 'continuous', axis='0 0 0')
     text = robots.UR.replace('</robot>', f'{wheel}</robot>')
     assert parse_urdf(text, robots.UR_JOINTS).joints == robots.UR_JOINTS

@@ -170,7 +170,7 @@ def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_
     assert session.choice.all_samples and 'samples are slow: all are fitted' in session.few_slow()
     do_next(session, bench)
     found = session.contents()
-    assert found.judged == '1200 samples used, fast ones too'
+    assert found.judged == '1200 samples used, including fast ones'
     assert '--all-samples' in session.commands()[0]
     session.judge(replace(session.choice, all_samples=False))
     assert 'fast motion' in session.few_slow()

@@ -1,4 +1,4 @@
-"""Robot descriptions in a few lines, each like those of a real robot's in what is unusual."""
+"""Short robot descriptions with the peculiarities of those of real robots."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 def joint(name: str, parent: str, child: str, kind: str = 'revolute', xyz: str = '0 0 0.3',
           rpy: str = '0 0 0', axis: str | None = '0 0 1', extra: str = '') -> str:
-    """Return one <joint> and the <link> that it moves."""
+    """Return a <joint> and its child <link>."""
     limit = ('<limit lower="-3" upper="3" effort="9" velocity="2"/>'
              if kind in ('revolute', 'prismatic') and '<limit' not in extra else '')
     along = f'<axis xyz="{axis}"/>' if axis else ''
@@ -23,16 +23,16 @@ def robot(*parts: str, root: str = 'base_link') -> str:
     return f'<?xml version="1.0"?><robot name="r"><link name="{root}"/>{"".join(parts)}</robot>'
 
 
-def arm(names: Sequence[str], base: str, prefix: str = '', turn: str = '1.5707963 0 0.3') -> str:
-    """Return revolute joints one after another, each turned against the one before."""
+def arm(names: Sequence[str], base: str, prefix: str = '', twist: str = '1.5707963 0 0.3') -> str:
+    """Return a chain of revolute joints, each rotated by `twist` (rpy) from the previous one."""
     links = [base, *(f'{prefix}{name}_link' for name in names)]
-    return ''.join(joint(name, links[n], links[n + 1], rpy=turn if n else '0 0 0',
+    return ''.join(joint(name, links[n], links[n + 1], rpy=twist if n else '0 0 0',
                          xyz='0.05 -0.02 0.3') for n, name in enumerate(names))
 
 
 UR_JOINTS = ('shoulder_pan_joint', 'shoulder_lift_joint', 'elbow_joint', 'wrist_1_joint',
              'wrist_2_joint', 'wrist_3_joint')
-# Universal Robots: fixed joints with no axis or with one of no direction, names without order.
+# Universal Robots: fixed joints without axis or with axis 0 0 0, names without numbers.
 UR = robot(
     joint('base_link-base_link_inertia', 'base_link', 'base_link_inertia', 'fixed', '0 0 0',
           '0 0 3.141592653589793', axis=None),
@@ -40,7 +40,7 @@ UR = robot(
     joint('flange-tool0', 'wrist_3_joint_link', 'tool0', 'fixed', axis='0 0 0'))
 
 PANDA_JOINTS = tuple(f'panda_joint{n}' for n in range(1, 8))
-# Franka: two fingers, one of which mimics the other, beyond a fixed hand.
+# Franka: a fixed hand with two fingers, one of which mimics the other.
 PANDA = robot(
     arm(PANDA_JOINTS, 'base_link'),
     joint('panda_hand_joint', 'panda_joint7_link', 'hand', 'fixed', axis='0 0 0'),
@@ -81,6 +81,6 @@ HUMANOID = robot(
 
 SO101_JOINTS = ('shoulder_pan', 'shoulder_lift', 'elbow_flex', 'wrist_flex', 'wrist_roll',
                 'gripper')
-# SO-101: an exporter that names axes of fixed joints, a jaw that is one more revolute joint.
+# SO-101: axes of fixed joints, and a revolute jaw.
 SO101 = '\n ' + robot(arm(SO101_JOINTS, 'base_link'), joint(
     'gripper_frame_joint', 'wrist_roll_link', 'gripper_frame', 'fixed', axis='0 0 0'))

@@ -1,11 +1,11 @@
-"""Install an effect that gravity_comp_ros does not know."""
+"""Installation of a custom effect for gravity_comp_ros."""
 
 from setuptools import setup
 
 setup(
     name='custom_effect',
     version='0.1.0',
-    description='An effect of our own for gravity_comp_ros',
+    description='A custom effect for gravity_comp_ros',
     license='Apache-2.0',
     packages=['custom_effect'],
     install_requires=['gravity_comp_ros'],

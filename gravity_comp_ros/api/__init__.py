@@ -1,1 +1,1 @@
-"""The steps of the loop, each once: what notebook, commands, workbench, node and fleet call."""
+"""Steps of the calibration loop, as called by notebooks, commands, workbench, node and fleet."""

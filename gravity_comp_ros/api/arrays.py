@@ -1,4 +1,4 @@
-"""NumPy arrays of a user's own become samples: several runs, units, missing velocities."""
+"""Conversion of NumPy arrays to joint samples: several runs, units, missing velocities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 import numpy as np
 from numpy.typing import ArrayLike
 
-# One array, or a list of arrays: one for each run.
+# One array, or a list with one array per run.
 ArrayOrRuns = ArrayLike | Sequence[ArrayLike]
 
 
@@ -19,12 +19,12 @@ def samples_from_arrays(q: ArrayOrRuns, tau: ArrayOrRuns, t: ArrayOrRuns | None,
                         names: Sequence[str] | None, degrees: bool,
                         effort_scale: float | Mapping[str, float]) -> JointSamples:
     """
-    Return the samples; `Recording.from_arrays` says what the parameters are.
+    Return the samples; parameters as in `Recording.from_arrays`.
 
-    :raises DataError: if shapes disagree or a value cannot be used.
-    :raises OptionError: if options make no sense.
+    :raises DataError: if shapes disagree or a value is invalid.
+    :raises OptionError: if an option is invalid.
     """
-    runs_q = _runs('q', q, 2, None)
+    runs_q = _runs('q', q, 2)
     runs_tau = _runs('tau', tau, 2, len(runs_q))
     runs_qd = None if qd is None else _runs('qd', qd, 2, len(runs_q))
     times = _times(t, rate, runs_q)
@@ -37,31 +37,32 @@ def samples_from_arrays(q: ArrayOrRuns, tau: ArrayOrRuns, t: ArrayOrRuns | None,
         if torque.shape != position.shape or speed.shape != position.shape:
             raise DataError(f'run {k}: q has shape {position.shape}, tau {torque.shape}, '
                             f'qd {speed.shape}; they must be the same')
-        # A sample alone in a gap has no speed that could be differentiated.
-        known = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
-        parts.append(JointSamples.single_run(joints, time[known], position[known], speed[known],
-                                             scale * torque[known], f'run {k}', 0.0))
+        # Differentiation gives NaN for an isolated sample. NaN in `qd` itself is an error.
+        keep = np.isfinite(speed).all(axis=1) if runs_qd is None else np.full(len(time), True)
+        parts.append(JointSamples.single_run(joints, time[keep], position[keep], speed[keep],
+                                             scale * torque[keep], f'run {k}', 0.0))
     return concatenate(parts)
 
 
-def _runs(what: str, values: ArrayOrRuns, ndim: int, expected: int | None) -> list[FloatArray]:
-    """Return one array for each run."""
+def _runs(what: str, values: ArrayOrRuns, ndim: int,
+          expected: int | None = None) -> list[FloatArray]:
+    """Return one array of `ndim` dimensions per run."""
     several = isinstance(values, list | tuple) and bool(values) and np.ndim(
         values[0]) == ndim  # type: ignore[arg-type]
-    found = [np.asarray(run, dtype=np.float64) for run in (
+    runs = [np.asarray(run, dtype=np.float64) for run in (
         values if several else [values])]  # type: ignore[union-attr]
-    for number, run in enumerate(found):
+    for number, run in enumerate(runs):
         if run.ndim != ndim:
             raise DataError(f'{what} of run {number} has shape {run.shape}; expected '
                             f'{"(samples, joints)" if ndim == 2 else "(samples,)"}')
-    if expected is not None and len(found) != expected:
-        raise DataError(f'{what} has {len(found)} runs, q has {expected}')
-    return found
+    if expected is not None and len(runs) != expected:
+        raise DataError(f'{what} has {len(runs)} runs, q has {expected}')
+    return runs
 
 
 def _times(t: ArrayOrRuns | None, rate: float | None, q: list[FloatArray]) -> list[FloatArray]:
     if (t is None) == (rate is None):
-        raise OptionError('give the times t in s, or the rate in Hz, and not both')
+        raise OptionError('give either the times t in s, or the rate in Hz, not both')
     if rate is not None:
         if not (np.isfinite(rate) and rate > 0.0):
             raise OptionError(f'the rate is {rate} Hz; it must be positive')
@@ -78,7 +79,7 @@ def _names(names: Sequence[str] | None, q: list[FloatArray]) -> tuple[str, ...]:
     n = q[0].shape[1]
     if any(run.shape[1] != n for run in q):
         raise DataError(f'the runs have {", ".join(str(run.shape[1]) for run in q)} joints; '
-                        'they must be of one arm')
+                        'all runs must have the same joints')
     if names is None:
         return tuple(f'joint_{k + 1}' for k in range(n))
     if len(names) != n:
@@ -92,9 +93,9 @@ def _scale(effort_scale: float | Mapping[str, float], joints: tuple[str, ...]) -
         if unknown:
             raise ModelMismatchError(f'an effort scale is given for {", ".join(unknown)}; the '
                                      f'joints are {", ".join(joints)}')
-        found = np.array([effort_scale.get(name, 1.0) for name in joints])
+        scale = np.array([effort_scale.get(name, 1.0) for name in joints])
     else:
-        found = np.full(len(joints), float(effort_scale))
-    if not np.isfinite(found).all() or (found == 0.0).any():
+        scale = np.full(len(joints), float(effort_scale))
+    if not np.isfinite(scale).all() or (scale == 0.0).any():
         raise OptionError(f'effort scale is {effort_scale}; it must be finite and not 0')
-    return found
+    return scale

@@ -1,4 +1,4 @@
-"""The samples that gravity is learned from, and why the others were dropped."""
+"""Result of the slow-motion gate: samples for the gravity fit and counts of dropped samples."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gravity_comp_ros.printable import counted
 
 @dataclass(frozen=True, eq=False)
 class Gated:
-    """Of `total` samples those that passed the gate, and how many were dropped by reason."""
+    """Samples that passed the gate, out of `total`, and the number dropped by reason."""
 
     samples: JointSamples
     total: int
@@ -22,38 +22,37 @@ class Gated:
     all_samples: bool
 
     def to_json(self) -> dict[str, Any]:
-        """Return what a model's provenance and `--json` hold of the gate."""
+        """Return the gate entry of a model's provenance and of `--json`."""
         return {'total': self.total, 'kept': self.samples.n_samples,
                 'dropped': dict(self.dropped), 'all_samples': self.all_samples}
 
     def sentence(self) -> str:
-        """Return one line on what was kept and why the rest was not."""
+        """Return one line with the number of samples kept, and of those dropped by reason."""
         if self.all_samples:
-            return f'{counted(self.total, "sample")} used, fast ones too'
-        why = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
+            return f'{counted(self.total, "sample")} used, including fast ones'
+        reasons = ', '.join(f'{count} {reason}' for reason, count in self.dropped.items() if count)
         return (f'{self.samples.n_samples} of {counted(self.total, "sample")} pass the '
-                'slow-motion gate'
-                + (f' ({why})' if why else ''))
+                f'slow-motion gate{f" ({reasons})" if reasons else ""}')
 
 
 def apply_gate(samples: JointSamples, options: GateOptions | None) -> Gated:
     """
-    Return the samples that the gate lets through; without a gate that is all of them.
+    Return the samples that pass the gate; all of them if `options` is None.
 
     :raises DataError: if none passes.
     """
     if options is None:
         return Gated(samples, samples.n_samples, {}, True)
     result = slow_samples(samples, options)
-    return passed(result.samples, samples.n_samples, result.dropped, options)
+    return gate_result(result.samples, samples.n_samples, result.dropped, options)
 
 
-def passed(samples: JointSamples, total: int, dropped: Mapping[str, int],
-           options: GateOptions) -> Gated:
+def gate_result(samples: JointSamples, total: int, dropped: Mapping[str, int],
+                options: GateOptions) -> Gated:
     """
-    Return the samples that passed the gate while they were read.
+    Return the result for samples already gated, for example while a file was read.
 
-    :raises DataError: if none did.
+    :raises DataError: if there are none.
     """
     if samples.n_samples == 0:
         limit = options.max_speed

@@ -1,8 +1,4 @@
-"""
-What `fit` does from first to last: the axes and order of the arm, then its gravity.
-
-Commands, notebooks, workbench and fleet all learn through this.
-"""
+"""Complete fit of an arm: joint axes and joint order first, then gravity and effects."""
 
 from __future__ import annotations
 
@@ -21,7 +17,7 @@ from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
 
-# Formulations that have a use for known axes.
+# Formulations that use known axes.
 WITH_AXES = (None, 'auto', 'chain')
 ASKED = 'as asked'
 
@@ -29,13 +25,13 @@ ASKED = 'as asked'
 @dataclass(frozen=True)
 class LearnOptions:
     """
-    How an arm is learned.
+    Options of a fit.
 
-    `formulation` is one of `estimation.fit.CHOICES`; None is the usual one, which with a
-    description that the user names is the chain on its axes. `ordered` says that the user gave
-    the joints in the order of the arm; otherwise names or torques may give another.
+    `formulation` is one of `estimation.fit.CHOICES`; None is the default, which is `chain` if the
+    user names a description. `ordered` is True if the joints are given in the order of the arm;
+    otherwise the order is taken from names or torques.
 
-    :raises OptionError: if a named description is of no use to the formulation.
+    :raises OptionError: if a description is named and the formulation does not use axes.
     """
 
     formulation: str | None = None
@@ -44,33 +40,33 @@ class LearnOptions:
 
     def __post_init__(self) -> None:
         if self.axes.file is not None and self.formulation not in WITH_AXES:
-            raise OptionError(f'a robot description is of no use to {self.formulation}: the axes '
-                              f'are those of a chain (formulation chain or auto)')
+            raise OptionError(f'formulation {self.formulation} does not use a robot description; '
+                              f'choose chain or auto')
 
     def to_fit(self, axes: KnownAxes) -> FitOptions:
-        """Return the options of the estimator beside these axes."""
-        usual = FitOptions().formulation
-        if axes.geometry is not None and axes.asked:
-            # A recording's own description may be wrong: there the data decide.
-            usual = 'chain'
-        return FitOptions(formulation=self.formulation or usual, geometry=axes.geometry)
+        """Return the options of the estimator for these axes."""
+        default = FitOptions().formulation
+        if axes.geometry is not None and axes.from_user:
+            # A description in the recordings may be wrong: there the data decide.
+            default = 'chain'
+        return FitOptions(formulation=self.formulation or default, geometry=axes.geometry)
 
 
 @dataclass(frozen=True)
 class KnownArm:
-    """What is known of an arm before its torques are looked at: its axes, its order of joints."""
+    """Joint axes and joint order of an arm, as known before the fit."""
 
     axes: KnownAxes
     order: JointOrder
 
     def of(self, recording: Recording) -> Recording:
-        """Return the arm's joints of a recording, in its order."""
+        """Return the recording with the joints of the arm, in their order."""
         return recording.select_joints(self.order.joints)
 
 
 @dataclass(frozen=True)
 class Learned:
-    """A fitted arm, with `refit` of the effects if some were fitted, and what it is based on."""
+    """A fit, with the `refit` of its effects (None without effects), and its arm and samples."""
 
     result: FitResult
     refit: Refit | None
@@ -79,17 +75,17 @@ class Learned:
 
     @property
     def model(self) -> GravityModel:
-        """Return the model."""
+        """Return the fitted model."""
         return self.result.model
 
 
 def known_arm(recording: Recording, options: LearnOptions = LearnOptions()) -> KnownArm:
     """
-    Return the axes and the order of a recorded arm, as a description or the names give them.
+    Return the axes and the joint order of a recorded arm, from a description or the names.
 
-    :raises DataError: if a named description is no URDF.
-    :raises ModelMismatchError: if it is of another arm.
-    :raises OptionError: if fixed joints are named and there is no description.
+    :raises DataError: if a named description is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
+    :raises OptionError: if fixed joints are given without a description.
     """
     axes = KnownAxes()
     if options.formulation in WITH_AXES:
@@ -105,37 +101,37 @@ def learn(recording: Recording, options: LearnOptions = LearnOptions(),
           effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
           progress: Progress | None = None, arm: KnownArm | None = None) -> Learned:
     """
-    Learn gravity, and effects beside it if some are named.
+    Fit gravity, jointly with the named effects.
 
-    Where nothing gives the order of the joints, the torques are asked.
+    If neither description nor names give the joint order, it is identified from the torques.
 
-    :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
-    :param speeds: which samples the effects are fitted to.
-    :param arm: its axes and order; found in the recording if None.
+    :param effects: effects as in `gravity_comp_ros.fit`.
+    :param speeds: selection of the samples that the effects are fitted to.
+    :param arm: axes and joint order; None takes them from the recording.
     :raises FitError: if there are too few samples, or no joint moves.
-    :raises DataError: if no sample is slow, or an effect cannot be seen.
-    :raises ModelMismatchError: if the recording lacks a joint of the arm.
+    :raises DataError: if no sample is slow, or an effect is not identifiable.
+    :raises ModelMismatchError: if a joint of the arm is missing in the recording.
     """
     arm = arm or known_arm(recording, options)
     recording = arm.of(recording)
-    how = options.to_fit(arm.axes)
-    result, joint = fit_model(recording, how, effects, speeds, progress)
+    fit_options = options.to_fit(arm.axes)
+    result, refit = fit_model(recording, fit_options, effects, speeds, progress)
     if arm.order.source == AS_RECORDED:
-        other = order_by_torques(recording, result)
-        if other is not None:
-            arm = replace(arm, order=other)
+        order = order_by_torques(recording, result)
+        if order is not None:
+            arm = replace(arm, order=order)
             recording = arm.of(recording)
-            result, joint = fit_model(recording, how, effects, speeds, progress)
-    told = {**result.model.provenance, 'description': arm.axes.to_json(),
-            'joint_order': arm.order.source}
-    return Learned(replace(result, model=replace(result.model, provenance=told)), joint, arm,
-                   recording)
+            result, refit = fit_model(recording, fit_options, effects, speeds, progress)
+    provenance = {**result.model.provenance, 'description': arm.axes.to_json(),
+                  'joint_order': arm.order.source}
+    return Learned(replace(result, model=replace(result.model, provenance=provenance)), refit,
+                   arm, recording)
 
 
-def model_of(recording: Recording, options: LearnOptions = LearnOptions(),
-             progress: Progress | None = None, arm: KnownArm | None = None) -> GravityModel:
+def learn_gravity(recording: Recording, options: LearnOptions = LearnOptions(),
+                  progress: Progress | None = None, arm: KnownArm | None = None) -> GravityModel:
     """
-    Return the model of gravity that `fit` makes of a recording that was read as a whole.
+    Return the gravity model that `fit` yields for a recording read without a gate.
 
     :raises GravityCompError: as `learn`.
     """
@@ -145,12 +141,11 @@ def model_of(recording: Recording, options: LearnOptions = LearnOptions(),
 
 def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | None:
     """
-    Return an order of the joints that explains their torques much better, None if there is none.
+    Return a joint order with a much smaller residual torque, None if there is none.
 
-    It serves where neither a description nor the names give the order. If the residual of the
-    chain is white, no other order is searched.
+    If the residual of the chain is white, no other order is searched.
 
-    :param result: of the fit in the order of the recording.
+    :param result: fit in the order of the recording.
     """
     chain = result.report.chain
     if chain is not None and chain.clean:
@@ -159,13 +154,12 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
     return None if joints is None else JointOrder(joints, TORQUES)
 
 
-def better_order(learned: Learned) -> str:
-    """Return, in words, that another order of the joints explains the torques much better."""
-    joints = learned.recording.joints
+def joint_order_warning(learned: Learned) -> str:
+    """Return a warning if another joint order explains the torques much better, else ''."""
     if not learned.recording.reports or learned.arm.axes.geometry is not None \
-            or joint_order(joints).source != AS_RECORDED:
+            or joint_order(learned.recording.joints).source != AS_RECORDED:
         return ''
-    other = order_by_torques(learned.recording, learned.result)
-    return '' if other is None else (
-        f'the order {", ".join(other.joints)} explains the torques much better: name the joints '
-        f'in the order of the arm when you read')
+    order = order_by_torques(learned.recording, learned.result)
+    return '' if order is None else (
+        f'the joint order {", ".join(order.joints)} explains the torques much better: read the '
+        f'recording with `joints` in the order of the arm')

@@ -1,16 +1,4 @@
-"""
-The loop as functions: fit, compare, diagnose, add effects, update.
-
-    import gravity_comp_ros as gc
-    data = gc.read(['run1.mcap', 'run2.mcap'])
-    train, test = data.split(0.2)
-    model = gc.fit(train)
-    print(gc.compare(model, test))
-    found = gc.diagnose(train, model)
-    model = gc.add_effects(model, train, found.findings)
-    model = gc.update(model, gc.read('tool.mcap'))
-    model.save('arm.json')
-"""
+"""Calibration loop as functions: fit, compare, diagnose, add effects, update, plan."""
 
 from __future__ import annotations
 
@@ -19,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from gravity_comp_ros.api.axes import AxesOptions, known_axes
-from gravity_comp_ros.api.learn import better_order, learn, LearnOptions
+from gravity_comp_ros.api.learn import joint_order_warning, learn, LearnOptions
 from gravity_comp_ros.api.model import Model
 from gravity_comp_ros.api.recording import Progress, Recording
 from gravity_comp_ros.api.results import Diagnosis, is_found, MotionPlan
@@ -41,41 +29,43 @@ def fit(recording: Recording, *, formulation: str | None = None,
         effects: Iterable[str] = (), urdf: str | Path | None = None,
         fixed: Mapping[str, float] | None = None, progress: Progress | None = None) -> Model:
     """
-    Learn the gravity torque of an arm from slow motion.
+    Fit the gravity torque of an arm to slow motion.
 
         model = gc.fit(train, effects=['coulomb_friction', 'torque_offset:wrist'])
+        print(model.report)
 
     With a robot description the joints of the model are in its order (`Model.joints`).
 
-    :param formulation: `chain`, `potential`, `per_joint` or `auto`; without, the usual one
-        (with a URDF that you name, the chain).
-    :param effects: learned together with gravity, as `NAME` (every joint) or `NAME:JOINT`.
-    :param urdf: a robot description, `none` for none; without, the one in the recordings, if they
-        hold one that fits. The axes of the chain are taken from it, masses are not.
-    :param fixed: where joints of the description stand that the recordings lack, rad or m.
-    :param progress: called with a word and a share from 0 to 1.
+    :param formulation: `chain` (serial arm), `potential` (one sparse energy), `per_joint` (one
+        sparse sum per joint) or `auto`. The default is `auto`; with `urdf` it is `chain`.
+    :param effects: effects fitted jointly with gravity, on every joint (`NAME`) or on one
+        (`NAME:JOINT`).
+    :param urdf: a robot description file, or `none`. The default is the description in the
+        recordings, if it matches. The model takes the joint axes from it, not the masses.
+    :param fixed: positions, in rad or m, of description joints that were not recorded.
+    :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises FitError: if there are too few samples, or no joint moves.
-    :raises DataError: if no sample is slow, or an effect cannot be seen.
+    :raises DataError: if no sample is slow, or an effect is not identifiable from the samples.
     :raises OptionError: if a formulation, effect or joint is unknown.
     """
     options = LearnOptions(formulation, AxesOptions(urdf, fixed or {}), ordered=True)
     learned = learn(recording, options, tuple(effects), progress=progress)
     result = learned.result
-    for warning in filter(None, (learned.arm.axes.problem, better_order(learned))):
+    for warning in filter(None, (learned.arm.axes.problem, joint_order_warning(learned))):
         result = result.warned(warning)
     return Model(result.model)
 
 
 def compare(model: Model, recording: Recording) -> Comparison:
     """
-    Compare a model with the measured torques of a recording, joint by joint.
+    Compute the error of each joint: measured torque minus model, in N·m.
 
         gc.compare(model, test).joints['elbow'].rmse       # N·m
 
-    Errors are of the slow samples; read with `gate=None` to judge on all.
+    The errors cover the slow samples; a recording read with `gate=None` is compared as a whole.
 
     :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     return compare_model(model.gravity, recording)
 
@@ -84,15 +74,19 @@ def diagnose(recording: Recording, model: Model | None = None, *,
              effects: Sequence[str] | None = None,
              progress: Progress | None = None) -> Diagnosis:
     """
-    Find which physical effect a model is missing, with its size and the evidence.
+    Identify the physical effects that a model does not include.
 
-    All samples are used, fast motion included: inertia is an effect too.
+        for finding in gc.diagnose(train, model).found:
+            print(finding.effect, finding.joint, finding.verdict, finding.coefficients)
 
-    :param model: the model to judge; without, one is fitted first, as `fit` does.
-    :param effects: look for these only.
+    All samples are used, including fast motion, because inertia is one of the effects.
+
+    :param model: the model to diagnose; by default `fit(recording)`.
+    :param effects: names of the effects to test; by default all that are registered.
+    :param progress: called with the name of the step and its completed fraction, 0 to 1.
     :raises DataError: if there are too few samples.
     :raises OptionError: if an effect is unknown.
-    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     for name in effects or ():
         known_effect(name)
@@ -104,35 +98,47 @@ def diagnose(recording: Recording, model: Model | None = None, *,
 def add_effects(model: Model, recording: Recording, effects: Iterable[str | Finding], *,
                 all_samples: bool = False, progress: Progress | None = None) -> Model:
     """
-    Add effects to a model and refit it as a whole; `Model.undo` takes them back.
+    Add effects to a model and refit gravity and effects jointly.
 
         model = gc.add_effects(model, train, ['coulomb_friction:elbow'])
+        print(model.report.held_out['elbow'])    # RMSE before and after, N·m
 
-    :param effects: `NAME`, `NAME:JOINT`, or findings of a diagnosis. Of findings those are
-        added that are established or likely; if none is, the model is returned as it is.
-    :param all_samples: fit fast motion too (some effects do so without being asked).
-    :raises DataError: if an effect is there already or cannot be seen, or samples are too few.
-    :raises OptionError: if an effect or joint is unknown, or asked for twice.
+    `Model.undo` removes the effects again.
+
+    :param effects: effects on every joint (`NAME`), on one joint
+        (`NAME:JOINT`), or findings of a diagnosis. Only established and likely findings are
+        added; without any, the model is returned unchanged.
+    :param all_samples: fit to fast motion also; some effects, such as inertia, always do.
+    :param progress: called with the name of the step and its completed fraction, 0 to 1.
+    :raises DataError: if an effect is in the model already or is not identifiable, or if there
+        are too few samples.
+    :raises OptionError: if an effect or joint is unknown, or named twice.
     """
-    wanted = [effect if isinstance(effect, str) else target(str(effect.effect), effect.joint)
-              for effect in effects if isinstance(effect, str) or is_found(effect)]
-    if not wanted:
+    targets = [effect if isinstance(effect, str) else target(str(effect.effect), effect.joint)
+               for effect in effects if isinstance(effect, str) or is_found(effect)]
+    if not targets:
         return model
-    return Model(add_to_model(model.gravity, recording, wanted,
+    return Model(add_to_model(model.gravity, recording, targets,
                               RefitOptions.chosen(all_samples), progress).model)
 
 
 def update(model: Model, recording: Recording, *, urdf: str | Path | None = None) -> Model:
     """
-    Learn what a new payload changed, from ten seconds of slow motion.
+    Update the gravity model after a payload change, from about ten seconds of slow motion.
 
-    :param recording: the arm with its new payload and nothing else.
-    :param urdf: a robot description, `none` for none; without, the one in the recordings. With
-        one, mass and centre of mass are in `report.payload`; the axes that the model was fitted
-        with serve as well.
+        model = gc.update(model, gc.read('tool.mcap'))
+        print(model.report.payload)    # {'mass': kg, 'x': m, ...}, with known axes
+
+    The effects of the model stay unchanged. With known axes the change is identified as a mass
+    and a centre of mass.
+
+    :param recording: motion with the new payload only.
+    :param urdf: a robot description file, or `none`. The default is the description in the
+        recordings, else the axes that the model was fitted with.
     :raises FitError: if there are too few slow samples.
     :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording, or the model
+        is of the formulation `per_joint`.
     """
     axes = known_axes(recording.reports, model.joints, AxesOptions(urdf), model=model.gravity)
     return Model(update_on_axes(model.gravity, recording, axes)[0].model)
@@ -142,20 +148,22 @@ def plan(model: Model, recording: Recording, effects: Iterable[str] | None = Non
          urdf: str | Path | None = None, options: PlanOptions = PlanOptions(),
          progress: Progress | None = None) -> MotionPlan:
     """
-    Plan the motion that settles what a recording leaves open.
+    Plan a motion that excites effects which a recording does not identify.
 
         gc.plan(model, train, ['coulomb_friction:elbow']).save('motion.yaml')
 
-    :param effects: `NAME`, `NAME:JOINT`, or `gravity` for the poses where the model is unsure;
-        without, what a diagnosis cannot settle.
-    :param urdf: a robot description, by whose collision geometry no links hit each other.
-    :param options: duration, limits and reach of the motion.
-    :raises DataError: if there is nothing to settle, or no motion that would.
-    :raises OptionError: if an effect or joint is unknown, or a limit makes no sense.
+    :param effects: effects on every joint (`NAME`), on one joint
+        (`NAME:JOINT`), or `gravity` for poses with a large standard deviation of the gravity
+        torque. By default, the effects that a diagnosis does not resolve.
+    :param urdf: a robot description file; its collision geometry is checked for self-collision.
+    :param options: duration, limits and position range of the motion.
+    :param progress: called with the name of the step and its completed fraction, 0 to 1.
+    :raises DataError: if all effects are resolved, or no motion resolves one.
+    :raises OptionError: if an effect or joint is unknown, or a limit is invalid.
     """
     targets = None if effects is None else named_targets(effects, model.joints)
     samples = recording.used.joints(model.joints)
-    check, links = collision_check(None if urdf is None else Path(urdf), model.joints, samples.q)
-    found = plan_motion(samples, model.gravity, targets, options, progress=progress,
-                        obstacles=check)
-    return MotionPlan(replace(found, notes=(*found.notes, links)))
+    check, note = collision_check(None if urdf is None else Path(urdf), model.joints, samples.q)
+    motion = plan_motion(samples, model.gravity, targets, options, progress=progress,
+                         obstacles=check)
+    return MotionPlan(replace(motion, notes=(*motion.notes, note)))

@@ -1,4 +1,4 @@
-"""`Model`: what a fit yields, for people: it predicts, prints, saves, and goes back a step."""
+"""`Model`, the public result of a fit: prediction, report, model file, undo."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import ArrayLike
 
-_TERMS = 6
+_MAX_TERMS = 6
 
 
 @dataclass(frozen=True)
 class JointFit:
     """
-    How one joint was fitted.
+    Fit of one joint.
 
-    `terms` of the equation; the trained range `q_min` to `q_max` in rad; `rmse`, the residual's
-    root mean square in training, in N·m; the `equation` with its largest terms, in N·m.
+    `terms`: number of terms of the gravity equation. `q_min`, `q_max`: trained range, rad.
+    `rmse`: root mean square of the training residual, N·m. `equation`: largest terms, in N·m.
     """
 
     terms: int
@@ -41,11 +41,20 @@ class JointFit:
 @dataclass(frozen=True, repr=False)
 class FitReport(Displayable):
     """
-    How a model came about.
+    Summary of a fit and of the last step.
 
-    `held_out` is the RMSE by joint in N·m on samples that were not fitted, before and after
-    the last step; empty of a model without such a step. `payload` are mass (kg) and centre of
-    mass (m, by axis) of the last update, where the axes of the arm were known.
+        print(model.report)
+        model.report.joints['elbow'].rmse       # N·m
+
+    - `formulation`: `chain`, `potential` or `per_joint`.
+    - `n_samples`, `n_runs`: size of the training data.
+    - `joints`: the fit of each joint, by name.
+    - `effects`: the effects of the model, as `NAME:JOINT`.
+    - `last_step`: the effects of the last step, or `payload`; '' after a fit.
+    - `held_out`: RMSE in N·m, by joint, on samples that were not fitted, before and after the
+      last step; empty after a fit.
+    - `payload`: `mass` (kg) and centre of mass (m, by axis) of the last update with known axes.
+    - `warnings`: one line each.
     """
 
     formulation: str
@@ -65,7 +74,7 @@ class FitReport(Displayable):
                 f'{counted(self.n_runs, "run")}{effects}')
 
     def parts(self) -> Iterable[str | TextTable]:
-        """Return the joints, what the last step changed, and warnings."""
+        """Return a table of the joints, the payload and the warnings."""
         columns = ['joint', 'terms', 'from rad', 'to rad', 'RMSE N·m']
         rows = []
         for name, joint in self.joints.items():
@@ -84,17 +93,20 @@ class FitReport(Displayable):
 @dataclass(frozen=True, eq=False, repr=False)
 class Model(Displayable):
     """
-    The gravity torque of an arm, and the effects that it was given.
+    Gravity model of an arm, with its effects.
 
-    `gravity` is the model as the node and the model file hold it. A model never changes: the
-    steps of the loop return new ones, and each knows the one before it (`undo`).
+        model = gc.load('arm.json')
+        tau = model.predict(q)                  # gravity torque, N·m, same shape as q in rad
+
+    A model is immutable. Each step of the loop returns a new model, whose history contains the
+    previous one (`undo`). `gravity` is the model in the form used by the node and the model file.
     """
 
     gravity: GravityModel
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the names of the joints, in the order of every array."""
+        """Return the names of the N joints, in the order of the columns of all arrays."""
         return self.gravity.joints
 
     @property
@@ -104,44 +116,49 @@ class Model(Displayable):
 
     @cached_property
     def report(self) -> FitReport:
-        """Return how the model came about."""
+        """Return the summary of the fit and of the last step."""
         return report_of(self.gravity)
 
     def predict(self, q: ArrayLike) -> FloatArray:
         """
-        Return the gravity torque in N·m, (M, N) or (N,), of poses `q` in rad of that shape.
+        Return the gravity torque, (M, N) or (N,), in N·m, without effects.
 
+        :param q: joint positions, (M, N) or (N,), in rad.
         :raises DataError: if q has another number of joints.
         """
         return _shaped(self.gravity.predict, q)
 
     def predict_std(self, q: ArrayLike) -> FloatArray:
         """
-        Return the standard deviation in N·m of `predict`, of the same shape.
+        Return the standard deviation of `predict`, (M, N) or (N,), in N·m.
 
-        :raises DataError: if the formulation has no uncertainty.
+        :param q: joint positions, (M, N) or (N,), in rad.
+        :raises DataError: if q has another number of joints, or the model has no covariance.
         """
         return _shaped(self.gravity.predict_std, q)
 
     def torque(self, recording: Recording) -> FloatArray:
         """
-        Return gravity and effects, (M, N) in N·m, for every sample of a recording.
+        Return the torque of gravity and effects, (M, N) in N·m, for all samples.
 
-        :raises ModelMismatchError: if it lacks a joint of the model.
+        :raises ModelMismatchError: if a joint of the model is missing in the recording.
         """
         return predict_torque(self.gravity, recording.samples)
 
     def equation(self, joint: str, digits: int = 2) -> str:
         """
-        Return a joint's torque in N·m as an equation, e.g. `-20.81 s1 c2 + 3.10 s2`.
+        Return the gravity torque of a joint in N·m as text, e.g. `-20.81 s1 c2 + 3.10 s2`.
 
+        `s2` and `c2` are the sine and cosine of the position of the second joint.
+
+        :param digits: decimals of the coefficients.
         :raises DataError: if there is no such joint.
         """
         return self.gravity.equation(joint, digits)
 
     def undo(self) -> Model:
         """
-        Return the model before the last effects or payload.
+        Return the model before the last addition of effects or payload update.
 
         :raises DataError: if there is nothing to undo.
         """
@@ -149,7 +166,7 @@ class Model(Displayable):
 
     def save(self, path: str | Path) -> None:
         """
-        Write the model file that the node and the commands read.
+        Write the model file for the node and the commands; an existing file is replaced.
 
         :raises ModelFileError: if it cannot be written.
         """
@@ -168,23 +185,27 @@ class Model(Displayable):
 
 
 def _shaped(predict: Callable[[FloatArray], FloatArray], q: ArrayLike) -> FloatArray:
-    poses = np.asarray(q, dtype=np.float64)
-    found = predict(poses)
-    return found[0] if poses.ndim == 1 else found
+    positions = np.asarray(q, dtype=np.float64)
+    torque = predict(positions)
+    return torque[0] if positions.ndim == 1 else torque
 
 
 def load(path: str | Path) -> Model:
     """
     Read a model file.
 
-    :raises ModelFileError: if there is none, or it is damaged or of another version.
+        model = gc.load('arm.json')
+
+    :raises ModelFileError: if it is missing, damaged or of another version.
     """
     return Model(load_model(Path(path)))
 
 
 def save(model: Model, path: str | Path) -> None:
     """
-    Write a model file; an existing one is replaced as a whole or not at all.
+    Write a model file; an existing file is replaced atomically.
+
+        gc.save(model, 'arm.json')      # or model.save('arm.json')
 
     :raises ModelFileError: if it cannot be written.
     """
@@ -192,26 +213,26 @@ def save(model: Model, path: str | Path) -> None:
 
 
 def report_of(model: GravityModel) -> FitReport:
-    """Return how a model came about, as far as the model itself holds it."""
+    """Return the summary of a model, from its provenance and history."""
     joints = {name: JointFit(int(model.n_features()[n]), float(model.coverage.q_min[n]),
                              float(model.coverage.q_max[n]), float(model.noise[n]),
-                             shortened(model.equation(name), _TERMS))
+                             shortened(model.equation(name), _MAX_TERMS))
               for n, name in enumerate(model.joints)}
     step = model.history[-1] if model.history else None
-    told = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
+    record = {'warnings': (model.provenance.get('report') or {}).get('warnings', ())}
     if step is not None and step.action == UPDATED:
-        told = model.provenance['updates'][-1]
+        record = model.provenance['updates'][-1]
     return FitReport(
         model.formulation, model.coverage.n_samples, model.coverage.n_runs, joints,
         tuple(effect.target for effect in model.applied.effects),
         '' if step is None else ', '.join(step.effects),
         {} if step is None or step.action not in (ADDED, UPDATED) else
         {name: (step.before[name], step.after[name]) for name in step.before},
-        _payload(told), tuple(told['warnings']))
+        _payload(record), tuple(record['warnings']))
 
 
-def _payload(told: Mapping[str, object]) -> dict[str, float]:
-    payload = told.get('payload')
+def _payload(record: Mapping[str, object]) -> dict[str, float]:
+    payload = record.get('payload')
     if not isinstance(payload, dict):
         return {}
     centre = payload['centre'] or {}

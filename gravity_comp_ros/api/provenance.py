@@ -1,4 +1,4 @@
-"""Which recordings a model was fitted to, and which parts of them were held out."""
+"""Provenance of a model: the recordings it was fitted to and the held-out blocks."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Holdout:
-    """What was held out of a recording: a share, as so many samples, in blocks of time."""
+    """Held-out part of a recording: requested fraction, number of samples, blocks of time."""
 
     fraction: float
     n_samples: int
     blocks: tuple[Block, ...]
 
     def to_json(self, reports: Sequence[ReadReport]) -> dict[str, Any]:
-        """Return it as a model's provenance holds it; arrays have no recording to name."""
+        """Return the provenance entry; blocks of arrays are omitted, as they have no file."""
         return {'fraction': self.fraction, 'n_samples': self.n_samples,
                 'blocks': [{'name': reports[b.run].path.name, 'sha256': reports[b.run].sha256,
                             'start': b.start, 'end': b.end} for b in self.blocks
@@ -39,7 +39,7 @@ def merged_bags(model: GravityModel, reports: Iterable[ReadReport]) -> list[dict
 
 def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
                     guard: float = 0.0) -> list[Block]:
-    """Return which blocks of these recordings were held out of the fit, with `guard` s around."""
+    """Return the blocks of these recordings held out of the fit, each extended by `guard` s."""
     blocks = (model.provenance.get('holdout') or {}).get('blocks', ())
     return [Block(run, block['start'] - guard, block['end'] + guard)
             for run, report in enumerate(reports)
@@ -47,5 +47,5 @@ def held_out_blocks(model: GravityModel, reports: Sequence[ReadReport],
 
 
 def now() -> str:
-    """Return the time, for a model's history."""
+    """Return the current UTC time in ISO 8601 format."""
     return datetime.now(UTC).isoformat(timespec='seconds')

@@ -1,4 +1,4 @@
-"""`Recording`: joint samples, the slow ones among them, and where they are from."""
+"""`Recording`: joint samples of one or several runs, with gate, hold-out and read reports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.printable import counted
 import numpy as np
 if TYPE_CHECKING:
-    # Needs the libraries of file formats, which arrays do without.
+    # Imports file-format libraries, which arrays do not need.
     from gravity_comp_ros.recordings.bag import ReadReport
 
 Progress = Callable[[str, float], None]
@@ -28,13 +28,22 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True, eq=False, repr=False)
 class Recording(Displayable):
     """
-    One or several runs of an arm's motion, ready for every step of the loop.
+    Motion of an arm in one or several runs, as input of every step of the loop.
 
-    `samples` are as recorded, fast motion included. `slow` are those that gravity is learned
-    from and judged on: they pass the `gate` (None: all do). `reports` say how each run was
-    read, and are empty for arrays. `use` (M,) is the part of the samples that the recording
-    stands for after `split`, None for all. `ungated` says why there is no gate where too little
-    was slow. Recordings do not compare by `==`.
+        data = gc.Recording.from_arrays(q, tau, t, names=['shoulder', 'elbow'])
+        train, test = data.split(0.2)
+
+    - `samples`: M samples of N joints, including fast motion: `t` (M,) in s, `q` (M, N) in rad,
+      `qd` in rad/s, `tau` in N·m.
+    - `gate`: limits for slow samples, None for no gate. `slow` are the samples that pass it;
+      gravity is fitted to them and compared with them.
+    - `reports`: read report of each run; empty for arrays.
+    - `use`: boolean mask (M,) of the part selected by `split`; None for all.
+    - `holdout`: the blocks held out by `split`; None without a split.
+    - `gated_before`: gate result of samples gated while they were read, else None.
+    - `ungated`: reason why the gate was removed, '' if it was not.
+
+    Recordings compare by identity, not by value.
     """
 
     samples: JointSamples
@@ -52,20 +61,24 @@ class Recording(Displayable):
                     effort_scale: float | Mapping[str, float] = 1.0,
                     gate: GateOptions | None = GateOptions()) -> Recording:
         """
-        Return a recording of NumPy arrays, one run each, or of lists of such arrays.
+        Create a recording from NumPy arrays of one run, or from lists with one array per run.
 
-        :param q: positions (M, N) in rad; a list of arrays is a list of runs.
-        :param tau: torque of the drives (M, N) in N·m, positive where it accelerates q upwards.
-        :param t: times (M,) in s, increasing within a run; or give `rate`.
-        :param qd: velocities (M, N) in rad/s; without them they are differentiated from q.
-        :param rate: samples per second, instead of `t`.
-        :param names: the N joints; `joint_1`, `joint_2`, ... without.
-        :param degrees: q and qd are in degrees and degrees per second.
-        :param effort_scale: N·m per unit of `tau`, sign included, for all joints or by name
-            (motor currents, drives that count the other way).
-        :param gate: which samples count as slow; None takes all.
+            data = gc.Recording.from_arrays([q1, q2], [tau1, tau2], [t1, t2])
+
+        :param q: joint positions (M, N) in rad.
+        :param tau: joint torques (M, N) in N·m; positive torque accelerates q in its positive
+            direction.
+        :param t: times (M,) in s, increasing within a run. Give either `t` or `rate`.
+        :param qd: joint velocities (M, N) in rad/s; by default differentiated from q.
+        :param rate: sample rate in Hz.
+        :param names: names of the N joints; by default `joint_1`, `joint_2`, ...
+        :param degrees: True if q and qd are in degrees and degrees per second.
+        :param effort_scale: torque per unit of `tau`, N·m, sign included, for all joints or by
+            name. Use it for motor currents and inverted signs.
+        :param gate: limits for slow samples; None uses all samples.
         :raises DataError: if shapes disagree, a value is not finite, or time does not increase.
-        :raises OptionError: if neither `t` nor `rate` is given, or a scale makes no sense.
+        :raises ModelMismatchError: if `effort_scale` names an unknown joint.
+        :raises OptionError: if not exactly one of `t` and `rate` is given, or a scale is invalid.
         """
         return cls(samples_from_arrays(q, tau, t, qd, rate, names, degrees, effort_scale), gate)
 
@@ -74,7 +87,7 @@ class Recording(Displayable):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Return the names of the joints."""
+        """Return the names of the N joints."""
         return self.samples.names
 
     @property
@@ -84,15 +97,15 @@ class Recording(Displayable):
 
     @cached_property
     def usable(self) -> BoolArray:
-        """Return which samples (M,) the recording stands for."""
+        """Return the mask (M,) of the samples selected by `split`; all True without a split."""
         return np.ones(len(self.samples), dtype=bool) if self.use is None else self.use
 
     @cached_property
     def gated(self) -> Gated:
         """
-        Return what the gate keeps of all samples.
+        Return the gate result for all samples.
 
-        :raises DataError: if none is slow.
+        :raises DataError: if no sample is slow.
         """
         return self.gated_before or apply_gate(self.samples, self.gate)
 
@@ -101,7 +114,7 @@ class Recording(Displayable):
         """
         Return the usable samples that pass the gate.
 
-        :raises DataError: if none is slow.
+        :raises DataError: if no sample is slow.
         """
         slow = self.gated.samples
         if self.use is None:
@@ -110,52 +123,56 @@ class Recording(Displayable):
 
     @property
     def used(self) -> JointSamples:
-        """Return the usable samples, fast motion included."""
+        """Return the usable samples, including fast motion."""
         return self.samples if self.use is None else self.samples.select(self.use)
 
     def select_joints(self, names: Sequence[str]) -> Recording:
         """
-        Return the same motion with these joints, in this order.
+        Return the recording with these joints, in this order.
 
         :raises ModelMismatchError: if there is no such joint.
         """
         if tuple(names) == self.joints:
             return self
-        before = self.gated_before
-        return replace(self, samples=self.samples.joints(names), gated_before=before and replace(
-            before, samples=before.samples.joints(names)))
+        gated = self.gated_before
+        return replace(self, samples=self.samples.joints(names), gated_before=gated and replace(
+            gated, samples=gated.samples.joints(names)))
 
     def split(self, fraction: float = 0.2, guard: float = 1.0) -> tuple[Recording, Recording]:
         """
-        Return a part to fit and a part to judge on.
+        Return a training part and a held-out part.
 
-        Of several runs the last ones are held out, `fraction` of all but at least one; of a
-        single run two blocks of time are. `guard` s around a block are in neither part,
-        because neighbouring samples are alike.
+            train, test = data.split(0.2)
 
+        Of several runs, the last ones are held out, at least one. Of a single run, two blocks of
+        time are held out. Neither part includes samples within `guard` of a block, because
+        neighbouring samples are autocorrelated.
+
+        :param fraction: held-out fraction of the runs or samples, between 0 and 1.
+        :param guard: excluded time before and after each block, s.
         :raises DataError: if one of the parts would be empty.
         :raises OptionError: if the fraction is not between 0 and 1.
         """
         parts = split(self.slow, HoldoutOptions(fraction, guard))
-        kept = Holdout(fraction, parts.held_out.n_samples, parts.blocks)
-        fitted = self.usable & ~within(self.samples, parts.guarded)
-        judged = self.usable & within(self.samples, parts.blocks)
-        return (replace(self, use=fitted, holdout=kept), replace(self, use=judged, holdout=kept))
+        holdout = Holdout(fraction, parts.held_out.n_samples, parts.blocks)
+        train = self.usable & ~within(self.samples, parts.guarded)
+        test = self.usable & within(self.samples, parts.blocks)
+        return replace(self, use=train, holdout=holdout), replace(self, use=test, holdout=holdout)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what was read and gated, as a model's provenance holds it."""
+        """Return the entries `bags` and `gate` of a model's provenance."""
         return {'bags': [report.to_json() for report in self.reports],
                 'gate': self.gated.to_json()}
 
     def summary(self) -> str:
-        """Return one line: joints, runs, samples, time."""
+        """Return one line: number of joints, runs and samples, duration."""
         seconds = sum(float(np.ptp(run.t)) for run in self.samples.each_run() if len(run))
         part = '' if self.use is None else f', {len(self)} of them in use'
         return (f'{counted(len(self.joints), "joint")}, {counted(self.n_runs, "run")}, '
                 f'{len(self.samples)} samples over {seconds:.1f} s{part}')
 
     def parts(self) -> Iterable[str | TextTable]:
-        """Return what the gate keeps, and the range and speed of each joint."""
+        """Return the gate result, and a table with the range and speed of each joint."""
         try:
             yield self.gated.sentence()
         except DataError as problem:

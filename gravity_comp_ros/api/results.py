@@ -1,4 +1,4 @@
-"""What a comparison and a diagnosis yield, for people: typed, and shown as tables."""
+"""Public results of `diagnose` and `plan`, displayed as tables."""
 
 from __future__ import annotations
 
@@ -21,11 +21,16 @@ from gravity_comp_ros.printable import counted
 @dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(Displayable):
     """
-    Which effects a model is missing, the strongest first.
+    Effects that a model does not include, the strongest first.
 
-    `findings` say what, where, how sure (`Verdict`) and how much the held-out error falls;
-    `joints` has the noise floor in N·m and the effective sample size of every joint; `found`
-    are the findings that are established or likely. `raw` is the result of the core.
+        for finding in diagnosis.found:
+            print(finding.effect, finding.joint, finding.nrmse_before, finding.nrmse_after)
+
+    - `findings`: all findings. Each has an effect, a joint, a `Verdict`, coefficients with 95 %
+      intervals, and the held-out error without and with the effect.
+    - `found`: the established and likely findings.
+    - `joints`: noise floor in N·m, effective sample size and error of each joint.
+    - `raw`: the result of the diagnosis core.
     """
 
     raw: core.Diagnosis
@@ -37,24 +42,24 @@ class Diagnosis(Displayable):
 
     @property
     def found(self) -> tuple[Finding, ...]:
-        """Return the findings that are established or likely."""
+        """Return the established and likely findings."""
         return tuple(finding for finding in self.raw.findings if is_found(finding))
 
     @property
     def joints(self) -> Mapping[str, JointReport]:
-        """Return noise floor, effective sample size and error of every joint."""
+        """Return noise floor, effective sample size and error of each joint."""
         return self.raw.joints
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `gravity_comp diagnose --json` prints of the diagnosis."""
+        """Return the diagnosis part of `gravity_comp diagnose --json`."""
         return {**self.raw.to_json(), 'verdict': self.summary()}
 
     def summary(self) -> str:
-        """Return the whole answer in one sentence."""
+        """Return the overall verdict in one sentence."""
         return wording.verdict(self.raw)
 
     def parts(self) -> Iterable[str | TextTable]:
-        """Return the findings as a table, and why the first one is believed."""
+        """Return a table of the findings, and the evidence for the first one."""
         if not self.findings:
             return
         yield TextTable(
@@ -73,51 +78,54 @@ EXPECTED = ('to settle', 'chance now', 'chance then', 'coefficient, 95 %',
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionPlan(Displayable):
     """
-    A motion that settles what recordings leave open, and what to expect of it.
+    A motion that excites unresolved effects, with the expected precision of their coefficients.
 
-    Obstacles and people are not known here; a note says whether the arm's own links were
-    checked. `raw` is the result of the core.
+        plan.save('motion.yaml')
+        plan.expectations[0].chance      # probability that the effect is resolved
+
+    Obstacles and people near the arm are not checked. A note reports whether self-collision was.
+    `raw` is the result of the planner.
     """
 
     raw: Plan
 
     @property
     def trajectory(self) -> Trajectory:
-        """Return the motion: times in s, positions in rad, velocities and accelerations."""
+        """Return the motion: t in s, q in rad, qd in rad/s, qdd in rad/s²."""
         return self.raw.trajectory
 
     @property
     def expectations(self) -> tuple[Expectation, ...]:
-        """Return the chance of each effect that it is settled, before and after the motion."""
+        """Return the probability that each effect is resolved, now and after the motion."""
         return self.raw.expectations
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `gravity_comp plan --json` prints of the motion."""
+        """Return the motion part of `gravity_comp plan --json`."""
         return self.raw.to_json()
 
     def save(self, path: str | Path) -> None:
         """
-        Write the motion as a ROS trajectory (.yaml) or a table (.csv).
+        Write the motion as JointTrajectory (.yaml), table (.csv) or JointState bag (.mcap).
 
-        :raises BagError: if it cannot be written.
+        :raises BagError: if the file cannot be written, or its ending is unknown.
         """
         from gravity_comp_ros.recordings.trajectory_files import write_trajectory
         write_trajectory(Path(path), self.trajectory, [p.sentence for p in self.raw.parts])
 
     def summary(self) -> str:
-        """Return one line: length of the motion, and how many parts it has."""
+        """Return one line: duration of the motion and number of parts."""
         return (f'a motion of {self.trajectory.duration:.1f} s in '
                 f'{counted(len(self.raw.parts), "part")}')
 
     def parts(self) -> Iterable[str | TextTable]:
-        """Return the parts, and what to expect."""
+        """Return the parts of the motion, a table of the expectations, and notes."""
         yield from (part.sentence for part in self.raw.parts)
         yield TextTable(EXPECTED, tuple(map(expected_row, self.expectations)))
         yield from self.raw.notes
 
 
 def expected_row(one: Expectation) -> tuple[str, ...]:
-    """Return what to expect of one effect, in the columns `EXPECTED`."""
+    """Return the table row of one effect, in the columns `EXPECTED`."""
     widths = ', '.join(
         f'{symbol} ± {width:.2g} {unit}'.strip() if math.isfinite(width) else f'{symbol} unknown'
         for symbol, (width, unit) in one.half_width.items())
@@ -126,27 +134,27 @@ def expected_row(one: Expectation) -> tuple[str, ...]:
 
 
 def is_found(finding: Finding) -> bool:
-    """Return whether a finding is sure enough to be added."""
+    """Return whether a finding names an effect and is established or likely."""
     return finding.effect is not None and finding.verdict in wording.FOUND
 
 
-def coefficients(finding: Finding, most: int = 3) -> str:
-    """Return coefficients with units and 95 % intervals in one line, the first `most` of them."""
+def coefficients(finding: Finding, limit: int = 3) -> str:
+    """Return the first `limit` coefficients with units and 95 % intervals, in one line."""
     items = list(finding.coefficients.items())
-    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:most])
-    more = len(items) - most
+    shown = '; '.join(f'{symbol} = {wording.plus_minus(x)}' for symbol, x in items[:limit])
+    more = len(items) - limit
     return shown + (f' and {more} more' if more > 0 else '') or '–'
 
 
 def structure_lines(diagnosis: core.Diagnosis) -> list[str]:
-    """Return what the torques do that no serial arm's gravity does, and what makes up for it."""
-    return [f'{law.words}; ' + ('the effects above make up for it' if law.holds_with_effects else
-                                f'not made up for; look for {", ".join(law.suspects)}')
+    """Return one line per violated structure test of serial-arm gravity, with its explanation."""
+    return [f'{law.words}; ' + ('the effects above explain it' if law.holds_with_effects else
+                                f'not explained; look for {", ".join(law.suspects)}')
             for law in diagnosis.laws]
 
 
-def effect_numbers(effect: AppliedEffect, most: int = 6) -> list[str]:
-    """Return the coefficients of an effect of a model, the first `most` of them."""
+def effect_numbers(effect: AppliedEffect, limit: int = 6) -> list[str]:
+    """Return the first `limit` coefficients of an effect of a model, one text each."""
     parts = [f'{symbol} = {wording.plus_minus(Estimate(x.value, x.unit, x.ci95))}'
              for symbol, x in effect.coefficients.items()]
-    return [*parts[:most], *([f'{len(parts) - most} more'] if len(parts) > most else ())]
+    return [*parts[:limit], *([f'{len(parts) - limit} more'] if len(parts) > limit else ())]

@@ -1,8 +1,8 @@
 """
-One step of the loop each, with the history and provenance that belong to it.
+Steps of the loop on `GravityModel`, with provenance and history.
 
-These take and return `GravityModel`; `gravity_comp_ros.fit` and its like wrap them for people,
-the commands and services call them as they are.
+The commands and ROS services call these functions. `gravity_comp_ros.fit` and the other public
+functions wrap them.
 """
 
 from __future__ import annotations
@@ -35,74 +35,74 @@ from gravity_comp_ros.models.history import with_step
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 import numpy as np
 
-# What was held out of a fit stays so with its margins, s.
+# Time around held-out blocks that is not fitted either, s.
 _GUARD = HoldoutOptions().guard
 PAYLOAD = 'payload'
-# Fewer slow samples than this are few poses.
-FEW_SLOW = 100
-# A recording that lasts longer than this, in s, has settled its model.
-SETTLES = 90.0
+# Minimum number of slow samples for a fit with the default gate.
+MIN_SLOW_SAMPLES = 100
+# Maximum recorded time, in s, for which the convergence of the model is tested.
+_MAX_TESTED_TIME = 90.0
 
 
 def fit_model(recording: Recording, options: FitOptions = FitOptions(),
               effects: Sequence[str] = (), speeds: RefitOptions = RefitOptions(),
               progress: Progress | None = None) -> tuple[FitResult, Refit | None]:
     """
-    Learn gravity from the slow samples, and effects beside it if some are named.
+    Fit gravity to the slow samples, jointly with the named effects.
 
-    Returns the model, with its effects and where it comes from, and how these were found.
+    Returns the fit with provenance, and the refit of the effects (None without effects).
 
-    :param effects: `NAME` or `NAME:JOINT`, as `add` takes them.
-    :param speeds: which samples the effects are fitted to.
+    :param effects: effects as in `gravity_comp_ros.fit`.
+    :param speeds: selection of the samples that the effects are fitted to.
     :raises FitError: if there are too few samples, or no joint moves.
-    :raises DataError: if no sample is slow, or an effect cannot be seen.
-    :raises ModelMismatchError: if the options know the axes of other joints.
+    :raises DataError: if no sample is slow, or an effect is not identifiable.
+    :raises ModelMismatchError: if the axes in the options are those of other joints.
     """
     if options.geometry is not None:
         recording = recording.select_joints(options.geometry.joints)
     recording = with_enough_motion(recording)
     if effects:
-        result, joint = _with_effects(recording, options, effects, speeds, progress)
+        result, refitted = _with_effects(recording, options, effects, speeds, progress)
     else:
         slow = recording.slow
         qdd = recorded_accelerations(recording.samples, slow)
-        result, joint = fit_gravity(slow, options, progress, qdd), None
-        changing = _still_changes(slow, result, options, qdd)
-        result = result.warned(changing) if changing else result
+        result, refitted = fit_gravity(slow, options, progress, qdd), None
+        warning = _convergence_warning(slow, result, options, qdd)
+        result = result.warned(warning) if warning else result
     if recording.ungated:
         result = result.warned(recording.ungated)
-    held = recording.holdout
+    holdout = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
-                  'holdout': held.to_json(recording.reports) if held else None}
-    return replace(result, model=replace(result.model, provenance=provenance)), joint
+                  'holdout': holdout.to_json(recording.reports) if holdout else None}
+    return replace(result, model=replace(result.model, provenance=provenance)), refitted
 
 
-def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions,
-                   qdd: FloatArray | None) -> str:
-    """Return what a short recording has not settled, in words."""
-    if recorded_time(samples) > SETTLES:
+def _convergence_warning(samples: JointSamples, result: FitResult, options: FitOptions,
+                         qdd: FloatArray | None) -> str:
+    """Return a warning if a fit to part of a short recording gives another model, else ''."""
+    if recorded_time(samples) > _MAX_TESTED_TIME:
         return ''
     axes = None if result.model.geometry is None else options.geometry
-    how = replace(options, formulation=result.model.formulation, geometry=axes)
+    options = replace(options, formulation=result.model.formulation, geometry=axes)
     noise = np.array([result.report.noise[joint] for joint in result.model.joints])
 
-    def fit_again(early: JointSamples) -> GravityModel:
-        known = None if qdd is None else qdd[rows_of(samples, early)]
-        return fit_gravity(early, how, qdd=known).model
+    def fit_part(part: JointSamples) -> GravityModel:
+        part_qdd = None if qdd is None else qdd[rows_of(samples, part)]
+        return fit_gravity(part, options, qdd=part_qdd).model
 
-    found = unsettled(result.model, samples, noise, fit_again)
-    return '' if found is None else f'{found}. Record more motion'
+    change = unsettled(result.model, samples, noise, fit_part)
+    return '' if change is None else f'{change}. Record more motion'
 
 
 def with_enough_motion(recording: Recording) -> Recording:
     """
-    Return the recording, ungated if too little of it is slow.
+    Return the recording, without its gate if it has too few slow samples.
 
-    Few slow samples of a fast recording lie in few poses, and a model of them is wrong in all
-    others. Friction and inertia are fitted beside gravity, so that fast samples serve as well. A
-    gate that somebody has set is left as it is.
+    The few slow samples of a fast recording cover few poses, and a model fitted to them does not
+    generalise. Friction and inertia are nuisance terms of the fit, so that fast samples can be
+    used. Only the default gate is removed.
 
-    :raises DataError: if there are no samples at all.
+    :raises DataError: if there are no samples.
     """
     if recording.gate != GateOptions() or recording.gated_before is not None:
         return recording
@@ -111,48 +111,49 @@ def with_enough_motion(recording: Recording) -> Recording:
     except DataError:
         n_slow = 0
     n = recording.samples.n_samples
-    if n_slow >= FEW_SLOW or n < 2 * FEW_SLOW:
+    if n_slow >= MIN_SLOW_SAMPLES or n < 2 * MIN_SLOW_SAMPLES:
         return recording
     return replace(recording, gate=None, ungated=(
-        f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction beside '
-        f'gravity'))
+        f'only {n_slow} of {n} samples are slow: all are fitted, with inertia and friction as '
+        f'nuisance terms'))
 
 
 def _with_effects(recording: Recording, options: FitOptions, effects: Sequence[str],
                   speeds: RefitOptions, progress: Progress | None) -> tuple[FitResult, Refit]:
-    wanted = requests(effects, recording.joints)
-    both = fit_with_effects(recording.samples, recording.slow, wanted, options, speeds,
-                            recording.use, progress)
-    model = with_step(both.joint.model, both.gravity, both.joint.added, now(),
-                      *both.joint.by_joint())
-    report = replace(both.fit.report, rmse=dict(zip(model.joints, model.noise.tolist())))
-    return FitResult(model, report, both.fit.converged), both.joint
+    fitted = fit_with_effects(recording.samples, recording.slow,
+                              requests(effects, recording.joints), options, speeds,
+                              recording.use, progress)
+    model = with_step(fitted.joint.model, fitted.gravity, fitted.joint.added, now(),
+                      *fitted.joint.by_joint())
+    report = replace(fitted.fit.report, rmse=dict(zip(model.joints, model.noise.tolist())))
+    return FitResult(model, report, fitted.fit.converged), fitted.joint
 
 
 def add_to_model(model: GravityModel, recording: Recording, effects: Sequence[str],
                  speeds: RefitOptions = RefitOptions(),
                  progress: Progress | None = None) -> Refit:
     """
-    Add effects to a model and refit it as a whole; the old model goes into its history.
+    Add effects to a model and refit gravity and effects; the history keeps the old model.
 
-    What was held out of the fit of the model is not fitted here either.
+    Samples held out of the original fit are not fitted.
 
-    :param effects: `NAME` or `NAME:JOINT`; none at all only tells the held-out error.
-    :raises DataError: if an effect is there already or cannot be seen, or samples are too few.
-    :raises OptionError: if an effect or joint is unknown, or asked for twice.
-    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    :param effects: effects as in `gravity_comp_ros.fit`; without any, only the held-out error is
+        computed.
+    :raises DataError: if an effect is in the model already or is not identifiable, or if there
+        are too few samples.
+    :raises OptionError: if an effect or joint is unknown, or named twice.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     recording = recording.select_joints(model.joints)
-    wanted = requests(effects, model.joints)
-    result = refit(recording.samples, model, wanted, speeds, not_held_out(model, recording),
-                   progress)
+    result = refit(recording.samples, model, requests(effects, model.joints), speeds,
+                   not_held_out(model, recording), progress)
     changed = with_step(result.model, model, result.added, now(), *result.by_joint())
     provenance = {**model.provenance, 'bags': merged_bags(model, recording.reports)}
     return replace(result, model=replace(changed, provenance=provenance))
 
 
 def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
-    """Return the usable samples (M,) without what was held out of the fit, margins included."""
+    """Return the mask (M,) of usable samples outside the guarded blocks held out of the fit."""
     blocks = held_out_blocks(model, recording.reports, _GUARD)
     return recording.usable & ~within(recording.samples, blocks)
 
@@ -160,13 +161,14 @@ def not_held_out(model: GravityModel, recording: Recording) -> BoolArray:
 def update_model(model: GravityModel, recording: Recording,
                  geometry: Geometry | None = None) -> UpdateResult:
     """
-    Learn what a new payload changed; the effects of the model stay as they are.
+    Update the gravity model after a payload change; its effects stay unchanged.
 
-    :param recording: the arm with its new payload and nothing else.
-    :param geometry: where the axes of the arm are; with it mass and centre of mass are found.
+    :param recording: motion with the new payload only.
+    :param geometry: joint axes of the arm; with them, mass and centre of mass are identified.
     :raises FitError: if there are too few slow samples.
     :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if the recording lacks a joint, or the model has no energy.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording, or the model
+        has no potential energy.
     """
     recording = recording.select_joints(model.joints)
     gravity = _gravity_alone(model, recording)
@@ -185,21 +187,21 @@ def update_model(model: GravityModel, recording: Recording,
 def update_on_axes(model: GravityModel, recording: Recording,
                    axes: KnownAxes) -> tuple[UpdateResult, KnownAxes]:
     """
-    Return the update, and the axes that it used: a recording's own only if they fit.
+    Return the update and the axes used; axes from a recording are used only if they match.
 
     :raises GravityCompError: as `update_model`.
     """
     try:
         return update_model(model, recording, axes.geometry), axes
     except ModelMismatchError as problem:
-        if axes.geometry is None or axes.asked:
+        if axes.geometry is None or axes.from_user:
             raise
         unused = KnownAxes(problem=f'robot description not used: {problem}')
         return update_model(model, recording), unused
 
 
 def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
-    """Return the slow samples without the torque of the model's effects."""
+    """Return the slow samples, minus the torque of the model's effects."""
     slow = recording.slow
     if not model.applied.effects:
         return slow
@@ -210,11 +212,11 @@ def _gravity_alone(model: GravityModel, recording: Recording) -> JointSamples:
 def compare_model(model: GravityModel, recording: Recording,
                   predicted: FloatArray | None = None) -> Comparison:
     """
-    Compare a model, with its effects, with the measured torques of the slow samples.
+    Compare gravity and effects of a model with the measured torques of the slow samples.
 
-    :param predicted: what the model predicts of all samples (M, N) in N·m, if that is known.
+    :param predicted: torque of the model for all samples (M, N) in N·m; computed if None.
     :raises DataError: if no sample is slow.
-    :raises ModelMismatchError: if the recording lacks a joint of the model.
+    :raises ModelMismatchError: if a joint of the model is missing in the recording.
     """
     recording = recording.select_joints(model.joints)
     return compare(model, recording.slow, recording.samples, predicted)

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 import shlex
 
+from gravity_comp_ros.api.ambiguity import ambiguous_additions
 from gravity_comp_ros.api.steps import add_to_model
-from gravity_comp_ros.api.ties import ties_of
 from gravity_comp_ros.commands import held_out, next_step, reading, refitting, terminal
 from gravity_comp_ros.commands.held_out import HeldOutError
 from gravity_comp_ros.data.gate import GateOptions
@@ -57,7 +57,7 @@ def _add(args: argparse.Namespace, model: GravityModel) -> int:
     with terminal.progress() as report:
         recording = reading.load(args, report, is_gated=False)
         result = add_to_model(model, recording, effects, refitting.speeds(args), report)
-        ties = ties_of(model, recording, result.added)
+        ties = ambiguous_additions(model, recording, result.added)
     reports = recording.reports
     aside = held_out.errors(model, result.model, replace(recording, gate=GateOptions())) \
         if args.holdout else {}

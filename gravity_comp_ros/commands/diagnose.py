@@ -9,7 +9,7 @@ import time
 
 from gravity_comp_ros.api import results
 from gravity_comp_ros.api.axes import AxesOptions
-from gravity_comp_ros.api.learn import known_arm, LearnOptions, model_of
+from gravity_comp_ros.api.learn import known_arm, learn_gravity, LearnOptions
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.commands import data_check, follow_up, held_out, html, reading, terminal
 from gravity_comp_ros.commands.screen_table import ScreenTable
@@ -92,7 +92,7 @@ def _fitted(args: argparse.Namespace, recording: Recording, report: terminal.Pro
     arm = known_arm(recording, options)
     if arm.axes.geometry is None and arm.order.source != AS_RECORDED and not args.html:
         return None, arm.of(recording)
-    return model_of(recording, options, report, arm), recording
+    return learn_gravity(recording, options, report, arm), recording
 
 
 def _write_page(args: argparse.Namespace, samples: JointSamples, model: GravityModel | None,

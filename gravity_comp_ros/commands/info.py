@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from gravity_comp_ros.api.read import read_each
-from gravity_comp_ros.api.steps import FEW_SLOW
+from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES
 from gravity_comp_ros.commands import next_step
 from gravity_comp_ros.commands.arguments import gate_options, read_options
 from gravity_comp_ros.commands.terminal import emit_json, progress, safe, show, table
@@ -40,7 +40,7 @@ def _show_next_step(args: argparse.Namespace,
     """Show the fit that follows, with efforts turned round where friction says so."""
     turned = {name for _, facts in found for name in facts.reversed_joints}
     why = 'learn gravity from it' + ', with the sign of the effort turned' * bool(turned)
-    if sum(facts.kept for _, facts in found) < FEW_SLOW:
+    if sum(facts.kept for _, facts in found) < MIN_SLOW_SAMPLES:
         why += '; little of it is slow, so `fit` takes fast samples as well'
     if turned:
         args = argparse.Namespace(**{**vars(args), 'effort_scale': [

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from gravity_comp_ros.api.read import read_recording, read_slow
 from gravity_comp_ros.api.recording import Recording
-from gravity_comp_ros.api.steps import FEW_SLOW, with_enough_motion
+from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.errors import DataError
@@ -43,7 +43,7 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback,
         with suppress(DataError):
             slow = read_slow(args.bags, read_options(args), gate(args), report)
             # Slow samples that start and stop quickly need what lies between them.
-            if slow.samples.n_samples >= FEW_SLOW and not uneven(slow.samples):
+            if slow.samples.n_samples >= MIN_SLOW_SAMPLES and not uneven(slow.samples):
                 return slow
     return with_enough_motion(load(args, report))
 

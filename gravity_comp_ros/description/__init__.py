@@ -1,1 +1,1 @@
-"""Robot descriptions: where a URDF puts the axes of an arm."""
+"""Robot descriptions: joint axes and joint order of an arm from a URDF."""

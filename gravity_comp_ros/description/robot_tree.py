@@ -1,9 +1,8 @@
 """
-A URDF as a tree of joints.
+Joint tree of a URDF.
 
-Of each joint only its name, type, links and mimic rule are read at once. Where it lies and its
-axis are read when an arm needs them, so that a wheel or a finger with a malformed axis is no
-obstacle.
+Parsing reads the name, type and links of each joint. Origin, axis, limits and mimic rule are read
+on demand, so that a malformed wheel or finger does not affect the arm.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.printable import printable
 import numpy as np
 
-TURNING = ('revolute', 'continuous')
-# Joints with neither one angle nor one length; where they hold a robot they are at rest.
+REVOLUTE = ('revolute', 'continuous')
+# Joints with several degrees of freedom; taken at their zero position.
 FREE = ('floating', 'planar')
-KINDS = (*TURNING, 'prismatic', 'fixed', *FREE)
+KINDS = (*REVOLUTE, 'prismatic', 'fixed', *FREE)
 
 
 @dataclass(frozen=True)
 class Mimic:
-    """The joint that another one follows: value = multiplier * value(joint) + offset."""
+    """Mimic rule of a joint: value = multiplier * value(joint) + offset."""
 
     joint: str
     multiplier: float
@@ -37,7 +36,7 @@ class Mimic:
 
 @dataclass(frozen=True)
 class TreeJoint:
-    """One <joint>: its type, the links that it connects, and its mimic rule if it has one."""
+    """One <joint> of a URDF."""
 
     name: str
     kind: str
@@ -47,8 +46,8 @@ class TreeJoint:
     source: str
 
     @property
-    def turns(self) -> bool:
-        return self.kind in TURNING
+    def revolute(self) -> bool:
+        return self.kind in REVOLUTE
 
     @property
     def moves(self) -> bool:
@@ -56,22 +55,22 @@ class TreeJoint:
 
     @property
     def mimic(self) -> Mimic | None:
-        found = _child(self.element, 'mimic')
-        if found is None:
+        rule = _child(self.element, 'mimic')
+        if rule is None:
             return None
-        return Mimic(printable(found.get('joint', '')),
-                     self._number(found, 'multiplier', 1.0), self._number(found, 'offset', 0.0))
+        return Mimic(printable(rule.get('joint', '')),
+                     self._number(rule, 'multiplier', 1.0), self._number(rule, 'offset', 0.0))
 
     def origin(self) -> FloatArray:
-        """Return where the joint lies in its parent link, (3,) in m."""
+        """Return the position of the joint frame in the parent link, (3,) in m."""
         return self._vector(_child(self.element, 'origin'), 'xyz', (0.0, 0.0, 0.0))
 
     def rotation(self) -> FloatArray:
-        """Return the rotation of the joint's frame in its parent link, (3, 3)."""
+        """Return the rotation (3, 3) of the joint frame in the parent link."""
         return _rotation(self._vector(_child(self.element, 'origin'), 'rpy', (0.0, 0.0, 0.0)))
 
     def axis(self) -> FloatArray:
-        """Return the unit vector (3,) of the axis in the joint's frame."""
+        """Return the unit vector (3,) of the axis in the joint frame."""
         axis = self._vector(_child(self.element, 'axis'), 'xyz', (1.0, 0.0, 0.0))
         length = float(np.linalg.norm(axis))
         if length < 1e-9:
@@ -80,7 +79,7 @@ class TreeJoint:
         return axis / length
 
     def limits(self) -> tuple[float, float] | None:
-        """Return the lower and upper limit of the position; None for a joint without limits."""
+        """Return the lower and upper position limit, rad or m; None for a joint without limits."""
         limit = _child(self.element, 'limit')
         if limit is None or self.kind == 'continuous':
             return None
@@ -88,7 +87,7 @@ class TreeJoint:
         return (low, high) if low <= high else None
 
     def rest(self) -> float:
-        """Return 0, or the middle of the limits if 0 lies beyond them."""
+        """Return the assumed position: 0, or the middle of the limits if they exclude 0."""
         low, high = self.limits() or (0.0, 0.0)
         return 0.0 if low <= 0.0 <= high else 0.5 * (low + high)
 
@@ -120,60 +119,61 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class RobotTree:
-    """All joints of a robot by name, and by the link that they move."""
+    """All joints of a robot, by name (`joints`) and by child link (`by_child`)."""
 
     joints: dict[str, TreeJoint]
-    moving: dict[str, TreeJoint]
+    by_child: dict[str, TreeJoint]
     source: str
 
     def path(self, name: str) -> list[TreeJoint]:
         """
-        Return all joints from the root to the named one, fixed ones included.
+        Return all joints from the root to the named one, including fixed ones.
 
-        :raises DataError: if the way up from it never ends.
+        :raises DataError: if the joints form a cycle.
         """
-        way = [self.joints[name]]
-        while way[-1].parent in self.moving:
-            way.append(self.moving[way[-1].parent])
-            if len(way) > len(self.moving):
+        path = [self.joints[name]]
+        while path[-1].parent in self.by_child:
+            path.append(self.by_child[path[-1].parent])
+            if len(path) > len(self.by_child):
                 raise DataError(f'{self.source}: joint {name} is among its own parents')
-        return way[::-1]
+        return path[::-1]
 
 
 def parse_tree(text: str | bytes, source: str) -> RobotTree:
     """
-    Return the joints of a URDF's text.
+    Parse the text of a URDF.
 
-    :param source: what to call it in messages.
-    :raises DataError: if it is no URDF, or a xacro file.
+    :param source: name of the description in messages.
+    :raises DataError: if the text is not a URDF, or is a xacro file.
     """
     try:
         root = fromstring(_trimmed(text))
     except (ParseError, DefusedXmlException, ValueError, RecursionError) as problem:
         raise DataError(f'{source} is not a URDF: {printable(str(problem))}') from problem
     if _local(root) != 'robot':
-        raise DataError(f'{source} is not a URDF: it holds <{printable(root.tag)}>, not <robot>')
+        raise DataError(f'{source} is not a URDF: its root is <{printable(root.tag)}>, not '
+                        f'<robot>')
     _refuse_xacro(root, source)
-    every = [_joint(element, source) for element in root if _local(element) == 'joint']
+    parsed = [_joint(element, source) for element in root if _local(element) == 'joint']
     joints: dict[str, TreeJoint] = {}
-    moving: dict[str, TreeJoint] = {}
-    for joint in every:
+    by_child: dict[str, TreeJoint] = {}
+    for joint in parsed:
         if joint.name in joints:
             raise DataError(f'{source}: two joints are named {joint.name}')
-        if joint.child in moving:
+        if joint.child in by_child:
             raise DataError(f'{source}: link {joint.child} has two parents, joints '
-                            f'{moving[joint.child].name} and {joint.name}')
-        joints[joint.name] = moving[joint.child] = joint
-    return RobotTree(joints, moving, source)
+                            f'{by_child[joint.child].name} and {joint.name}')
+        joints[joint.name] = by_child[joint.child] = joint
+    return RobotTree(joints, by_child, source)
 
 
 def position_limits(text: str | bytes, joints: Sequence[str],
                     source: str = 'URDF') -> tuple[FloatArray, FloatArray]:
     """
-    Return the lower and upper limits (N,) in rad; a turn either way for a continuous joint.
+    Return the lower and upper position limits (N,) in rad; -π and π for joints without limits.
 
-    :raises DataError: if the text is no URDF.
-    :raises ModelMismatchError: if a joint is not in it.
+    :raises DataError: if the text is not a URDF.
+    :raises ModelMismatchError: if a joint is missing in it.
     """
     tree = parse_tree(text, source)
     missing = [name for name in joints if name not in tree.joints]
@@ -185,7 +185,7 @@ def position_limits(text: str | bytes, joints: Sequence[str],
 
 
 def _trimmed(text: str | bytes) -> str | bytes:
-    """Drop what often precedes `<?xml`, where XML allows nothing: a blank line, a BOM."""
+    """Remove a blank line or BOM before `<?xml`, which XML does not allow."""
     return text.lstrip('\ufeff \t\r\n') if isinstance(text, str) else text.lstrip(b' \t\r\n')
 
 
@@ -193,9 +193,9 @@ def _refuse_xacro(root: Element, source: str) -> None:
     joints = [part for element in root if _local(element) == 'joint' for part in element.iter()]
     unexpanded = any('${' in value or '$(' in value
                      for part in joints for value in part.attrib.values())
-    # An expanded file may still name xacro's namespace; only its elements are left to expand.
+    # The xacro namespace alone does not count: expanded files may declare it.
     if unexpanded or any('xacro' in str(element.tag) for element in root.iter()):
-        raise DataError(f'{source} is a xacro file: turn it into a URDF first '
+        raise DataError(f'{source} is a xacro file: convert it to a URDF first '
                         f'(`xacro {source} > robot.urdf`)')
 
 
@@ -217,12 +217,12 @@ def _child(element: Element, tag: str) -> Element | None:
 
 
 def _local(element: Element) -> str:
-    """Return the tag without its namespace: some exporters write one."""
+    """Return the tag without its namespace, which some exporters write."""
     return str(element.tag).rpartition('}')[2]
 
 
 def _rotation(rpy: FloatArray) -> FloatArray:
-    """Return the rotation by roll about x, pitch about y, yaw about z, in this order."""
+    """Return the rotation matrix of roll about x, pitch about y, yaw about z, in this order."""
     (sr, sp, sy), (cr, cp, cy) = np.sin(rpy), np.cos(rpy)
     return np.array([[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
                      [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],

@@ -1,16 +1,15 @@
 """
-Read from a URDF where the axes of an arm are: nothing else in it is used.
+Joint axes of an arm from a URDF; masses and meshes are not read.
 
-Masses and meshes are not looked at. The wanted joints must follow each other on one path through
-the tree of joints; other branches and what follows the last of them (a gripper) do not matter.
-Joints on the path that are not wanted are held at a value:
+The joints of the arm must be on one path through the joint tree. Other branches, and joints after
+the last one of the arm (a gripper), are ignored. Other joints on the path are treated as follows:
 
-- a fixed joint is merged into its neighbours, whatever its axis;
-- a prismatic joint before the arm, or a turn about the vertical, does not turn gravity in the
-  arm's base, so that its value is of no interest;
-- a waist, or a joint between two wanted ones, is held where an option or the recording says,
-  otherwise at rest: at 0, or in the middle of its limits if 0 lies beyond them;
-- a joint that mimics another is held where its rule puts it.
+- a fixed joint is merged into its neighbours; its axis is ignored;
+- a prismatic joint before the arm, or a rotation about the vertical, is ignored, because it does
+  not rotate gravity in the base frame of the arm;
+- a waist, or a joint between two joints of the arm, is held at a constant position: from an
+  option, else from the recording, else 0 (the middle of its limits if they exclude 0);
+- the position of a mimic joint follows from its rule.
 """
 
 from __future__ import annotations
@@ -22,23 +21,23 @@ from pathlib import Path
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.description.robot_tree import FREE, parse_tree, RobotTree, TreeJoint
-from gravity_comp_ros.description.serial_arm import wanted_path
+from gravity_comp_ros.description.serial_arm import arm_path
 from gravity_comp_ros.errors import DataError, ModelMismatchError, OptionError
 from gravity_comp_ros.models.kinematic.chain import aligned
 from gravity_comp_ros.models.kinematic.geometry import Geometry, HeldJoint
 import numpy as np
 
 _MAX_BYTES = 32 * 2 ** 20
-# An axis this near to the vertical turns nothing that gravity acts on.
+# Maximum deviation of |z| of a unit axis from 1 for which the axis counts as vertical.
 _VERTICAL = 1e-6
 
 
 @dataclass(frozen=True)
-class HeldAt:
+class HeldPositions:
     """
-    Where joints beside the wanted ones are, in rad (m if prismatic), by name.
+    Constant positions of joints outside the arm, by name, in rad (m if prismatic).
 
-    `fixed` is what an option says; `recorded` is what the recording says where no option does.
+    `fixed` come from an option. `recorded` come from the recording; `fixed` takes precedence.
 
     :raises OptionError: if a value is not finite.
     """
@@ -52,12 +51,13 @@ class HeldAt:
                 raise OptionError(f'joint {name} cannot be held at {value}')
 
 
-def read_urdf(path: Path | str, joints: Collection[str], held: HeldAt = HeldAt()) -> Geometry:
+def read_urdf(path: Path | str, joints: Collection[str],
+              held: HeldPositions = HeldPositions()) -> Geometry:
     """
-    Return where the axes of `joints` are, in the order in which they follow each other.
+    Return the axes of `joints`, from the base outwards, from a URDF file.
 
-    :raises DataError: if the file cannot be read or is no URDF.
-    :raises ModelMismatchError: if it is of another arm.
+    :raises DataError: if the file cannot be read or is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
     """
     return parse_urdf(read_text(path), joints, str(path), held)
 
@@ -66,7 +66,7 @@ def read_text(path: Path | str) -> bytes:
     """
     Return the content of a URDF file.
 
-    :raises DataError: if it cannot be read, or is too large to be one.
+    :raises DataError: if it cannot be read or is too large.
     """
     path = Path(path)
     try:
@@ -81,67 +81,67 @@ def read_text(path: Path | str) -> bytes:
 
 
 def parse_urdf(text: str | bytes, joints: Collection[str], source: str = 'URDF',
-               held: HeldAt = HeldAt()) -> Geometry:
+               held: HeldPositions = HeldPositions()) -> Geometry:
     """
-    Return the same from a URDF's text, such as what /robot_description holds.
+    Return the axes of `joints`, from the base outwards, from the text of a URDF.
 
-    :param source: what to call it in messages.
-    :raises DataError: if it is no URDF.
-    :raises ModelMismatchError: if it is of another arm.
-    :raises OptionError: if `held.fixed` names a wanted joint, or one that the robot lacks.
+    :param source: name of the description in messages.
+    :raises DataError: if the text is not a URDF.
+    :raises ModelMismatchError: if it describes another arm.
+    :raises OptionError: if `held.fixed` names a joint of the arm or an unknown joint.
     """
     tree = parse_tree(text, source)
-    path = wanted_path(tree, joints)
+    path = arm_path(tree, joints)
     _check_fixed(tree, joints, held)
-    return _Walk(tree, set(joints), held).geometry(path)
+    return _Traversal(tree, set(joints), held).geometry(path)
 
 
 def held_joints(text: str | bytes, joints: Collection[str],
                 source: str = 'URDF') -> tuple[str, ...]:
     """
-    Return the joints whose values the geometry of `joints` depends on, from the base outwards.
+    Return the other joints whose positions the geometry depends on, from the base outwards.
 
     :raises DataError: as `parse_urdf`.
     :raises ModelMismatchError: as `parse_urdf`.
     """
     tree = parse_tree(text, source)
-    walk = _Walk(tree, set(joints), HeldAt())
-    walk.geometry(wanted_path(tree, joints))
-    # Of a joint that mimics another the value comes from the other.
-    names = (walk.leader(tree.joints[joint.name]).name for joint in walk.held)
+    traversal = _Traversal(tree, set(joints), HeldPositions())
+    traversal.geometry(arm_path(tree, joints))
+    # The position of a mimic joint is given by the joint that it mimics.
+    names = (traversal.leader(tree.joints[joint.name]).name for joint in traversal.held)
     return tuple(dict.fromkeys(names))
 
 
-def _check_fixed(tree: RobotTree, joints: Collection[str], held: HeldAt) -> None:
+def _check_fixed(tree: RobotTree, joints: Collection[str], held: HeldPositions) -> None:
     for name in held.fixed:
         if name not in tree.joints:
             raise OptionError(f'{tree.source} has no joint {name} to hold')
         if name in joints:
-            raise OptionError(f'joint {name} is one of the arm, so that it cannot be held at a '
-                              f'value')
+            raise OptionError(f'joint {name} is part of the arm and cannot be held at a '
+                              f'constant position')
 
 
-class _Walk:
-    """The walk from the root to the last wanted joint."""
+class _Traversal:
+    """Traversal of a path from the root to the last joint of the arm."""
 
-    def __init__(self, tree: RobotTree, wanted: set[str], held_at: HeldAt) -> None:
-        self._tree, self._wanted, self._held_at = tree, wanted, held_at
+    def __init__(self, tree: RobotTree, arm: set[str], positions: HeldPositions) -> None:
+        self._tree, self._arm, self._positions = tree, arm, positions
         self.held: list[HeldJoint] = []
         self._in_arm, self._upright = False, True
 
     def geometry(self, path: list[TreeJoint]) -> Geometry:
         names, rotations, origins = [], [], []
-        # The frame of the next link in that of the last axis.
+        # Frame of the next link relative to the last axis.
         rotation, origin = np.eye(3), np.zeros(3)
         for joint in path:
             origin = origin + rotation @ joint.origin()
             rotation = rotation @ joint.rotation()
-            if joint.name in self._wanted:
-                turn = aligned(joint.axis())
+            if joint.name in self._arm:
+                to_axis = aligned(joint.axis())
                 names.append(joint.name)
-                rotations.append(rotation @ turn)
+                rotations.append(rotation @ to_axis)
                 origins.append(origin)
-                rotation, origin = turn.T, np.zeros(3)
+                rotation, origin = to_axis.T, np.zeros(3)
                 self._in_arm = True
             elif joint.moves and joint.kind not in FREE:
                 rotation, origin = self._hold(joint, rotation, origin)
@@ -150,21 +150,22 @@ class _Walk:
 
     def _hold(self, joint: TreeJoint, rotation: FloatArray,
               origin: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the frame after a joint outside the arm; add it to `held` if it matters."""
         axis = joint.axis()
         if not self._in_arm:
-            tilts = joint.turns and abs((rotation @ axis)[2]) < 1.0 - _VERTICAL
-            # What turns about the vertical matters only where something has tilted it.
-            if not joint.turns or (self._upright and not tilts):
+            tilts = joint.revolute and abs((rotation @ axis)[2]) < 1.0 - _VERTICAL
+            # A rotation about the vertical matters only after a tilting joint.
+            if not joint.revolute or (self._upright and not tilts):
                 return rotation, origin
             self._upright = False
         value, by = self._value(joint)
         self.held.append(HeldJoint(joint.name, value, by))
-        if joint.turns:
+        if joint.revolute:
             return rotation @ _about(axis, value), origin
         return rotation, origin + value * (rotation @ axis)
 
     def leader(self, joint: TreeJoint) -> TreeJoint:
-        """Return the joint that decides where a joint is: itself, or the one that it mimics."""
+        """Return the joint that a joint mimics, directly or indirectly; else the joint itself."""
         seen = [joint]
         while (rule := seen[-1].mimic) is not None:
             if rule.joint not in self._tree.joints:
@@ -176,23 +177,24 @@ class _Walk:
         return seen[-1]
 
     def _value(self, joint: TreeJoint) -> tuple[float, str]:
-        if joint.name in self._held_at.fixed:
-            return float(self._held_at.fixed[joint.name]), 'option'
+        """Return the position of a held joint, and its source."""
+        if joint.name in self._positions.fixed:
+            return float(self._positions.fixed[joint.name]), 'option'
         leader = self.leader(joint)
-        if leader.name in self._wanted:
+        if leader.name in self._arm:
             raise ModelMismatchError(
                 f'{self._tree.source}: joint {joint.name} within the arm mimics {leader.name}: a '
-                f'linkage, which is no serial arm')
+                f'linkage, not a serial arm')
         if joint.mimic is not None:
             value, by = self._value(self._tree.joints[joint.mimic.joint])
             return joint.mimic.multiplier * value + joint.mimic.offset, by
-        if joint.name in self._held_at.recorded:
-            return float(self._held_at.recorded[joint.name]), 'recording'
+        if joint.name in self._positions.recorded:
+            return float(self._positions.recorded[joint.name]), 'recording'
         return joint.rest(), 'assumption'
 
 
 def _about(axis: FloatArray, angle: float) -> FloatArray:
-    """Return the rotation by `angle` about a unit vector (Rodrigues)."""
+    """Return the rotation matrix of `angle` about a unit vector (Rodrigues)."""
     x, y, z = axis
     skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * skew + (1.0 - np.cos(angle)) * (skew @ skew)

@@ -1,1 +1,1 @@
-"""Many robots, many bags: fit and diagnose a whole folder, on one machine or several."""
+"""Fit and diagnosis of many robots in parallel, on one machine or several."""

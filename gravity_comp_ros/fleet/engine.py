@@ -1,9 +1,8 @@
 """
-Run many independent tasks: in this process, in several of this machine, or on a Dask cluster.
+Execution of independent tasks: in this process, in worker processes, or on a Dask cluster.
 
-A task is a function at the top of a module and one argument. It returns its result, or a
-`Failure` in words; what a worker cannot say itself, because it was killed, becomes one here. So
-one bad bag, or one lost worker, never ends the run.
+A task is a module-level function of one argument. An error of a task, and the death of its
+worker, become a `Failure`, so that the other tasks go on.
 """
 
 from __future__ import annotations
@@ -20,37 +19,38 @@ from gravity_comp_ros.errors import DataError, GravityCompError
 Item = TypeVar('Item')
 Result = TypeVar('Result')
 Task = Callable[[Item], Result]
-# A task during which workers die this often is not tried again.
+# Number of dead workers after which a task has failed.
 _ATTEMPTS = 3
-_CONNECT = 30.0  # s
+# Timeout of the connection to a Dask scheduler, s.
+_CONNECT = 30.0
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why a task has no result, in one line."""
+    """Failure of a task, with its reason in one line."""
 
     reason: str
 
 
-# The number of an item, and what came of it.
+# Index of the item, and its result.
 Results = Iterator[tuple[int, Result | Failure]]
 
 
 @dataclass(frozen=True)
 class Engine:
     """
-    Where tasks run: on the Dask cluster of `scheduler` if that is given, else in `workers`.
+    Executor of tasks: the Dask cluster of `scheduler` if given, else `workers` processes.
 
-    With one worker that is this process. Results come in the order in which they are ready.
+    One worker is this process. Results are in order of completion.
 
-    :raises DataError: when the scheduler cannot be reached, or dask is not installed.
+    :raises DataError: if the scheduler cannot be reached, or dask is not installed.
     """
 
     workers: int = 1
     scheduler: str | None = None
 
     def run(self, task: Task[Item, Result], items: Sequence[Item]) -> Results[Result]:
-        """Yield (number of the item, its result or a `Failure`) for every item, once."""
+        """Yield the index of each item with its result or a `Failure`, once per item."""
         if self.scheduler is not None:
             yield from _on_dask(self.scheduler, task, items)
         elif self.workers <= 1 or len(items) <= 1:
@@ -60,33 +60,33 @@ class Engine:
 
 
 def attempt(task: Task[Item, Result], item: Item) -> Result | Failure:
-    """Return the task's result, or its error as a `Failure`."""
+    """Return the result of a task, or its error as a `Failure`."""
     try:
         return task(item)
     except GravityCompError as error:
         return Failure(str(error))
-    except Exception as error:  # a task must not end those of all others
+    except Exception as error:  # other tasks must go on
         return Failure(f'internal error: {type(error).__name__}: '
                        + ' '.join(str(error).split()))
 
 
 def _in_processes(workers: int, task: Task[Item, Result], items: Sequence[Item]
                   ) -> Results[Result]:
-    left = set(range(len(items)))
+    remaining = set(range(len(items)))
     with _pool(workers) as pool:
         futures: dict[Future[Result | Failure], int] = {
-            pool.submit(attempt, task, items[number]): number for number in sorted(left)}
+            pool.submit(attempt, task, item): number for number, item in enumerate(items)}
         for future in as_completed(futures):
             if not isinstance(future.exception(), BrokenProcessPool):
-                left.discard(futures[future])
+                remaining.discard(futures[future])
                 yield futures[future], future.result()
-    # A worker that dies takes the pool with it, and does not say in which task. What is left
-    # gets a process of its own each, so that only the task at fault is given up.
-    for number in sorted(left):
-        yield number, _alone(task, items[number])
+    # A dying worker breaks the whole pool, and its task is unknown. The remaining tasks run in
+    # one process each, so that only the task at fault fails.
+    for number in sorted(remaining):
+        yield number, _in_own_process(task, items[number])
 
 
-def _alone(task: Task[Item, Result], item: Item) -> Result | Failure:
+def _in_own_process(task: Task[Item, Result], item: Item) -> Result | Failure:
     for _ in range(_ATTEMPTS - 1):
         with _pool(1) as pool:
             future = pool.submit(attempt, task, item)
@@ -96,7 +96,7 @@ def _alone(task: Task[Item, Result], item: Item) -> Result | Failure:
 
 
 def _pool(workers: int) -> ProcessPoolExecutor:
-    # A fork would carry over locks that other threads hold.
+    # A fork would copy locks held by other threads.
     return ProcessPoolExecutor(workers, mp_context=get_context('spawn'))
 
 
@@ -113,7 +113,7 @@ def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> R
     with client, client.as_current():
         futures = {client.submit(attempt, task, item, pure=False): number
                    for number, item in enumerate(items)}
-        # Dask runs the tasks of a lost worker again on another one, by itself.
+        # Dask reruns the tasks of a lost worker on another one.
         for future in completed(futures):
             number = futures.pop(future)
             problem = future.exception()
@@ -127,4 +127,4 @@ def _on_dask(address: str, task: Task[Item, Result], items: Sequence[Item]) -> R
 
 
 def _died(times: int) -> Failure:
-    return Failure(f'its worker died {times} times, perhaps of too little memory')
+    return Failure(f'its worker died {times} times, possibly out of memory')

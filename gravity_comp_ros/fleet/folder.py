@@ -1,4 +1,4 @@
-"""The bags of a fleet: a folder for each robot, the bags of that robot in it."""
+"""Folder layout of a fleet: one subfolder per robot, with the bags of that robot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _SUFFIXES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd')
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot's name, which is that of its folder, and its bags in order of their names."""
+    """A robot, named after its folder, and its bags sorted by name."""
 
     name: str
     bags: tuple[Path, ...]
@@ -22,37 +22,34 @@ class Robot:
 
 def find_robots(folder: Path) -> list[Robot]:
     """
-    Return the robots of a fleet, in order of their names.
+    Return the robots of a fleet, sorted by name.
 
-    Each subfolder is a robot, unless it is itself a bag. Bags that lie in the folder itself are
-    of one robot, which has the name of the folder.
+    Each subfolder is a robot, unless it is a rosbag2 folder. Bags directly in `folder` belong to
+    one robot with the name of the folder.
 
-    :raises BagError: if there is no such folder, or no bag in it.
+    :raises BagError: if the folder does not exist or contains no bag.
     """
     try:
-        inside = sorted(path for path in folder.iterdir() if not path.name.startswith('.'))
+        entries = sorted(path for path in folder.iterdir() if not path.name.startswith('.'))
     except OSError as error:
         raise BagError(f'cannot read the fleet {folder}: {error.strerror}') from None
-    robots = [Robot(path.name, _bags(path)) for path in inside
+    robots = [Robot(path.name, _bags(path)) for path in entries
               if path.is_dir() and not _is_bag(path)]
     robots.append(Robot(folder.resolve().name, _bags(folder)))
     robots = sorted((robot for robot in robots if robot.bags), key=lambda robot: robot.name)
     if not robots:
-        raise BagError(f'{folder} holds no recording: put the bags of each robot into a folder '
-                       f'with its name')
+        raise BagError(f'{folder} contains no recording: put the bags of each robot into a '
+                       f'subfolder with its name')
     names = [robot.name for robot in robots]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise BagError(f'{folder} has bags both in itself and in its folder {twice[0]}')
+        raise BagError(f'two robots are named {twice[0]}: {folder} has bags of its own and a '
+                       f'subfolder of the same name')
     return robots
 
 
 def fingerprint_of(bag: Path, *settings: object) -> str:
-    """
-    Return what a result of this bag with these settings is known by.
-
-    Names, sizes and times of the files stand for what is in them.
-    """
+    """Return the cache key of a bag and settings, from names, sizes and times of its files."""
     try:
         stats = [(file.name, file.stat().st_size, file.stat().st_mtime_ns)
                  for file in data_files(bag)]

@@ -1,4 +1,4 @@
-"""What became of a fleet: what each robot has now, and what failed."""
+"""Results of a fleet run: models or diagnoses by robot, and failures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gravity_comp_ros.diagnosis.findings import Estimate, Finding
 
 @dataclass(frozen=True)
 class FittedRobot:
-    """The file of a robot's `model`, how many bags and samples it is of, and its RMSE in N·m."""
+    """Model file of a robot, number of bags and samples fitted, RMSE by joint in N·m."""
 
     model: str
     bags: int
@@ -21,42 +21,42 @@ class FittedRobot:
     warnings: tuple[str, ...]
 
     @classmethod
-    def from_json(cls, kept: dict[str, Any]) -> FittedRobot:
-        """Return what an earlier run kept."""
-        return cls(**{**kept, 'warnings': tuple(kept['warnings'])})
+    def from_json(cls, record: dict[str, Any]) -> FittedRobot:
+        """Return the result stored by an earlier run."""
+        return cls(**{**record, 'warnings': tuple(record['warnings'])})
 
     def to_json(self) -> dict[str, Any]:
-        """Return the robot as `fleet --json` prints it."""
+        """Return the robot's entry in `fleet --json`."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class DiagnosedRobot:
-    """The file of a robot's `diagnosis`, and its findings."""
+    """Diagnosis file of a robot, and its findings."""
 
     diagnosis: str
     findings: tuple[Finding, ...]
 
     @classmethod
-    def from_json(cls, file: str, kept: dict[str, Any]) -> DiagnosedRobot:
-        """Return the robot with a diagnosis as `diagnose --json` prints it."""
+    def from_json(cls, file: str, diagnosis: dict[str, Any]) -> DiagnosedRobot:
+        """Return the result for a diagnosis in the format of `diagnose --json`."""
         return cls(file, tuple(Finding(**{
             **entry, 'rivals': tuple(entry['rivals']),
             'coefficients': {symbol: Estimate(**{**x, 'ci95': tuple(x['ci95'])})
                              for symbol, x in entry['coefficients'].items()}})
-            for entry in kept['findings']))
+            for entry in diagnosis['findings']))
 
     def to_json(self) -> dict[str, Any]:
-        """Return the robot as `fleet --json` prints it."""
+        """Return the robot's entry in `fleet --json`."""
         return {'diagnosis': self.diagnosis, 'findings': [f.to_json() for f in self.findings]}
 
 
 @dataclass
 class Outcome:
     """
-    What became of a fleet: per robot what it has now, and why bags and robots failed.
+    Results of a fleet run by robot, and reasons of failed bags and robots.
 
-    `resumed` counts the bags and robots that an earlier run had done.
+    `resumed` is the number of bags and robots completed by an earlier run.
     """
 
     robots: dict[str, FittedRobot | DiagnosedRobot] = field(default_factory=dict)
@@ -65,6 +65,6 @@ class Outcome:
     resumed: int = 0
 
     def to_json(self) -> dict[str, Any]:
-        """Return what `fleet --json` prints."""
+        """Return the output of `fleet --json`."""
         return {**vars(self), 'robots': {name: robot.to_json()
                                          for name, robot in self.robots.items()}}

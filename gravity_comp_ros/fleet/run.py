@@ -1,4 +1,4 @@
-"""Fit or diagnose every robot of a fleet; what was done already is not done again."""
+"""Fit or diagnosis of every robot of a fleet; completed work is resumed from a cache."""
 
 from __future__ import annotations
 
@@ -26,59 +26,59 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.recordings.gated_bag import GatedRecording
 
-What = TypeVar('What')
-KEPT = '.fleet'  # the folder in the output folder that holds what a later run can use
+Label = TypeVar('Label')
+CACHE = '.fleet'  # subfolder of the output folder
 
 
 @dataclass(frozen=True)
 class FleetRun:
-    """A fleet, where its results go, and where the work is done."""
+    """A fleet, its output folder, and the engine that runs its tasks."""
 
     robots: Sequence[Robot]
     output: Path
     engine: Engine
     reading: ReadOptions = ReadOptions()
     gate: GateOptions = GateOptions()
-    progress: Progress = lambda word, share: None
+    progress: Progress = lambda step, fraction: None
 
     def fit(self, options: LearnOptions = LearnOptions()) -> Outcome:
         """
-        Fit each robot to all its bags that can be read; OUTPUT/ROBOT.json has the model.
+        Fit each robot to all its readable bags; write the model to OUTPUT/ROBOT.json.
 
-        :raises BagError: if nothing can be written.
+        :raises BagError: if a result cannot be written.
         """
-        outcome, store = Outcome(), Store(self.output / KEPT)
+        outcome, store = Outcome(), Store(self.output / CACHE)
         recordings = self._read(outcome, store)
-        waiting = []
+        pending = []
         for robot in self.robots:
-            found = [recordings[bag] for bag in robot.bags if bag in recordings]
-            key = _key('fit', robot.name, [r.report.sha256 for r in found], options,
+            runs = [recordings[bag] for bag in robot.bags if bag in recordings]
+            key = _key('fit', robot.name, [run.report.sha256 for run in runs], options,
                        self.reading, self.gate)
-            done = store.note(key)
-            if done is not None and _holds_model(self._model_file(robot)):
-                outcome.robots[robot.name] = FittedRobot.from_json(done)
+            stored = store.load_result(key)
+            if stored is not None and _is_model_file(self._model_file(robot)):
+                outcome.robots[robot.name] = FittedRobot.from_json(stored)
                 outcome.resumed += 1
             else:
-                waiting.append(((robot, key, found), found))
+                pending.append(((robot, key, runs), runs))
         task = partial(fit_robot, gate=self.gate, options=options)
-        for (robot, key, found), result in self._work('fit', task, waiting):
+        for (robot, key, runs), result in self._work('fit', task, pending):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
-            fitted = outcome.robots[robot.name] = self._save(robot, found, result)
-            store.keep_note(key, fitted.to_json())
+            fitted = outcome.robots[robot.name] = self._save_model(robot, len(runs), result)
+            store.save_result(key, fitted.to_json())
         return outcome
 
     def diagnose(self, models: Path | None = None,
                  effects: tuple[str, ...] | None = None) -> Outcome:
         """
-        Diagnose each robot on all its bags; OUTPUT/ROBOT.diagnosis.json has the findings.
+        Diagnose each robot on all its bags; write the result to OUTPUT/ROBOT.diagnosis.json.
 
-        :param models: folder with ROBOT.json for each robot; None fits one on the spot.
-        :raises BagError: if nothing can be written.
+        :param models: folder with ROBOT.json for each robot; None fits a model first.
+        :raises BagError: if a result cannot be written.
         """
-        outcome, store = Outcome(), Store(self.output / KEPT)
-        waiting = []
+        outcome, store = Outcome(), Store(self.output / CACHE)
+        pending = []
         for robot in self.robots:
             try:
                 model = load_model(models / f'{robot.name}.json') if models else None
@@ -86,71 +86,70 @@ class FleetRun:
                 outcome.failed_robots[robot.name] = str(error)
                 continue
             key = _key('diagnose', robot.name, [fingerprint_of(bag) for bag in robot.bags],
-                       self.reading, effects, _told(model))
-            done = store.note(key)
-            if done is None:
-                waiting.append(((robot, key), (robot.bags, model)))
+                       self.reading, effects, _model_key(model))
+            stored = store.load_result(key)
+            if stored is None:
+                pending.append(((robot, key), (robot.bags, model)))
                 continue
             outcome.resumed += 1
-            self._tell(outcome, robot, done)
+            self._save_diagnosis(outcome, robot, stored)
         task = partial(diagnose_robot, options=self.reading, effects=effects)
-        for (robot, key), result in self._work('diagnose', task, waiting):
+        for (robot, key), result in self._work('diagnose', task, pending):
             if isinstance(result, Failure):
                 outcome.failed_robots[robot.name] = result.reason
                 continue
-            found, failed = result
-            done = {'diagnosis': found.to_json(), 'failed': failed}
-            store.keep_note(key, done)
-            self._tell(outcome, robot, done)
+            diagnosis, failed = result
+            record = {'diagnosis': diagnosis.to_json(), 'failed': failed}
+            store.save_result(key, record)
+            self._save_diagnosis(outcome, robot, record)
         return outcome
 
     def _read(self, outcome: Outcome, store: Store) -> dict[Path, GatedRecording]:
-        """Return what was read of every bag, kept from earlier or read now."""
-        found, waiting = {}, []
+        """Return the slow samples of every readable bag, from the cache or the file."""
+        recordings, pending = {}, []
         for bag in (bag for robot in self.robots for bag in robot.bags):
             key = fingerprint_of(bag, self.reading, self.gate)
-            before = store.recording(key)
-            if before is None:
-                waiting.append(((bag, key), bag))
+            cached = store.load_recording(key)
+            if cached is None:
+                pending.append(((bag, key), bag))
             else:
-                found[bag] = before
+                recordings[bag] = cached
                 outcome.resumed += 1
         task = partial(read, options=self.reading, gate=self.gate)
-        for (bag, key), result in self._work('read', task, waiting):
+        for (bag, key), result in self._work('read', task, pending):
             if isinstance(result, Failure):
                 outcome.failed_bags[str(bag)] = result.reason
             else:
-                store.keep(key, result)
-                found[bag] = result
-        return found
+                store.save_recording(key, result)
+                recordings[bag] = result
+        return recordings
 
-    def _work(self, word: str, task: Task[Item, Result], waiting: Sequence[tuple[What, Item]]
-              ) -> Iterator[tuple[What, Result | Failure]]:
-        """Yield what each task was for, and its result, as they come."""
-        running = self.engine.run(task, [item for _, item in waiting])
+    def _work(self, step: str, task: Task[Item, Result], pending: Sequence[tuple[Label, Item]]
+              ) -> Iterator[tuple[Label, Result | Failure]]:
+        """Yield the label and the result of each task, in order of completion."""
+        running = self.engine.run(task, [item for _, item in pending])
         for count, (number, result) in enumerate(running, start=1):
-            self.progress(word, count / len(waiting))
-            yield waiting[number][0], result
+            self.progress(step, count / len(pending))
+            yield pending[number][0], result
 
     def _model_file(self, robot: Robot) -> Path:
         return self.output / f'{robot.name}.json'
 
-    def _save(self, robot: Robot, found: list[GatedRecording],
-              result: FitResult) -> FittedRobot:
+    def _save_model(self, robot: Robot, n_bags: int, result: FitResult) -> FittedRobot:
         model = result.model
         save_model(self._model_file(robot), model)
-        return FittedRobot(self._model_file(robot).name, len(found), model.coverage.n_samples,
+        return FittedRobot(self._model_file(robot).name, n_bags, model.coverage.n_samples,
                            result.converged, result.report.rmse, result.report.warnings)
 
-    def _tell(self, outcome: Outcome, robot: Robot, done: dict[str, Any]) -> None:
-        outcome.failed_bags.update(done['failed'])
+    def _save_diagnosis(self, outcome: Outcome, robot: Robot, record: dict[str, Any]) -> None:
+        outcome.failed_bags.update(record['failed'])
         file = self.output / f'{robot.name}.diagnosis.json'
-        write_atomically(file, (json.dumps(done['diagnosis'], indent=2) + '\n').encode(),
+        write_atomically(file, (json.dumps(record['diagnosis'], indent=2) + '\n').encode(),
                          BagError)
-        outcome.robots[robot.name] = DiagnosedRobot.from_json(file.name, done['diagnosis'])
+        outcome.robots[robot.name] = DiagnosedRobot.from_json(file.name, record['diagnosis'])
 
 
-def _holds_model(path: Path) -> bool:
+def _is_model_file(path: Path) -> bool:
     try:
         load_model(path)
     except GravityCompError:
@@ -158,7 +157,7 @@ def _holds_model(path: Path) -> bool:
     return True
 
 
-def _told(model: GravityModel | None) -> object:
+def _model_key(model: GravityModel | None) -> object:
     if model is None:
         return None
     return [(t.indices.tolist(), t.weights.tolist()) for t in model.torques], repr(model.applied)

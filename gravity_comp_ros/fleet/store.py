@@ -1,4 +1,4 @@
-"""Samples that were read, kept beside the results, so that an interrupted run can go on."""
+"""Cache of samples and results of a fleet run, from which an interrupted run is resumed."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _ARRAYS = ('t', 'q', 'qd', 'tau')
 
 class Store:
     """
-    A folder of results, each known by the fingerprint of what it was made from.
+    Cache folder; the key of an entry is the fingerprint of its inputs.
 
-    Files are written as a whole or not at all; one that is damaged counts as not there.
+    Files are written atomically. A damaged file counts as missing.
 
-    :raises BagError: if the folder cannot be made.
+    :raises BagError: if the folder cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -33,10 +33,10 @@ class Store:
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise BagError(f'cannot make the folder {folder}: {error.strerror}') from None
+            raise BagError(f'cannot create the folder {folder}: {error.strerror}') from None
 
-    def recording(self, key: str) -> GatedRecording | None:
-        """Return what was read before, None if there is nothing."""
+    def load_recording(self, key: str) -> GatedRecording | None:
+        """Return cached samples, None if there are none."""
         try:
             with np.load(self._folder / f'{key}.npz', allow_pickle=False) as file:
                 head = json.loads(str(file['head']))
@@ -49,24 +49,24 @@ class Store:
             return None
         return GatedRecording(samples, report, head['dropped'])
 
-    def keep(self, key: str, found: GatedRecording) -> None:
-        """Keep what was read."""
-        report = {**asdict(found.report), 'path': str(found.report.path)}
-        head = json.dumps({'report': report, 'dropped': found.dropped,
-                           'names': found.samples.names, 'label': found.samples.run_labels[0]})
+    def save_recording(self, key: str, recording: GatedRecording) -> None:
+        """Store samples."""
+        samples, report = recording.samples, recording.report
+        head = json.dumps({'report': {**asdict(report), 'path': str(report.path)},
+                           'dropped': recording.dropped, 'names': samples.names,
+                           'label': samples.run_labels[0]})
         data = io.BytesIO()
-        np.savez(data, head=np.array(head), **{name: getattr(found.samples, name)
-                                               for name in _ARRAYS})
+        np.savez(data, head=np.array(head), **{name: getattr(samples, name) for name in _ARRAYS})
         write_atomically(self._folder / f'{key}.npz', data.getvalue(), BagError)
 
-    def note(self, key: str) -> dict[str, Any] | None:
-        """Return a result that is a JSON object, None if there is nothing."""
+    def load_result(self, key: str) -> dict[str, Any] | None:
+        """Return a stored JSON object, None if there is none."""
         try:
-            found = json.loads((self._folder / f'{key}.json').read_text(encoding='utf-8'))
+            result = json.loads((self._folder / f'{key}.json').read_text(encoding='utf-8'))
         except (OSError, ValueError):
             return None
-        return found if isinstance(found, dict) else None
+        return result if isinstance(result, dict) else None
 
-    def keep_note(self, key: str, value: dict[str, Any]) -> None:
-        """Keep a JSON object."""
+    def save_result(self, key: str, value: dict[str, Any]) -> None:
+        """Store a JSON object."""
         write_atomically(self._folder / f'{key}.json', json.dumps(value).encode(), BagError)

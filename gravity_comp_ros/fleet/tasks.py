@@ -1,4 +1,4 @@
-"""What workers do: read a bag, fit a robot, diagnose a robot. They write nothing."""
+"""Tasks of the workers, without output files: read a bag, fit a robot, diagnose a robot."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from gravity_comp_ros.api.learn import learn, LearnOptions, model_of
+from gravity_comp_ros.api.learn import learn, learn_gravity, LearnOptions
 from gravity_comp_ros.api.read import gated_recording
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.data.gate import GateOptions
@@ -24,24 +24,24 @@ def read(bag: Path, options: ReadOptions, gate: GateOptions) -> GatedRecording:
     """
     Return the slow samples of a bag.
 
-    :raises BagError: if it cannot be read or nothing in it is slow.
+    :raises BagError: if it cannot be read or has no slow samples.
     """
-    found = read_gated(bag, options, gate)
-    if not found.samples.n_samples:
-        raise BagError(f'{bag}: none of {found.report.n_samples} samples is slow')
-    return found
+    recording = read_gated(bag, options, gate)
+    if not recording.samples.n_samples:
+        raise BagError(f'{bag}: none of {recording.report.n_samples} samples is slow')
+    return recording
 
 
-def fit_robot(found: Sequence[GatedRecording], gate: GateOptions,
+def fit_robot(runs: Sequence[GatedRecording], gate: GateOptions,
               options: LearnOptions) -> FitResult:
     """
-    Return the fit of one robot to what was read of its bags with a gate.
+    Return the fit of one robot to the slow samples of its bags.
 
-    :raises FitError: if its samples do not do.
+    :raises FitError: if there are none, or too few.
     """
-    if not found:
+    if not runs:
         raise FitError('none of its bags could be read')
-    learned = learn(gated_recording(found, gate), options)
+    learned = learn(gated_recording(runs, gate), options)
     problem = learned.arm.axes.problem
     return learned.result.warned(problem) if problem else learned.result
 
@@ -49,23 +49,22 @@ def fit_robot(found: Sequence[GatedRecording], gate: GateOptions,
 def diagnose_robot(robot: tuple[Sequence[Path], GravityModel | None], options: ReadOptions,
                    effects: tuple[str, ...] | None) -> tuple[Diagnosis, dict[str, str]]:
     """
-    Return the diagnosis of one robot, and why bags were left out.
+    Return the diagnosis of one robot, and the reasons of unreadable bags.
 
-    :param robot: its bags, and the model to judge beside; None for one fitted on the spot.
+    :param robot: its bags, and the model to diagnose; None fits a model first.
     :raises FitError: if none of its bags can be read.
     """
-    (bags, model), parts, failed = robot, [], {}
+    (bags, model), runs, failed = robot, [], {}
     if model is not None and options.joints is None:
         options = replace(options, joints=model.joints)
     for bag in bags:
         try:
-            parts.append(read_bag(bag, options))
+            runs.append(read_bag(bag, options))
         except GravityCompError as error:
             failed[str(bag)] = str(error)
-    if not parts:
+    if not runs:
         raise FitError(f'none of its bags could be read: {"; ".join(failed.values())}')
-    recording = Recording(concatenate(part.samples for part in parts), None,
-                          tuple(part.report for part in parts))
-    how = LearnOptions(ordered=options.joints is not None)
-    model = model or model_of(recording, how)
+    recording = Recording(concatenate(run.samples for run in runs), None,
+                          tuple(run.report for run in runs))
+    model = model or learn_gravity(recording, LearnOptions(ordered=options.joints is not None))
     return diagnose(recording.samples, model, DiagnosisOptions(effects=effects)), failed

@@ -1,1 +1,1 @@
-"""Recordings: rosbag2 folders, MCAP, sqlite, CSV and NPZ files, read and written without ROS."""
+"""Reading and writing of rosbag2 folders, MCAP, sqlite, CSV and NPZ files, without ROS."""

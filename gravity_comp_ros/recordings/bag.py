@@ -1,4 +1,4 @@
-"""Read joint states from MCAP files, rosbag2 folders and bare .db3 files."""
+"""Joint states from MCAP files, rosbag2 folders and .db3 files."""
 
 from __future__ import annotations
 
@@ -16,45 +16,42 @@ from gravity_comp_ros.recordings.storage_interface import Storage
 from gravity_comp_ros.recordings.topic_choice import choose_joints, choose_topic, named_joints
 import numpy as np
 
-# Multiples of the golden ratio fill the unit interval evenly, any part of them.
+# Multiples of the golden ratio, modulo 1, are evenly distributed in the unit interval.
 _GOLDEN = (5.0 ** 0.5 - 1.0) / 2.0
 __all__ = ['joint_positions', 'read_bag', 'ReadOptions', 'ReadReport', 'Recording']
 
 
 @dataclass(frozen=True)
 class PositionRange:
-    """The median position of a joint and the range it keeps to, in rad or m."""
+    """Median and range of the recorded positions of a joint, in rad or m."""
 
     median: float
     low: float
     high: float
-
-    @property
-    def span(self) -> float:
-        return self.high - self.low
 
 
 def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recording:
     """
     Return the samples of one bag.
 
-    Joints are matched by name, message by message. A message that cannot be used (joints
-    missing, arrays of different lengths, duplicate names, NaN, time that does not increase)
-    is dropped and counted. Time is the header's stamp if that increases, else the log time.
-    Missing velocities come from the positions, by a filter without delay.
+    Joints are matched by name in each message. Invalid messages are dropped and counted: missing
+    joints, arrays of different lengths, duplicate names, NaN, time that does not increase. Time is
+    the header stamp if it increases, else the log time. Missing velocities are differentiated
+    from the positions by a zero-phase filter.
 
-    :raises BagError: if there is no such recording, it is damaged, empty or without a
-        JointState topic to read, or at least half of its messages share one defect.
-    :raises ModelMismatchError: if a chosen or scaled joint is not in it.
+    :raises BagError: if the recording is missing, damaged or empty, has no JointState topic, or
+        at least half of its messages have the same defect.
+    :raises ModelMismatchError: if a joint named in the options is missing.
     """
     path = Path(path)
     with open_storage(path) as storage:
         topic, notes = choose_topic(path, storage, options.topic)
         count = max((one.count for one in storage.topics if one.name == topic), default=0)
-        share = 1.0 if options.most is None else min(options.most / max(count, 1), 1.0)
-        columns = _gather(storage, topic, options.rename, share)
+        limit = options.max_messages
+        share = 1.0 if limit is None else min(limit / max(count, 1), 1.0)
+        columns = _read_columns(storage, topic, options.rename, share)
         if share < 1.0:
-            notes.append(f'{share:.0%} of {count} messages are used, so that memory is bounded')
+            notes.append(f'{share:.0%} of {count} messages are used, to limit memory')
     n_messages = len(columns) + sum(columns.dropped.values())
     where = f'{path}, topic {topic}'
     if not n_messages:
@@ -65,7 +62,7 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
     if unknown:
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} (to be renamed); it '
                                  f'has {", ".join(sorted(columns.recorded))}')
-    options = _by_name(where, columns.names, options)
+    options = _with_joint_names(where, columns.names, options)
     joints = choose_joints(where, columns, options.joints)
     cleaning = Cleaning(where, columns, joints, notes, options.degrees)
     del columns
@@ -75,43 +72,42 @@ def read_bag(path: str | Path, options: ReadOptions = ReadOptions()) -> Recordin
 def joint_positions(path: Path | str, joints: Collection[str],
                     topic: str | None = None) -> dict[str, PositionRange]:
     """
-    Return where those of the joints are that the recording has; effort is not needed.
+    Return the recorded positions of those `joints` that the recording contains.
 
-    :param topic: of the joint states; None for the usual one.
+    :param topic: JointState topic; None as in `choose_topic`.
     :raises BagError: if the recording cannot be read, or has no such topic.
     """
     path = Path(path)
     with open_storage(path) as storage:
-        columns = _gather(storage, choose_topic(path, storage, topic)[0])
+        columns = _read_columns(storage, choose_topic(path, storage, topic)[0])
     names = [name for name in columns.names if name in joints]
-    positions = columns.values(names)[0]
-    found = {}
-    for name, values in zip(names, positions.T):
-        known = values[np.isfinite(values)]
-        if known.size:
-            found[name] = PositionRange(float(np.median(known)), float(known.min()),
-                                        float(known.max()))
-    return found
+    ranges = {}
+    for name, values in zip(names, columns.values(names)[0].T):
+        finite = values[np.isfinite(values)]
+        if finite.size:
+            ranges[name] = PositionRange(float(np.median(finite)), float(finite.min()),
+                                         float(finite.max()))
+    return ranges
 
 
-def _by_name(where: str, known: tuple[str, ...], options: ReadOptions) -> ReadOptions:
-    """Return the options with joints by name where they were given by number."""
-    scaled = named_joints(where, known, options.effort_scale, 'scaled')
+def _with_joint_names(where: str, names: tuple[str, ...], options: ReadOptions) -> ReadOptions:
+    """Return the options with joint numbers replaced by names."""
+    scaled = named_joints(where, names, options.effort_scale, 'scaled')
     scale = dict(zip(scaled, options.effort_scale.values()))
     chosen = options.joints
     if chosen is not None:
-        chosen = named_joints(where, known, chosen, 'chosen')
+        chosen = named_joints(where, names, chosen, 'chosen')
     return replace(options, joints=chosen, effort_scale=scale)
 
 
-def _gather(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
-            share: float = 1.0) -> Columns:
-    """Decode a share of the messages of a topic."""
-    columns, decoder, seen = Columns(rename), LayoutDecoder(), 0
+def _read_columns(storage: Storage, topic: str, rename: Mapping[str, str] | None = None,
+                  share: float = 1.0) -> Columns:
+    """Decode an evenly distributed share of the messages of a topic."""
+    columns, decoder, count = Columns(rename), LayoutDecoder(), 0
     for batch in storage.batches(topic):
-        seen += len(batch)
+        count += len(batch)
         if share < 1.0:
-            # Not every k-th: publishers may take turns.
-            batch = batch.select(np.arange(seen - len(batch), seen) * _GOLDEN % 1.0 < share)
+            # Every k-th message could select one of several alternating publishers.
+            batch = batch.select(np.arange(count - len(batch), count) * _GOLDEN % 1.0 < share)
         columns.add(batch, decoder.decode(batch))
     return columns

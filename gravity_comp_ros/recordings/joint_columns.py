@@ -1,4 +1,4 @@
-"""Messages of a topic gathered into columns, one a joint, whatever order each message had."""
+"""Columns of position, velocity and effort by joint, gathered from the messages of a topic."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _MAX_NS = 2**63 - 1
 
 
 class _Layout:
-    """All messages with one sequence of names, as flat rows of numbers."""
+    """All messages with the same sequence of names, as flat rows of numbers."""
 
     def __init__(self) -> None:
         self.rows = array('q')
         self.position, self.velocity, self.effort = array('d'), array('d'), array('d')
 
-    def take(self, rows: IntArray, block: Block) -> None:
+    def add(self, rows: IntArray, block: Block) -> None:
         self.rows.frombytes(rows.astype(np.int64, copy=False).tobytes())
         for store, values in ((self.position, block.position), (self.velocity, block.velocity),
                               (self.effort, block.effort)):
@@ -36,17 +36,16 @@ class _Layout:
 
 class Columns:
     """
-    Well-formed messages in their order, and the count of those that were not.
+    Valid messages in recorded order, and the number of invalid ones by reason.
 
-    Rows of messages with the same names lie together, so that a long recording costs 24 bytes
-    a joint and message.
+    Messages with the same names are stored together: 24 bytes per joint and message.
 
-    :param rename: other names for joints, by the name in the messages.
+    :param rename: new names of joints, by the name in the messages.
     """
 
     def __init__(self, rename: Mapping[str, str] | None = None) -> None:
         self.dropped: Counter[str] = Counter()
-        self.recorded: set[str] = set()   # names as they are in the messages
+        self.recorded: set[str] = set()   # names before `rename`
         self._rename = dict(rename or {})
         self._log_ns, self._stamp_ns = array('q'), array('q')
         self._layouts: dict[tuple[str, ...], _Layout] = {}
@@ -55,31 +54,31 @@ class Columns:
         return len(self._log_ns)
 
     def add(self, batch: Batch, blocks: Iterable[Block]) -> None:
-        """Take the messages of a batch, or count why not; those in no block are undecodable."""
+        """Add the messages of a batch; those in no block count as undecodable."""
         good = np.zeros(len(batch), dtype=bool)
         stamps = np.zeros(len(batch), dtype=np.int64)
-        taken, seen = [], 0
+        accepted, decoded = [], 0
         for block in blocks:
-            seen += len(block.which)
+            decoded += len(block.which)
             reason = self._defect(block)
             if reason:
                 self.dropped[reason] += len(block.which)
                 continue
             good[block.which] = True
             stamps[block.which] = block.stamp_ns
-            taken.append(block)
-        if seen < len(batch):
-            self.dropped[UNDECODABLE] += len(batch) - seen
+            accepted.append(block)
+        if decoded < len(batch):
+            self.dropped[UNDECODABLE] += len(batch) - decoded
         rows = len(self) + np.cumsum(good) - 1
-        for block in taken:
+        for block in accepted:
             self.recorded.update(block.names)
-            names = self._named(block.names)
-            self._layouts.setdefault(names, _Layout()).take(rows[block.which], block)
+            names = self._renamed(block.names)
+            self._layouts.setdefault(names, _Layout()).add(rows[block.which], block)
         self._log_ns.frombytes(np.minimum(batch.log_ns[good], _MAX_NS).astype('i8').tobytes())
         self._stamp_ns.frombytes(stamps[good].tobytes())
 
     def _defect(self, block: Block) -> str | None:
-        size, names = len(block.names), self._named(block.names)
+        size, names = len(block.names), self._renamed(block.names)
         if names not in self._layouts and len(set(names)) < size:
             return DUPLICATE
         if (not size or block.position.shape[1] != size
@@ -88,7 +87,7 @@ class Columns:
             return SIZES
         return None
 
-    def _named(self, names: tuple[str, ...]) -> tuple[str, ...]:
+    def _renamed(self, names: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(self._rename.get(name, name) for name in names) if self._rename else names
 
     @property
@@ -98,12 +97,12 @@ class Columns:
 
     @property
     def layouts(self) -> tuple[tuple[str, ...], ...]:
-        """The sequences of names that messages have, in order of their first appearance."""
+        """The distinct name sequences of the messages, in order of their first appearance."""
         return tuple(self._layouts)
 
     @property
     def most_common(self) -> tuple[str, ...]:
-        """The joint names that most messages have."""
+        """The most frequent sequence of joint names."""
         return max(self._layouts, key=lambda names: len(self._layouts[names].rows))
 
     @property
@@ -115,18 +114,18 @@ class Columns:
         return np.frombuffer(self._stamp_ns, dtype=np.int64)
 
     def presence(self, joints: Sequence[str]) -> BoolArray:
-        """Return which message (M,) has which joint (N,)."""
-        found = np.zeros((len(self), len(joints)), dtype=bool)
+        """Return a mask (M, N): whether message m contains joint n."""
+        present = np.zeros((len(self), len(joints)), dtype=bool)
         for names, layout in self._layouts.items():
-            found[np.array(layout.rows)] = [joint in names for joint in joints]
-        return found
+            present[np.array(layout.rows)] = [joint in names for joint in joints]
+        return present
 
     def values(self, joints: Sequence[str]) -> tuple[FloatArray, FloatArray, FloatArray]:
         """
-        Return position, velocity and effort, each (M, N); NaN where a message has none.
+        Return position, velocity and effort, each (M, N); NaN for missing values.
 
-        Where all messages are alike the arrays are the columns themselves, which then take no
-        more messages.
+        If all messages have exactly these joints, the arrays are views of the columns, and no
+        more messages can be added.
         """
         shape = (len(self), len(joints))
         if self.layouts == (tuple(joints),):

@@ -1,4 +1,4 @@
-"""sensor_msgs/JointState to and from CDR, the bytes that ROS 2 sends and records."""
+"""CDR encoding and decoding of sensor_msgs/JointState."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ int32 sec
 uint32 nanosec
 """
 
-_HEADER = 4  # bytes before the payload that name the encoding; alignment counts from their end
+# Length of the CDR encapsulation header, bytes; alignment is relative to its end.
+_HEADER = 4
 
 
 @dataclass(frozen=True, eq=False)
 class JointStateMessage:
-    """A decoded message: stamp in ns, K names, and arrays as long as the sender made them."""
+    """A decoded message: stamp in ns, K names, and arrays of any length."""
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -48,10 +49,10 @@ class JointStateMessage:
 @dataclass(frozen=True)
 class Spans:
     """
-    Where a message keeps its parts, in bytes from its beginning.
+    Byte offsets of the parts of a message.
 
-    `names` are the begin and end of the sequence of names; `arrays` tell of position, velocity
-    and effort where the count is, where the values begin, and how many there are.
+    `names`: begin and end of the name sequence. `arrays`: for position, velocity and effort, the
+    offset of the count, the offset of the values, and the number of values.
     """
 
     names: tuple[int, int]
@@ -60,10 +61,10 @@ class Spans:
 
 class JointStateDecoder:
     """
-    Decode JointState messages of one topic.
+    Decoder for the JointState messages of one topic.
 
-    A publisher repeats its joint names in every message; the last block of names is kept so
-    that the same bytes are not decoded again.
+    Publishers repeat their joint names in every message. The last name block is cached, so that
+    identical bytes are decoded once.
     """
 
     def __init__(self) -> None:
@@ -73,7 +74,7 @@ class JointStateDecoder:
 
     def decode(self, data: bytes) -> tuple[JointStateMessage, Spans]:
         """
-        Return the message in `data`, and where its parts are.
+        Return the message in `data`, and the offsets of its parts.
 
         :raises ValueError: if the bytes are not a JointState in plain CDR.
         """

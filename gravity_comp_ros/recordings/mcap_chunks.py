@@ -1,9 +1,8 @@
 """
-Chunks of an MCAP file: read, unpacked and checked, and where one topic's messages lie in them.
+Chunks of an MCAP file: decompression, verification and location of the messages of a topic.
 
-A chunk is followed by an index of its messages, channel by channel. That index is believed only
-if the records that it names tile the chunk, so that none is overlooked; otherwise, and where
-there is none, the records are walked one by one.
+A chunk is followed by an index of its messages, by channel. The index is used only if it covers
+all messages of the chunk. Otherwise the records are scanned one by one.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ import numpy as np
 
 CHUNK, MESSAGE, MESSAGE_INDEX = 0x06, 0x05, 0x07
 _RECORD = struct.Struct('<BQ')              # opcode and length, before the content
-_CHUNK = struct.Struct('<QQQI')             # start, end, size unpacked, checksum
+_CHUNK = struct.Struct('<QQQI')             # start, end, uncompressed size, checksum
 _MESSAGE = 2 + 4 + 8 + 8                    # channel, sequence, log time, publish time
-_LARGEST = 1 << 30
+_MAX_BYTES = 1 << 30
 
 
 class ChunkError(ValueError):
-    """A chunk is not what the file says it is; the message says how."""
+    """A chunk is damaged or not supported; the message gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """The bytes of a chunk, and its messages in the order of the file."""
+    """The bytes of a chunk, and its messages in file order."""
 
     data: Bytes
     offset: Places
@@ -41,25 +40,25 @@ class _Chunk:
 
 
 def topic_batches(stream: BinaryIO, indexes: Sequence[ChunkIndex], known: set[int],
-                  wanted: set[int]) -> Iterator[Batch]:
+                  channels: set[int]) -> Iterator[Batch]:
     """
-    Yield the messages of channels `wanted`, chunk by chunk, in order of log time.
+    Yield the messages of channels `channels`, chunk by chunk, in order of log time.
 
-    Chunks that overlap in time are sorted as one. Messages of equal time keep the file's order.
+    Chunks that overlap in time are sorted together. Messages of equal time stay in file order.
 
-    :param known: all channels of the file; a message on another is damage.
+    :param known: all channels of the file; a message on another channel indicates damage.
     :raises ChunkError: if a chunk is damaged.
     """
-    maybe = [index for index in indexes if not index.message_index_offsets
-             or wanted & set(index.message_index_offsets)]
-    for group in _overlapping(maybe):
-        parts = [_only(_read(stream, index, known), wanted) for index in group]
+    selected = [index for index in indexes if not index.message_index_offsets
+                or channels & set(index.message_index_offsets)]
+    for group in _overlapping(selected):
+        parts = [_select(_read(stream, index, known), channels) for index in group]
         if any(len(part) for part in parts):
             yield _sorted(parts)
 
 
 def _overlapping(indexes: Sequence[ChunkIndex]) -> Iterator[list[ChunkIndex]]:
-    """Yield chunks, those together whose times overlap, each group in the file's order."""
+    """Yield groups of chunks that overlap in time, each in file order."""
     group: list[ChunkIndex] = []
     end = -1
     for index in sorted(indexes, key=lambda i: (i.message_start_time, i.chunk_start_offset)):
@@ -76,28 +75,28 @@ def _read(stream: BinaryIO, index: ChunkIndex, known: set[int]) -> _Chunk:
     stream.seek(index.chunk_start_offset)
     head = stream.read(_RECORD.size + _CHUNK.size + 4)
     if len(head) < _RECORD.size + _CHUNK.size + 4 or head[0] != CHUNK:
-        raise ChunkError('there is no chunk where the summary says')
+        raise ChunkError('there is no chunk at an offset given by the summary')
     length = _RECORD.unpack_from(head)[1]
     _, _, size, checksum = _CHUNK.unpack_from(head, _RECORD.size)
     (name,) = struct.unpack_from('<I', head, len(head) - 4)
     rest = length - _CHUNK.size - 4
-    if not name + 8 <= rest <= _LARGEST or size > _LARGEST:
+    if not name + 8 <= rest <= _MAX_BYTES or size > _MAX_BYTES:
         raise ChunkError('the length of a chunk is wrong')
     body = stream.read(rest)
     (packed,) = struct.unpack_from('<Q', body, name) if len(body) >= name + 8 else (-1,)
     if packed < 0 or len(body) < name + 8 + packed:
         raise ChunkError('a chunk ends after the file')
-    data = _unpacked(body[name + 8:name + 8 + packed], bytes(body[:name]), size)
+    data = _decompressed(body[name + 8:name + 8 + packed], bytes(body[:name]), size)
     if checksum and zlib.crc32(data) != checksum:
         raise ChunkError('the checksum of a chunk is wrong')
     buffer = np.frombuffer(data, dtype=np.uint8)
-    offset = _indexed(stream, index, buffer)
+    offset = _indexed_offsets(stream, index, buffer)
     if offset is None:
-        offset = _walked(data, 0, len(data))
-    return _described(buffer, offset, known)
+        offset = _scan(data)
+    return _chunk(buffer, offset, known)
 
 
-def _unpacked(body: bytes, compression: bytes, size: int) -> bytes:
+def _decompressed(body: bytes, compression: bytes, size: int) -> bytes:
     if compression == b'zstd':
         import zstandard
         try:
@@ -113,36 +112,36 @@ def _unpacked(body: bytes, compression: bytes, size: int) -> bytes:
         except RuntimeError as error:
             raise ChunkError(str(error)) from None
     if compression:
-        raise ChunkError(f'compression {compression.decode(errors="replace")!r} is not known')
+        raise ChunkError(f'compression {compression.decode(errors="replace")!r} is unknown')
     return body
 
 
-def _indexed(stream: BinaryIO, index: ChunkIndex, data: Bytes) -> Places | None:
-    """Return where the messages begin, by the index after the chunk; None if it is no use."""
+def _indexed_offsets(stream: BinaryIO, index: ChunkIndex, data: Bytes) -> Places | None:
+    """Return the offsets of the messages from the index after the chunk; None if it is invalid."""
     if not index.message_index_offsets:
         return None
     stream.seek(index.chunk_start_offset + index.chunk_length)
-    raw = stream.read(min(index.message_index_length, _LARGEST))
-    found, at = [], 0
+    raw = stream.read(min(index.message_index_length, _MAX_BYTES))
+    offsets, at = [], 0
     while at + _RECORD.size + 6 <= len(raw):
         opcode, length = _RECORD.unpack_from(raw, at)
         (size,) = struct.unpack_from('<I', raw, at + _RECORD.size + 2)
         at += _RECORD.size
         if opcode != MESSAGE_INDEX or size % 16 or size + 6 > length or at + length > len(raw):
             return None
-        found.append(np.frombuffer(raw, dtype='<u8', count=size // 8, offset=at + 6)[1::2])
+        offsets.append(np.frombuffer(raw, dtype='<u8', count=size // 8, offset=at + 6)[1::2])
         at += length
-    if at != len(raw) or not found:
+    if at != len(raw) or not offsets:
         return None
-    offset = np.sort(np.concatenate(found))
+    offset = np.sort(np.concatenate(offsets))
     if not offset.size or offset[-1] + _RECORD.size + _MESSAGE > len(data):
         return None
     offset = offset.astype(np.int64)
-    return offset if _tiles(data, offset) else None
+    return offset if _is_complete(data, offset) else None
 
 
-def _tiles(data: Bytes, offset: Places) -> bool:
-    """Return whether these are all messages of a chunk: between them lie other records."""
+def _is_complete(data: Bytes, offset: Places) -> bool:
+    """Return whether these are all messages of a chunk; other records may lie between them."""
     if (data[offset] != MESSAGE).any():
         return False
     end = offset + _RECORD.size + _field(data, offset + 1, 8).astype(np.int64)
@@ -151,41 +150,41 @@ def _tiles(data: Bytes, offset: Places) -> bool:
     if (begin > until).any():
         return False
     try:
-        return not any(_walked(data[a:b].tobytes(), 0, int(b - a)).size
+        return not any(_scan(data[a:b].tobytes()).size
                        for a, b in zip(begin[begin < until], until[begin < until]))
     except ChunkError:
         return False
 
 
-def _walked(data: bytes, begin: int, end: int) -> Places:
-    """Return where messages begin, record by record."""
-    found = []
+def _scan(data: bytes) -> Places:
+    """Return the offsets of the messages among consecutive records."""
+    offsets, begin, end = [], 0, len(data)
     while begin < end:
         if begin + _RECORD.size > end:
             raise ChunkError('a record ends after its chunk')
         opcode, length = _RECORD.unpack_from(data, begin)
         if opcode == MESSAGE:
-            found.append(begin)
+            offsets.append(begin)
         begin += _RECORD.size + length
     if begin != end:
         raise ChunkError('a record ends after its chunk')
-    return np.array(found, dtype=np.int64)
+    return np.array(offsets, dtype=np.int64)
 
 
-def _described(data: Bytes, offset: Places, known: set[int]) -> _Chunk:
+def _chunk(data: Bytes, offset: Places, known: set[int]) -> _Chunk:
     length = _field(data, offset + 1, 8).astype(np.int64) - _MESSAGE
     if (length < 0).any():
         raise ChunkError('a message is too short')
     channel = _field(data, offset + _RECORD.size, 2)
-    strange = set(np.unique(channel).tolist()) - known
-    if strange:
-        raise ChunkError(f'a message is on channel {min(strange)}, which is not described')
+    unknown = set(np.unique(channel).tolist()) - known
+    if unknown:
+        raise ChunkError(f'a message is on channel {min(unknown)}, which is not described')
     return _Chunk(data, offset, _field(data, offset + _RECORD.size + 6, 8), channel, length)
 
 
-def _only(chunk: _Chunk, wanted: set[int]) -> Batch:
+def _select(chunk: _Chunk, channels: set[int]) -> Batch:
     start = chunk.offset + _RECORD.size + _MESSAGE
-    keep = np.isin(chunk.channel, list(wanted))
+    keep = np.isin(chunk.channel, list(channels))
     if keep.all():
         return Batch(chunk.data, start, chunk.length, chunk.log_ns)
     return Batch(chunk.data, start[keep], chunk.length[keep], chunk.log_ns[keep])
@@ -208,5 +207,5 @@ def _sorted(parts: list[Batch]) -> Batch:
 
 
 def _field(data: Bytes, offset: Places, width: int) -> np.ndarray:
-    """Return the little-endian integers of `width` bytes at these places."""
+    """Return the little-endian unsigned integers of `width` bytes at these offsets."""
     return data[offset[:, None] + np.arange(width)].view(f'<u{width}')[:, 0]

@@ -1,4 +1,4 @@
-"""MCAP files as a storage of messages."""
+"""Message storage in MCAP files."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class McapStorage(Storage):
     """
     An open MCAP file with a footer and a summary.
 
-    :raises BagError: if the file ends early or is damaged; the message says how much of it
-        can be read.
+    :raises BagError: if the file is truncated or damaged; the message gives the number of
+        readable messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,7 +41,7 @@ class McapStorage(Storage):
         except BagError:
             self._stream.close()
             raise
-        except Exception as error:  # a damaged file decides what the library raises
+        except Exception as error:  # the library raises various types for damaged files
             self._stream.close()
             raise self._damaged(error) from None
 
@@ -54,15 +54,15 @@ class McapStorage(Storage):
             raise self._damaged(error) from None
 
     def batches(self, topic: str) -> Iterator[Batch]:
-        """Yield the same messages many at a time: whole chunks, where the file has chunks."""
+        """Yield the same messages in batches; whole chunks if the file has chunks."""
         if self._summary is None or not self._summary.chunk_indexes:
             yield from batched(self.messages(topic))
             return
         channels = self._summary.channels
-        wanted = {number for number, channel in channels.items() if channel.topic == topic}
+        selected = {number for number, channel in channels.items() if channel.topic == topic}
         try:
             yield from topic_batches(self._stream, self._summary.chunk_indexes, set(channels),
-                                     wanted)
+                                     selected)
         except (ChunkError, OSError, struct.error) as error:
             raise self._damaged(error) from None
 
@@ -70,7 +70,7 @@ class McapStorage(Storage):
         self._stream.close()
 
     def _check_end(self) -> None:
-        """Refuse a file without footer, or whose summary is not what its checksum says."""
+        """Refuse a file without footer, or with a wrong checksum of the summary."""
         size = self._stream.seek(0, 2)
         if size < 2 * len(_MAGIC) + _FOOTER:
             raise self._truncated(size)
@@ -85,11 +85,11 @@ class McapStorage(Storage):
             summary = self._stream.read(size - len(_MAGIC) - 4 - start)
             if zlib.crc32(summary) != checksum:
                 raise BagError(f'{self._path} is damaged: the checksum of its summary is wrong; '
-                               f'`mcap recover` makes a readable file of what is left')
+                               f'`mcap recover` saves the readable part')
         self._stream.seek(0)
 
     def _scan(self) -> tuple[StoredTopic, ...]:
-        """Return the topics of a file without summary by reading all of it."""
+        """Return the topics of a file without summary, from all its messages."""
         self._stream.seek(0)
         topics = summed((_key(channel, schema), 1) for schema, channel, _ in
                         SeekingReader(self._stream).iter_messages())
@@ -98,15 +98,15 @@ class McapStorage(Storage):
 
     def _truncated(self, size: int) -> BagError:
         readable = _readable_messages(self._path)
-        left = (f'its first {readable} messages can be saved with `mcap recover`' if readable
-                else 'no message in it can be read')
+        advice = (f'its first {readable} messages can be saved with `mcap recover`' if readable
+                  else 'no message in it can be read')
         return BagError(f'{self._path} is truncated: the file stops after {size} bytes without '
-                        f'an end; {left}')
+                        f'an end; {advice}')
 
     def _damaged(self, error: Exception) -> BagError:
         reason = ' '.join(str(error).split()) or type(error).__name__
-        return BagError(f'{self._path} is damaged: {reason}; `mcap recover` makes a readable '
-                        f'file of what is left')
+        return BagError(f'{self._path} is damaged: {reason}; `mcap recover` saves the readable '
+                        f'part')
 
 
 def _topics(summary: Summary) -> tuple[StoredTopic, ...]:
@@ -120,7 +120,7 @@ def _key(channel: Channel, schema: Schema | None) -> tuple[str, str, str]:
 
 
 def _readable_messages(path: Path) -> int:
-    """Return how many messages come before the place where the file breaks off."""
+    """Return the number of messages before the damage."""
     count = 0
     try:
         with path.open('rb') as stream:
@@ -128,6 +128,6 @@ def _readable_messages(path: Path) -> int:
                 count += isinstance(record, Message)
                 if isinstance(record, Footer):
                     break
-    except Exception:  # any error is the place where it breaks off
+    except Exception:  # the library raises various types for damaged files
         return count
     return count

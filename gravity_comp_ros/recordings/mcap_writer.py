@@ -1,10 +1,11 @@
-"""JointState topics to an MCAP file that rosbag2, PlotJuggler and Foxglove read."""
+"""Writer of JointState topics to MCAP files, as read by rosbag2, PlotJuggler and Foxglove."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 import heapq
+from itertools import count, repeat
 import json
 from pathlib import Path
 from typing import BinaryIO
@@ -17,7 +18,7 @@ from gravity_comp_ros.recordings.joint_state_cdr import (
 from mcap.writer import CompressionType, Writer
 import numpy as np
 
-# A stamp of 0 means "not set" in ROS, so time 0 of the samples becomes this date.
+# Default date of time 0 of the samples, ns since the epoch; in ROS a stamp of 0 means "not set".
 DEFAULT_START_NS = 1_700_000_000 * 10**9
 
 _COMPRESSION = {'zstd': CompressionType.ZSTD, 'lz4': CompressionType.LZ4,
@@ -29,8 +30,8 @@ class JointTopic:
     """
     One topic of M messages with N joints.
 
-    `t` (M,) in s; `position`, `velocity` and `effort` (M, N) or None for a field to leave
-    empty. Values may be NaN, as drivers do send NaN.
+    `t` (M,) in s; `position`, `velocity` and `effort` (M, N), None for an empty field. Values may
+    be NaN.
 
     :raises OptionError: if a shape disagrees.
     """
@@ -56,11 +57,11 @@ class JointTopic:
 @dataclass(frozen=True)
 class WriteOptions:
     """
-    How to write: `compression` of the chunks, their size in bytes, and the time of t = 0.
+    Compression and size of the chunks, time of t = 0, and metadata records by name.
 
-    `metadata` are records that readers of messages pass over: by name, what JSON can say.
+    Values in `metadata` are strings or JSON values.
 
-    :raises OptionError: if a value makes no sense.
+    :raises OptionError: if a value is invalid.
     """
 
     compression: str = 'zstd'
@@ -75,17 +76,17 @@ class WriteOptions:
         if self.chunk_bytes < 1:
             raise OptionError(f'chunk_bytes is {self.chunk_bytes}; it must be positive')
         if not 0 <= self.start_ns < 2**31 * 10**9:
-            raise OptionError(f'start_ns {self.start_ns} is outside what a ROS stamp can hold')
+            raise OptionError(f'start_ns {self.start_ns} is outside the range of a ROS stamp')
 
 
 def joint_states(samples: JointSamples, topic: str = '/joint_states') -> JointTopic:
     """
     Return the samples of a single run as a topic.
 
-    :raises OptionError: if there are several runs: they belong in one bag each.
+    :raises OptionError: if there are several runs, which require one bag each.
     """
     if samples.n_runs != 1:
-        raise OptionError(f'{samples.n_runs} runs cannot be one topic; write one bag a run')
+        raise OptionError(f'{samples.n_runs} runs cannot be one topic; write one bag per run')
     return JointTopic(topic, samples.names, samples.t, samples.q, samples.qd, samples.tau)
 
 
@@ -94,10 +95,10 @@ def write_bag(path: str | Path, topics: Sequence[JointTopic],
     """
     Write the topics to an MCAP file, in order of time, and return the number of messages.
 
-    The log time of a message is its header stamp. The file appears whole or not at all.
+    The log time of a message is its header stamp. An existing file is replaced atomically.
 
-    :raises BagError: if the file cannot be written; an older one then stays as it was.
-    :raises OptionError: if two topics have one name, or a time does not fit a stamp.
+    :raises BagError: if the file cannot be written; an existing file is then unchanged.
+    :raises OptionError: if topic names repeat, or a time does not fit a stamp.
     """
     names = [topic.name for topic in topics]
     if len(set(names)) != len(names):
@@ -122,7 +123,8 @@ def _write(stream: BinaryIO, topics: Sequence[JointTopic], stamps: Sequence[IntA
         writer.add_metadata(name, {key: value if isinstance(value, str) else json.dumps(
             value, ensure_ascii=False) for key, value in record.items()})
     counts = [0] * len(topics)
-    for stamp, number, row in heapq.merge(*(_events(k, s) for k, s in enumerate(stamps))):
+    events = (zip(stamp.tolist(), repeat(k), count()) for k, stamp in enumerate(stamps))
+    for stamp, number, row in heapq.merge(*events):
         topic = topics[number]
         position, velocity, effort = (
             () if values is None else values[row]
@@ -140,8 +142,3 @@ def _stamps(topic: JointTopic, start_ns: int) -> IntArray:
     if t.size and not (0 <= start_ns + t[0] * 1e9 and start_ns + t[-1] * 1e9 < 2**31 * 1e9):
         raise OptionError(f'topic {topic.name}: times from {t[0]} to {t[-1]} s do not fit a stamp')
     return start_ns + np.round(t * 1e9).astype(np.int64)
-
-
-def _events(number: int, stamps: IntArray) -> Iterator[tuple[int, int, int]]:
-    for row, stamp in enumerate(stamps.tolist()):
-        yield stamp, number, row

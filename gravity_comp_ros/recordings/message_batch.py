@@ -1,4 +1,4 @@
-"""Many messages of one topic at once: where each lies in a common buffer of bytes."""
+"""Batches of messages of one topic, as offsets into a common byte buffer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Bytes = NDArray[np.uint8]
 Places = NDArray[np.int64]
 Times = NDArray[np.uint64]
 
-_MESSAGES = 4096
+_BATCH_SIZE = 4096
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,8 @@ class Batch:
     """
     M messages in order of log time: message m is `data[start[m]:start[m] + length[m]]`.
 
-    `log_ns` (M,) is the log time in ns. Messages lie inside `data` (bytes of a chunk); what is
-    between them does not belong to the topic.
+    `log_ns` (M,) is the log time in ns. Bytes of `data` between the messages belong to other
+    topics.
     """
 
     data: Bytes
@@ -34,18 +34,18 @@ class Batch:
         return len(self.start)
 
     def select(self, which: NDArray[np.bool_]) -> Batch:
-        """Return some of the messages."""
+        """Return the messages selected by a mask (M,)."""
         return Batch(self.data, self.start[which], self.length[which], self.log_ns[which])
 
     def message(self, m: int) -> bytes:
-        """Return the bytes of one message."""
+        """Return the bytes of message m."""
         return self.data[self.start[m]:self.start[m] + self.length[m]].tobytes()
 
     def rows(self, which: Places, length: int) -> Bytes:
         """
-        Return some messages of one length as a matrix, shape (len(which), length).
+        Return messages of equal length as a matrix, shape (len(which), length).
 
-        Messages at equal distances, as in a chunk of one topic, are a view without a copy.
+        Equidistant messages, as in a chunk of one topic, are returned as a view.
         """
         start = self.start[which]
         step = int(start[1] - start[0]) if len(start) > 1 else length
@@ -56,10 +56,10 @@ class Batch:
 
 
 def batched(messages: Iterator[tuple[int, bytes]]) -> Iterator[Batch]:
-    """Gather single messages, each with its log time in ns, into batches."""
-    while some := list(islice(messages, _MESSAGES)):
-        length = np.array([len(data) for _, data in some], dtype=np.int64)
-        # A damaged row may hold any number.
-        log_ns = np.array([min(max(ns, 0), 2**64 - 1) for ns, _ in some], dtype=np.uint64)
-        yield Batch(np.frombuffer(b''.join(data for _, data in some), dtype=np.uint8),
+    """Gather single messages, given as log time in ns and bytes, into batches."""
+    while part := list(islice(messages, _BATCH_SIZE)):
+        length = np.array([len(data) for _, data in part], dtype=np.int64)
+        # A damaged row may contain any number.
+        log_ns = np.array([min(max(ns, 0), 2**64 - 1) for ns, _ in part], dtype=np.uint64)
+        yield Batch(np.frombuffer(b''.join(data for _, data in part), dtype=np.uint8),
                     np.cumsum(length) - length, length, log_ns)

@@ -1,11 +1,10 @@
 """
-JointState messages decoded many at a time, where they repeat one layout of bytes.
+Vectorised decoding of JointState messages with the same byte layout.
 
-A publisher sends the same joints in the same order with every message, so that all its messages
-have their numbers at the same places. The first message of a kind is decoded by the general
-decoder and becomes a template; the messages whose lengths and names are byte for byte those of
-the template are decoded together, by looking at whole columns of bytes. All others are decoded
-one by one.
+A publisher usually sends the same joints in the same order, so that the numbers have the same
+offsets in all its messages. The first message of a layout is decoded by the general decoder and
+becomes a template. Messages with the length and the names of the template are decoded together,
+by columns of bytes. Other messages are decoded one by one.
 """
 
 from __future__ import annotations
@@ -19,17 +18,18 @@ from gravity_comp_ros.recordings.message_batch import Batch, Bytes, Places
 import numpy as np
 from numpy.typing import NDArray
 
-_STAMP = 4  # where seconds and nanoseconds begin, after the bytes that name the encoding
-# Templates kept; more kinds of messages on one topic are no longer worth comparing with all.
-_MOST = 16
+# Offset of the stamp (seconds, nanoseconds) after the CDR encapsulation header, bytes.
+_STAMP = 4
+# Maximum number of templates that messages are compared with.
+_MAX_TEMPLATES = 16
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
     """
-    Messages of a batch with one sequence of names: stamps (M,) in ns and values (M, any).
+    Messages of a batch with the same names: stamps (M,) in ns and values (M, any).
 
-    `which` (M,) are their numbers in the batch; an array that the sender left empty is (M, 0).
+    `which` (M,) are their indices in the batch. Empty arrays of the messages are (M, 0).
     """
 
     which: Places
@@ -41,7 +41,7 @@ class Block:
 
 
 class _Template:
-    """The layout of one message: what must be equal, and where the numbers are."""
+    """Layout of a message: bytes that must be equal, and offsets of the numbers."""
 
     def __init__(self, raw: bytes, message: JointStateMessage, spans: Spans) -> None:
         self.length, self.names = len(raw), message.names
@@ -53,7 +53,7 @@ class _Template:
         self._values = [(begin, size) for _, begin, size in spans.arrays]
 
     def matching(self, rows: Bytes) -> BoolArray:
-        """Return which rows (M, length) have this layout, shape (M,)."""
+        """Return the mask (M,) of the rows (M, length) with this layout."""
         equal = np.ones(len(rows), dtype=bool)
         for begin, expected in self._fixed:
             equal &= (rows[:, begin:begin + len(expected)] == expected).all(axis=1)
@@ -73,21 +73,22 @@ class _Template:
 
 
 class LayoutDecoder:
-    """Decode the batches of one topic; templates are kept from batch to batch."""
+    """Decoder for the batches of one topic; templates are shared by all batches."""
 
     def __init__(self) -> None:
         self._templates: list[_Template] = []
         self._single = JointStateDecoder()
 
     def decode(self, batch: Batch) -> Iterator[Block]:
-        """Yield the messages of a batch that can be decoded; the others are in no block."""
-        left = np.arange(len(batch))
+        """Yield the messages of a batch; undecodable ones are in no block."""
+        remaining = np.arange(len(batch))
         for template in self._templates:
-            left = yield from self._matched(template, batch, left)
-            if not left.size:
+            remaining = yield from self._matched(template, batch, remaining)
+            if not remaining.size:
                 return
-        while left.size:
-            raw, first, left = batch.message(int(left[0])), left[:1], left[1:]
+        while remaining.size:
+            raw = batch.message(int(remaining[0]))
+            first, remaining = remaining[:1], remaining[1:]
             try:
                 message, spans = self._single.decode(raw)
             except ValueError:
@@ -95,25 +96,25 @@ class LayoutDecoder:
             yield Block(first, message.names, np.array([message.stamp_ns]),
                         *(np.asarray(values, dtype=np.float64)[None, :] for values in (
                             message.position, message.velocity, message.effort)))
-            if len(self._templates) < _MOST and left.size:
+            if len(self._templates) < _MAX_TEMPLATES and remaining.size:
                 template = _Template(raw, message, spans)
                 self._templates.append(template)
-                left = yield from self._matched(template, batch, left)
+                remaining = yield from self._matched(template, batch, remaining)
 
     @staticmethod
     def _matched(template: _Template, batch: Batch,
-                 left: Places) -> Generator[Block, None, Places]:
-        """Yield the messages among `left` that fit a template; return the others."""
-        same = batch.length[left] == template.length
-        which = left if same.all() else left[same]
+                 candidates: Places) -> Generator[Block, None, Places]:
+        """Yield the candidates that match a template; return the others."""
+        same = batch.length[candidates] == template.length
+        which = candidates if same.all() else candidates[same]
         if not which.size:
-            return left
+            return candidates
         rows = batch.rows(which, template.length)
-        fits = template.matching(rows)
-        if fits.all():
+        matching = template.matching(rows)
+        if matching.all():
             yield template.block(which, rows)
-            return left[~same]
-        if fits.any():
-            yield template.block(which[fits], rows[fits])
-        same[same] = fits
-        return left[~same]
+            return candidates[~same]
+        if matching.any():
+            yield template.block(which[matching], rows[matching])
+        same[same] = matching
+        return candidates[~same]

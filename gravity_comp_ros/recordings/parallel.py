@@ -1,4 +1,4 @@
-"""Several bags at a time, each read in a process of its own."""
+"""Parallel reading of bags, one process per bag."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from gravity_comp_ros.recordings.storage import data_files
 T = TypeVar('T')
 R = TypeVar('R')
 
-# Less than this is read sooner than a second process starts.
-_WORTH_A_PROCESS = 100e6
+# Data per worker process, bytes; less is read faster in this process.
+_BYTES_PER_PROCESS = 100e6
 
 
 def read_gated_bags(paths: Sequence[Path], options: ReadOptions = ReadOptions(),
@@ -28,7 +28,7 @@ def read_gated_bags(paths: Sequence[Path], options: ReadOptions = ReadOptions(),
     """
     Yield the slow samples of each bag, in order; large bags are read in parallel processes.
 
-    :raises BagError: as `read_gated`, when the turn of that bag comes.
+    :raises BagError: as `read_gated`, when that bag is reached.
     :raises ModelMismatchError: likewise.
     """
     yield from in_processes(partial(read_gated, options=options, gate=gate), paths,
@@ -36,18 +36,18 @@ def read_gated_bags(paths: Sequence[Path], options: ReadOptions = ReadOptions(),
 
 
 def workers(paths: Iterable[Path]) -> int:
-    """Return how many processes are worth starting for these bags."""
+    """Return the number of processes for these bags, by their total size."""
     paths = list(paths)
-    large = sum(_size(path) for path in paths) / _WORTH_A_PROCESS
-    return max(1, min(len(paths), os.cpu_count() or 1, int(large)))
+    by_size = int(sum(_size(path) for path in paths) / _BYTES_PER_PROCESS)
+    return max(1, min(len(paths), os.cpu_count() or 1, by_size))
 
 
 def in_processes(function: Callable[[T], R], items: Sequence[T], count: int) -> Iterator[R]:
-    """Yield the results in order; with one process there is none beside this one."""
+    """Yield the results in order; a count of 1 uses this process."""
     if count <= 1:
         yield from map(function, items)
         return
-    # A fork would carry over locks that other threads hold.
+    # A fork would copy locks held by other threads.
     with ProcessPoolExecutor(count, mp_context=get_context('spawn')) as pool:
         yield from pool.map(function, items)
 
@@ -56,4 +56,4 @@ def _size(path: Path) -> int:
     try:
         return sum(file.stat().st_size for file in data_files(path))
     except (BagError, OSError):
-        return 0  # its turn to be refused comes later
+        return 0  # refused later, when it is read

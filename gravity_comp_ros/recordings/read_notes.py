@@ -1,4 +1,4 @@
-"""What is said of a recording while it is read: gaps, units, speeds and efforts of 0."""
+"""Notes on a recording: values out of range, gaps, units, velocities and efforts of 0."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from collections.abc import Sequence
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
-# No position in rad, speed or effort in any driver's unit is larger.
-IMPOSSIBLE = 1e9
-# A gap is longer than this, s, and than so many usual intervals.
+# Maximum magnitude of a position, velocity or effort in any unit.
+MAX_MAGNITUDE = 1e9
+# Minimum length of a gap, in s and in median intervals.
 GAP, GAP_STEPS = 10.0, 100.0
-# Rows that are looked at together, so that little memory is needed beside them.
-_AT_ONCE = 65536
+# Rows processed together; limits the memory of temporary arrays.
+_BLOCK_ROWS = 65536
 
 
-def drop_impossible(*arrays: FloatArray) -> int:
-    """Put NaN for what is finite and yet no measurement, and return how many that was."""
+def mask_out_of_range(*arrays: FloatArray) -> int:
+    """Set finite values beyond `MAX_MAGNITUDE` to NaN, in place; return their number."""
     count = 0
     for values in arrays:
-        for start in range(0, len(values), _AT_ONCE):
-            part = values[start:start + _AT_ONCE]
-            beyond = np.isfinite(part) & (np.abs(part) > IMPOSSIBLE)
+        for start in range(0, len(values), _BLOCK_ROWS):
+            part = values[start:start + _BLOCK_ROWS]
+            beyond = np.isfinite(part) & (np.abs(part) > MAX_MAGNITUDE)
             part[beyond] = np.nan
             count += int(beyond.sum())
     return count
@@ -29,9 +29,9 @@ def drop_impossible(*arrays: FloatArray) -> int:
 
 def gap_notes(t: FloatArray) -> list[str]:
     """
-    Say where a recording has a hole that no lost message explains.
+    Return a note on gaps that are too long for lost messages.
 
-    :param t: times (M,) in s, rising.
+    :param t: increasing times (M,) in s.
     """
     steps = np.diff(t)
     if not steps.size:
@@ -42,33 +42,33 @@ def gap_notes(t: FloatArray) -> list[str]:
         return []
     what = 'a gap of' if count == 1 else f'{count} gaps, the longest'
     return [f'{what} {steps[longest]:.4g} s, {t[longest]:.4g} s after the start: if the arm or '
-            f'its load changed in between, these are two recordings']
+            f'its load changed in between, cut the recording there']
 
 
-def degree_notes(furthest: float, degrees: bool) -> list[str]:
-    """Ask for the unit of angles of which the largest is `furthest`."""
-    if degrees or furthest <= 4 * np.pi:
+def degree_notes(largest: float, degrees: bool) -> list[str]:
+    """Return a note if the largest position magnitude suggests degrees."""
+    if degrees or largest <= 4 * np.pi:
         return []
-    return [f'positions reach {furthest:.0f} rad: are they degrees? --degrees reads them so']
+    return [f'positions reach {largest:.0f} rad: are they degrees? --degrees converts them']
 
 
 def zero_effort_note(joint: str) -> str:
-    """Return the note on a joint whose effort never differs from 0."""
+    """Return the note on a joint with constant effort 0."""
     return f'effort of joint {joint} is always 0'
 
 
 def zero_velocity_notes(joints: Sequence[str], moves: BoolArray, speed: BoolArray) -> list[str]:
     """
-    Say where a driver publishes 0 for a speed that it does not measure.
+    Return a note on moving joints with velocity 0, which the driver does not measure.
 
-    :param moves: which joints move (N,).
-    :param speed: which joints have a velocity other than 0, or one to be differentiated (N,).
+    :param moves: mask (N,) of joints that move.
+    :param speed: mask (N,) of joints with nonzero or differentiated velocity.
     """
     zero = moves & ~speed
     if not zero.any():
         return []
     if not speed.any():
-        return ['velocity is 0 throughout although joints move: taken as a series of poses at '
-                'rest; if the driver does not measure velocity, read it with --differentiate']
-    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although it '
+        return ['velocity is 0 throughout although joints move: treated as a series of static '
+                'poses; if the driver does not measure velocity, read it with --differentiate']
+    return [f'velocity of {", ".join(np.array(joints)[zero])} is 0 throughout although the joint '
             f'moves: the driver does not measure it; read it with --differentiate']

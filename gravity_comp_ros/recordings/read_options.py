@@ -1,4 +1,4 @@
-"""What to read of a recording, and what came of it."""
+"""Options, report and result of reading a recording."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ import numpy as np
 @dataclass(frozen=True)
 class ReadOptions:
     """
-    What to read.
+    Options of reading.
 
-    `topic`: the JointState topic; if None, the only one there is, or `/joint_states`.
-    `joints`: these, in this order; if None, all of them in the order of the first message.
-    `effort_scale`: N·m per unit of effort by joint, sign included; 1 where not given.
-    A joint is given by its name, or by its number from 1 in the order of the first message.
-    `differentiate`: take speeds from positions although there are velocities.
-    `degrees`: positions and velocities are in degrees.
-    `effort_unit`: one of `TORQUE_UNITS`; the scale is N·m per unit beside it.
-    `rename`: other names for joints, by the name in the recording; all else goes by these.
-    `most`: of more messages than this an even part is read, so that memory is bounded; None reads
-    all.
+    - `topic`: JointState topic; None for the only one with messages, or `/joint_states`.
+    - `joints`: names in the desired order; None for all joints in order of appearance.
+    - `effort_scale`: factor on the effort by joint, sign included; default 1.
+    - `differentiate`: compute velocities from positions even if velocities are recorded.
+    - `degrees`: positions and velocities are recorded in degrees.
+    - `effort_unit`: unit of the scaled effort, one of `TORQUE_UNITS`.
+    - `rename`: new names of joints, by recorded name; the other options use the new names.
+    - `max_messages`: maximum number of messages; a longer recording is subsampled evenly.
+
+    In `joints` and `effort_scale` a joint is named, or numbered from 1 in order of appearance.
 
     :raises OptionError: if a scale is 0 or not finite, joints or new names repeat, the unit is
-        unknown, or no message may be read.
+        unknown, or `max_messages` is less than 1.
     """
 
     topic: str | None = None
@@ -40,11 +40,11 @@ class ReadOptions:
     degrees: bool = False
     effort_unit: str = 'Nm'
     rename: Mapping[str, str] = field(default_factory=dict)
-    most: int | None = None
+    max_messages: int | None = None
 
     def __post_init__(self) -> None:
-        if self.most is not None and self.most < 1:
-            raise OptionError(f'{self.most} messages to read; it must be 1 or more')
+        if self.max_messages is not None and self.max_messages < 1:
+            raise OptionError(f'{self.max_messages} messages to read; it must be 1 or more')
         for joint, scale in self.effort_scale.items():
             if not np.isfinite(scale) or scale == 0:
                 raise OptionError(f'effort scale of joint {joint} is {scale}; it must be finite '
@@ -61,7 +61,7 @@ class ReadOptions:
                 raise OptionError(f'joints repeat: {", ".join(self.joints)}')
 
     def scale(self, joints: Sequence[str]) -> dict[str, float]:
-        """Return N·m per unit of effort as recorded, sign included, for each joint."""
+        """Return N·m per recorded unit of effort, sign included, for each joint."""
         unit = TORQUE_UNITS[self.effort_unit]
         return {joint: unit * float(self.effort_scale.get(joint, 1.0)) for joint in joints}
 
@@ -69,12 +69,15 @@ class ReadOptions:
 @dataclass(frozen=True)
 class ReadReport:
     """
-    How a recording became samples.
+    Report on the reading of a recording.
 
-    `n_messages` were on `topic`, `n_samples` were kept, `dropped` counts the others by
-    reason. `velocity` is 'measured' or 'differentiated'. `rate_hz` is one over the median
-    interval; `start_ns` the time of the first sample since the epoch; `sha256` identifies
-    the data. `effort_scale` are the N·m per unit by joint that were used, where not 1.
+    - `n_messages`, `n_samples`: messages on `topic`, and samples obtained from them.
+    - `dropped`: number of dropped messages by reason.
+    - `velocity`: 'measured' or 'differentiated'.
+    - `rate_hz`: inverse of the median interval.
+    - `start_ns`: time of the first sample, ns since the epoch.
+    - `sha256`: digest of the data files.
+    - `effort_scale`: N·m per unit of effort by joint, where not 1.
     """
 
     path: Path
@@ -91,7 +94,7 @@ class ReadReport:
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return what identifies and describes the recording, as a model's provenance has it."""
+        """Return the recording's entry in a model's provenance."""
         return {'name': self.path.name, 'sha256': self.sha256, 'topic': self.topic,
                 'n_messages': self.n_messages, 'n_samples': self.n_samples,
                 'dropped': dict(self.dropped), 'velocity': self.velocity,
@@ -101,7 +104,7 @@ class ReadReport:
 
 @dataclass(frozen=True)
 class Recording:
-    """One bag as one run of samples; time 0 is its first sample."""
+    """Samples of one bag as one run, with time 0 at the first sample, and the report."""
 
     samples: JointSamples
     report: ReadReport

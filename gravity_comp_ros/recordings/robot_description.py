@@ -1,8 +1,8 @@
 """
-The robot description that a recording holds.
+Robot description in a recording.
 
-robot_state_publisher publishes the URDF as a std_msgs/String, once, transient local. A recorder
-that subscribes to all topics keeps it; the quality of service is of no interest in a file.
+robot_state_publisher publishes the URDF once as a transient-local std_msgs/String, which a
+recorder of all topics stores.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from gravity_comp_ros.recordings.storage_interface import Storage
 STRING = 'std_msgs/msg/String'
 TOPIC = '/robot_description'
 
-_LARGEST = 32 * 2 ** 20
+_MAX_BYTES = 32 * 2 ** 20
 
 
 @dataclass(frozen=True)
 class RecordedDescription:
-    """A URDF's text, and the topic and recording that it comes from."""
+    """Text of a URDF, with its topic and recording."""
 
     text: str
     topic: str
@@ -32,16 +32,15 @@ class RecordedDescription:
 
     @property
     def source(self) -> str:
-        """What to call it in messages."""
+        """Name of the description in messages."""
         return f'{self.topic} in {self.path.name or self.path.resolve().name}'
 
 
 def robot_description(path: Path | str) -> RecordedDescription | None:
     """
-    Return the description in a recording; None if there is none.
+    Return the latest message on /robot_description, None if there is none.
 
-    That is the latest message on /robot_description, or on the only topic of this name in a
-    namespace.
+    Without that topic, the only topic of this name in a namespace is used.
 
     :raises BagError: if the recording cannot be read, or the message is damaged.
     """
@@ -64,7 +63,7 @@ def robot_description(path: Path | str) -> RecordedDescription | None:
 
 def first_description(paths: Iterable[Path | str]) -> RecordedDescription | None:
     """
-    Return the description in the first of several recordings that holds one.
+    Return the description of the first recording that contains one.
 
     :raises BagError: as `robot_description`.
     """
@@ -75,12 +74,12 @@ def decode_string(data: bytes) -> str:
     """
     Return the text of a std_msgs/String in plain CDR.
 
-    :raises ValueError: if the bytes are something else.
+    :raises ValueError: if the bytes are not such a message.
     """
     if len(data) < 8 or data[0] != 0 or data[1] not in (0, 1):
         raise ValueError('not plain CDR')
     (length,) = struct.unpack_from('<I' if data[1] else '>I', data, 4)
-    if length > _LARGEST or 8 + length > len(data):
+    if length > _MAX_BYTES or 8 + length > len(data):
         raise ValueError('the text ends after the message')
     return data[8:8 + length].rstrip(b'\0').decode('utf-8')
 

@@ -1,4 +1,4 @@
-"""Recordings of more than one arm: by the names of their joints, by turns, or by jumps."""
+"""Detection of several arms in a recording, from joint names, messages and positions."""
 
 from __future__ import annotations
 
@@ -8,67 +8,68 @@ import re
 from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
-# Words that tell sides apart, so that few joints in common are enough.
 _SIDES = ('left', 'right', 'l', 'r')
-_FEW, _MANY, _MOST = 2, 4, 0.6
-# Positions that jump by more than this, rad, and are back with the next message.
-_JUMP, _BACK = 0.05, 0.2
+# Minimum number of joint names shared by two arms, for sides and for other words.
+_MIN_SHARED_SIDES, _MIN_SHARED = 2, 4
+# Minimum share of all joints that belong to arms.
+_MIN_SHARE = 0.6
+# Minimum median step between messages, rad, and maximum ratio of the step over two messages to
+# it, of positions that alternate.
+_MIN_STEP, _MAX_RETURN = 0.05, 0.2
 
 
 def arms_by_name(names: Sequence[str]) -> list[tuple[str, ...]]:
     """
-    Return the joints of each arm, none or at least two, that differ in one word of their names.
+    Return the joints of each arm if arms differ in one word of the joint names, else none.
 
-    `left_shoulder left_elbow right_shoulder right_elbow` are two arms. The word comes at the
-    same place in every name, from its beginning or its end; two arms have two other names in
-    common if it is a side, else four. Fingers of a gripper have sides too: arms are most of the
-    joints.
+    `left_shoulder left_elbow right_shoulder right_elbow` are two arms. The word has the same
+    position in all names, counted from the beginning or the end. Two arms share at least two of
+    the remaining names if the word is a side, else four. Because fingers of a gripper have sides
+    too, the arms must include most of the joints.
     """
     words = {name: re.split(r'[_/.\s-]+', name) for name in names}
     best: list[tuple[str, ...]] = []
-    shortest = min((len(parts) for parts in words.values()), default=0)
-    for place in range(-shortest, shortest):
+    n_words = min((len(parts) for parts in words.values()), default=0)
+    for position in range(-n_words, n_words):
         groups: dict[str, dict[tuple[str, ...], str]] = {}
         for name, parts in words.items():
-            rest = tuple(part for k, part in enumerate(parts) if k != place % len(parts))
-            groups.setdefault(parts[place].lower(), {})[rest] = name
-        arms = _alike(groups)
+            rest = tuple(part for k, part in enumerate(parts) if k != position % len(parts))
+            groups.setdefault(parts[position].lower(), {})[rest] = name
+        arms = _with_shared_names(groups)
         if sum(map(len, arms)) > sum(map(len, best)):
             best = arms
-    return best if sum(map(len, best)) > _MOST * len(names) else []
+    return best if sum(map(len, best)) > _MIN_SHARE * len(names) else []
 
 
-def _alike(groups: dict[str, dict[tuple[str, ...], str]]) -> list[tuple[str, ...]]:
-    """Return the groups that have enough names in common with another one."""
-    found = []
-    for word, names in groups.items():
-        for other, others in groups.items():
-            least = _FEW if {word, other} <= set(_SIDES) else _MANY
-            if word != other and len(names.keys() & others.keys()) >= least:
-                found.append(tuple(names.values()))
-                break
-    return found
+def _with_shared_names(groups: dict[str, dict[tuple[str, ...], str]]) -> list[tuple[str, ...]]:
+    """Return the groups that share enough names with another group."""
+    def similar(word: str, other: str) -> bool:
+        minimum = _MIN_SHARED_SIDES if {word, other} <= set(_SIDES) else _MIN_SHARED
+        return word != other and len(groups[word].keys() & groups[other].keys()) >= minimum
+
+    return [tuple(names.values()) for word, names in groups.items()
+            if any(similar(word, other) for other in groups)]
 
 
-def arms_by_turns(layouts: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
-    """Return joints that take turns on one topic: sets of at least two, none in common."""
-    found: list[tuple[str, ...]] = []
+def arms_by_message(layouts: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return arms published in separate messages: disjoint sets of at least two joints."""
+    arms: list[tuple[str, ...]] = []
     for names in sorted(layouts, key=len, reverse=True):
-        if len(names) >= _FEW and all(not set(names) & set(other) for other in found):
-            found.append(names)
-    return found if len(found) > 1 else []
+        if len(names) >= 2 and all(not set(names) & set(other) for other in arms):
+            arms.append(names)
+    return arms if len(arms) > 1 else []
 
 
-def jumps_to_and_fro(q: FloatArray) -> bool:
+def positions_alternate(q: FloatArray) -> bool:
     """
-    Return whether positions (M, N) in rad alternate between two places, message by message.
+    Return whether positions (M, N) in rad alternate between two values, message by message.
 
-    Two robots that publish the same joint names on one topic look like that.
+    This occurs if two robots publish the same joint names on one topic.
     """
     if len(q) < 20:
         return False
     for joint in q.T:
         step = np.median(np.abs(np.diff(joint)))
-        if step > _JUMP and np.median(np.abs(joint[2:] - joint[:-2])) < _BACK * step:
+        if step > _MIN_STEP and np.median(np.abs(joint[2:] - joint[:-2])) < _MAX_RETURN * step:
             return True
     return False

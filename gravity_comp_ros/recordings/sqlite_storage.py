@@ -1,4 +1,4 @@
-"""rosbag2's sqlite3 files (.db3) as a storage of messages, with or without metadata."""
+"""Message storage in the sqlite3 files (.db3) of rosbag2, with or without metadata."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from gravity_comp_ros.recordings.storage_interface import Storage, StoredTopic
 
 class SqliteStorage(Storage):
     """
-    An open .db3 file; it is never written to.
+    An open .db3 file, read-only.
 
-    :raises BagError: if it is not a rosbag2 database or is damaged.
+    :raises BagError: if it is not a rosbag2 database, or is damaged.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        # A recording that was killed keeps its newest messages in a log beside the file,
-        # which `immutable` would leave out.
+        # After a killed recording, the newest messages are in the write-ahead log, which
+        # `immutable` would ignore.
         log = path.with_name(path.name + '-wal')
         immutable = '' if log.exists() and log.stat().st_size else '&immutable=1'
         try:
@@ -31,12 +31,9 @@ class SqliteStorage(Storage):
             raise self._unreadable(error) from None
         try:
             self.topics = self._read_topics()
-        except sqlite3.Error as error:
+        except (sqlite3.Error, BagError) as error:
             self._base.close()
-            raise self._unreadable(error) from None
-        except BagError:
-            self._base.close()
-            raise
+            raise error if isinstance(error, BagError) else self._unreadable(error) from None
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         """Yield log time in ns and bytes of every message of a topic."""
@@ -46,7 +43,7 @@ class SqliteStorage(Storage):
                 'ON messages.topic_id = topics.id WHERE topics.name = ? '
                 'ORDER BY messages.timestamp, messages.id', (topic,))
             for stamp, data in rows:
-                # sqlite columns are typed by value, so a damaged row may hold anything.
+                # sqlite types are per value, so that a damaged row may contain anything.
                 yield (stamp if isinstance(stamp, int) else 0,
                        data if isinstance(data, bytes) else b'')
         except sqlite3.Error as error:
@@ -59,7 +56,7 @@ class SqliteStorage(Storage):
         tables = {row[0] for row in self._base.execute(
             "SELECT name FROM sqlite_master WHERE type = 'table'")}
         if not {'topics', 'messages'} <= tables:
-            raise BagError(f'{self._path} is a database but not a recording: it has no table '
+            raise BagError(f'{self._path} is a database but not a recording: it has no tables '
                            f'of topics and messages')
         rows = self._base.execute(
             'SELECT name, type, serialization_format, '

@@ -1,4 +1,4 @@
-"""Find and open what a recording is stored in: an MCAP file, a .db3 file, a rosbag2 folder."""
+"""Opening of recordings: MCAP files, .db3 files, rosbag2 folders, also compressed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _DATA_FILE = re.compile(r'.*\.(mcap|db3)(\.zstd)?$')
 
 
 class _Joined(Storage):
-    """Several files that one recording was split into, in order."""
+    """The files of a split recording, in order."""
 
     def __init__(self, parts: list[Storage]) -> None:
         self._parts = parts
@@ -46,8 +46,8 @@ class _Joined(Storage):
             part.close()
 
 
-class _Unpacking(Storage):
-    """Messages that rosbag2 compressed one by one."""
+class _Decompressing(Storage):
+    """Storage of a recording with per-message compression of rosbag2."""
 
     def __init__(self, inner: Storage, path: Path) -> None:
         self._inner, self._path = inner, path
@@ -55,10 +55,10 @@ class _Unpacking(Storage):
 
     def messages(self, topic: str) -> Iterator[tuple[int, bytes]]:
         import zstandard
-        unpacker = zstandard.ZstdDecompressor()
+        decompressor = zstandard.ZstdDecompressor()
         for stamp, data in self._inner.messages(topic):
             try:
-                yield stamp, unpacker.decompressobj().decompress(data)
+                yield stamp, decompressor.decompressobj().decompress(data)
             except zstandard.ZstdError as error:
                 raise BagError(f'{self._path}: a message on {topic} cannot be '
                                f'decompressed: {error}') from None
@@ -70,9 +70,9 @@ class _Unpacking(Storage):
 @contextmanager
 def open_storage(path: Path) -> Iterator[Storage]:
     """
-    Open a recording, and close it and remove temporary files at the end of the block.
+    Open a recording; on exit, close it and remove temporary files.
 
-    :raises BagError: if there is nothing there, or nothing that is a ROS 2 recording.
+    :raises BagError: if it does not exist or is not a ROS 2 recording.
     """
     with tempfile.TemporaryDirectory(prefix='gravity_comp_') as scratch:
         storage = _open(path, Path(scratch))
@@ -84,9 +84,9 @@ def open_storage(path: Path) -> Iterator[Storage]:
 
 def data_files(path: Path) -> list[Path]:
     """
-    Return the files that hold the messages of a recording: itself, or those of a folder.
+    Return the data files of a recording: the file itself, or the files of a rosbag2 folder.
 
-    :raises BagError: if there are none, or the folder's metadata names one that is missing.
+    :raises BagError: if there are none, or a file named in the metadata is missing.
     """
     try:
         if not path.is_dir():
@@ -106,15 +106,15 @@ def data_files(path: Path) -> list[Path]:
     if missing:
         instead = (f'; there is {", ".join(p.name for p in present)}: name that file instead'
                    if present else '')
-        raise BagError(f'metadata.yaml of {path} names {", ".join(missing)}, which is not '
-                       f'there{instead}')
+        raise BagError(f'metadata.yaml of {path} names {", ".join(missing)}, which does not '
+                       f'exist{instead}')
     if not files:
         raise BagError(f'metadata.yaml of {path} names no file')
     return files
 
 
 def fingerprint(path: Path) -> str:
-    """Return the SHA-256 of a recording's data files, one after another."""
+    """Return the SHA-256 of the concatenated data files of a recording."""
     digest = hashlib.sha256()
     for file in data_files(path):
         with file.open('rb') as stream:
@@ -134,7 +134,7 @@ def _open(path: Path, scratch: Path) -> Storage:
     storage: Storage = parts[0] if len(parts) == 1 else _Joined(parts)
     metadata = _metadata(path) if path.is_dir() else None
     if metadata and str(metadata.get('compression_mode', '')).lower() == 'message':
-        return _Unpacking(storage, path)
+        return _Decompressing(storage, path)
     return storage
 
 
@@ -151,7 +151,7 @@ def _open_file(file: Path, scratch: Path) -> Storage:
     if magic.startswith(_SQLITE_MAGIC):
         return SqliteStorage(file)
     if magic.startswith(_ZSTD_MAGIC) and not scratch.exists():
-        return _open_file(_unpacked(file, scratch), scratch)
+        return _open_file(_decompressed(file, scratch), scratch)
     if not magic:
         raise BagError(f'{file} is empty (0 bytes)')
     if magic.startswith(_ROS1_MAGIC):
@@ -162,8 +162,8 @@ def _open_file(file: Path, scratch: Path) -> Storage:
     raise BagError(f'{file} is neither an MCAP nor a .db3 file')
 
 
-def _unpacked(file: Path, scratch: Path) -> Path:
-    """Decompress a file that rosbag2 compressed as a whole."""
+def _decompressed(file: Path, scratch: Path) -> Path:
+    """Decompress a file with per-file compression of rosbag2."""
     import zstandard
     try:
         with file.open('rb') as source, scratch.open('wb') as target:
@@ -176,7 +176,7 @@ def _unpacked(file: Path, scratch: Path) -> Path:
 
 
 def _metadata(folder: Path) -> dict[str, Any] | None:
-    """Return what metadata.yaml says, None if there is none (a recording that was killed)."""
+    """Return the content of metadata.yaml; None without one (a recorder that was killed)."""
     import yaml
     file = folder / 'metadata.yaml'
     if not file.exists():
@@ -194,6 +194,6 @@ def _metadata(folder: Path) -> dict[str, Any] | None:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort bag_10 after bag_9."""
+    """Return a sort key that puts bag_10 after bag_9."""
     return [(int(part), '') if part.isdigit() else (-1, part)
             for part in re.split(r'(\d+)', path.name)]

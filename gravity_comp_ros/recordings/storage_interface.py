@@ -1,4 +1,4 @@
-"""What every storage of messages offers, whatever its file format."""
+"""Common interface of message storages of all file formats."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gravity_comp_ros.recordings.message_batch import Batch, batched
 
 @dataclass(frozen=True)
 class StoredTopic:
-    """A topic of a recording: its type, the encoding of its messages, and their number."""
+    """A topic of a recording: message type, encoding and number of messages."""
 
     name: str
     type: str
@@ -20,7 +20,7 @@ class StoredTopic:
 
 
 class Storage(ABC):
-    """An open recording; `topics` are all, those without messages included."""
+    """An open recording; `topics` includes topics without messages."""
 
     topics: tuple[StoredTopic, ...]
 
@@ -29,14 +29,14 @@ class Storage(ABC):
         """
         Yield log time in ns and bytes of every message of a topic, in order of log time.
 
-        :raises BagError: if the file turns out to be damaged.
+        :raises BagError: if the file is damaged.
         """
 
     def batches(self, topic: str) -> Iterator[Batch]:
         """
-        Yield the same messages many at a time.
+        Yield the same messages in batches.
 
-        :raises BagError: if the file turns out to be damaged.
+        :raises BagError: if the file is damaged.
         """
         return batched(self.messages(topic))
 
@@ -46,8 +46,8 @@ class Storage(ABC):
 
 
 def summed(counts: Iterable[tuple[tuple[str, str, str], int]]) -> tuple[StoredTopic, ...]:
-    """Return topics from numbers of messages by name, type and encoding; equal ones are one."""
-    found: dict[tuple[str, str, str], int] = {}
+    """Return the topics, with message counts summed over equal name, type and encoding."""
+    total: dict[tuple[str, str, str], int] = {}
     for key, count in counts:
-        found[key] = found.get(key, 0) + count
-    return tuple(StoredTopic(*key, count) for key, count in found.items())
+        total[key] = total.get(key, 0) + count
+    return tuple(StoredTopic(*key, count) for key, count in total.items())

@@ -1,4 +1,4 @@
-"""Turn a table of measurements, in whatever units, into joint states."""
+"""Conversion of tables of measurements, in any units, to joint states."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ EFFORT_UNITS = {**TORQUE_UNITS, **CURRENT_UNITS}
 NONE = 'none'
 NO_VELOCITY = 'no velocity in the table; it will be differentiated from the position'
 
-# Looked for in this order where no columns are given.
+# Default column patterns, in order of precedence.
 TIME_COLUMNS = ('t', 'time', 'timestamp', 'stamp', '__time', 't_s', 'time_s')
 POSITION_COLUMNS = ('q_{i}', 'q{i}', 'position_{i}', 'position{i}', 'pos_{i}', 'pos{i}')
 VELOCITY_COLUMNS = ('qd_{i}', 'qd{i}', 'dq_{i}', 'dq{i}', 'velocity_{i}', 'velocity{i}',
@@ -31,18 +31,21 @@ EFFORT_COLUMNS = ('tau_{i}', 'tau{i}', 'effort_{i}', 'effort{i}', 'torque_{i}', 
 @dataclass(frozen=True)
 class TableOptions:
     """
-    What the columns of a table mean.
+    Meaning of the columns of a table.
 
-    `time`, `position`, `velocity`, `effort` say which columns (see `find_columns`); None
-    looks for usual names. Without a time column `rate` in Hz is needed; with `time` 'none' it
-    replaces one; `velocity` 'none' takes no velocity. `time_unit` None means s and `angle_unit`
-    None rad, unless that cannot be.
-    `effort_sign`, `torque_constant` (N·m/A at the motor) and `gear_ratio` have one value for
-    all joints or one per joint; the latter two apply to currents. `skip_bad_rows`
-    drops rows that are cut off, with a cell that is empty or no finite number, or with a time
-    that does not increase, instead of refusing the file.
+    - `time`, `position`, `velocity`, `effort`: columns, see `find_columns`; None searches for
+      default names. `velocity` 'none' ignores velocities.
+    - `rate`: sample rate in Hz, required without a time column; `time` 'none' ignores the column.
+    - `time_unit`, `angle_unit`: None assumes s and rad, and refuses implausible values.
+    - `effort_sign`, `torque_constant` (N·m/A at the motor), `gear_ratio`: one value for all
+      joints or one per joint; the latter two apply to currents.
+    - `joints`: joint names; None takes them from the file.
+    - `header`: whether the first line has column names; None detects it.
+    - `delimiter`: one character; None detects it.
+    - `skip_bad_rows`: drop rows that are incomplete, have a cell that is not a finite number, or
+      a time that does not increase; otherwise the file is refused.
 
-    :raises OptionError: if a value makes no sense, or a current has no torque constant.
+    :raises OptionError: if a value is invalid, or a current has no torque constant.
     """
 
     time: str | None = None
@@ -87,7 +90,7 @@ class TableOptions:
 
 @dataclass(frozen=True)
 class Converted:
-    """Joint states from a table: the topic, when it starts, rows dropped, and notes."""
+    """Joint states from a table, start time, number of dropped rows, and notes."""
 
     topic: JointTopic
     start_ns: int
@@ -100,35 +103,35 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
     """
     Return the joint states in a CSV or NPZ file, in rad, rad/s and N·m.
 
-    :raises BagError: if the file cannot be read, a column is missing, or a cell is unusable;
-        the message names the row and the column.
-    :raises OptionError: if there is another number of signs or constants than joints.
+    :raises BagError: if the file cannot be read, a column is missing, or a cell is invalid; the
+        message names the row and the column.
+    :raises OptionError: if the number of signs or constants is not the number of joints.
     """
     path = Path(path)
     if path.suffix.lower() in ('.npz', '.npy'):
         table = read_npz(path)
     else:
         table = read_csv(path, options.header, options.delimiter, options.skip_bad_rows)
-    chosen = _Chosen.of(table, options)
-    names = _joint_names(table, options, chosen.joints, len(chosen.position))
-    keep = _usable_rows(table, chosen, options)
-    table_rows = table.values[keep]
+    columns = _Columns.of(table, options)
+    names = _joint_names(table, options, columns.joints, len(columns.position))
+    keep = _usable_rows(table, columns, options)
+    rows = table.values[keep]
     angle = ANGLE_UNITS[options.angle_unit or 'rad']
-    q = table_rows[:, chosen.position] * angle
-    qd = table_rows[:, chosen.velocity] * angle if chosen.velocity else None
+    q = rows[:, columns.position] * angle
+    qd = rows[:, columns.velocity] * angle if columns.velocity else None
     if options.angle_unit is None:
         check_angles(path, q)
-    tau = table_rows[:, chosen.effort] * _effort_scale(options, names)
+    tau = rows[:, columns.effort] * _effort_scale(options, names)
     if not tau.any():
         raise BagError(f'{path}: effort is 0 throughout, for every joint')
-    if chosen.time is None:
-        # A skipped row leaves a hole: the rows after it keep their own time.
+    if columns.time is None:
+        # Skipped rows do not shift the time of later rows.
         t: FloatArray = np.flatnonzero(keep) / float(options.rate or 1.0)
     else:
-        t = table_rows[:, chosen.time] * TIME_UNITS[options.time_unit or 's']
+        t = rows[:, columns.time] * TIME_UNITS[options.time_unit or 's']
     if qd is not None:
-        check_velocity(path, t, q, qd, options.time_unit is not None or chosen.time is None)
-    if chosen.time is not None and options.time_unit is None:
+        check_velocity(path, t, q, qd, options.time_unit is not None or columns.time is None)
+    if columns.time is not None and options.time_unit is None:
         check_seconds(path, t, q)
     start = t[0]
     start_ns = int(start * 1e9) if 1e9 <= start < 2**31 else DEFAULT_START_NS
@@ -137,8 +140,8 @@ def read_table(path: str | Path, options: TableOptions = TableOptions(),
 
 
 @dataclass(frozen=True)
-class _Chosen:
-    """The positions of the columns that are used."""
+class _Columns:
+    """Indices of the columns used, and joint names if the columns have them."""
 
     time: int | None
     position: list[int]
@@ -147,9 +150,9 @@ class _Chosen:
     joints: tuple[str, ...] | None = None
 
     @classmethod
-    def of(cls, table: Table, options: TableOptions) -> _Chosen:
+    def of(cls, table: Table, options: TableOptions) -> _Columns:
         where = str(table.path)
-        named = _named(table, options)
+        named = _columns_by_joint(table, options)
         if named is not None:
             position, effort, velocity = named.position, named.effort, named.velocity
         else:
@@ -159,16 +162,16 @@ class _Chosen:
             velocity = []
         elif named is None or options.velocity is not None:
             velocity = _find(table, options.velocity, VELOCITY_COLUMNS, 'velocity', optional=True)
-        for what, found in (('velocity', velocity), ('effort', effort)):
-            if found and len(found) != len(position):
-                raise BagError(f'{where}: {len(position)} columns of position but {len(found)} '
-                               f'of {what}')
+        for what, indices in (('velocity', velocity), ('effort', effort)):
+            if indices and len(indices) != len(position):
+                raise BagError(f'{where}: {len(position)} columns of position but '
+                               f'{len(indices)} of {what}')
         time: list[int] = []
         if options.time != NONE:
             time = _find(table, options.time, TIME_COLUMNS, 'time', optional=True)
         if options.rate is not None and time:
-            raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: leave '
-                              f'--rate out, or ignore the column with --time {NONE}')
+            raise OptionError(f'{where} has a column of time, {table.columns[time[0]]}: omit '
+                              f'--rate, or ignore the column with --time {NONE}')
         if options.rate is None:
             if not time:
                 raise BagError(f'{where} has no column of time; name it (--time), or give a fixed '
@@ -178,14 +181,14 @@ class _Chosen:
         used = [*time, *position, *velocity, *effort]
         twice = sorted({table.columns[k] for k in used if used.count(k) > 1})
         if twice:
-            raise BagError(f'{where}: column {", ".join(twice)} cannot be two things at once; '
-                           f'position, velocity, effort and time are columns of their own')
+            raise BagError(f'{where}: column {", ".join(twice)} is used twice; position, '
+                           f'velocity, effort and time require separate columns')
         return cls(time[0] if time else None, position, velocity, effort,
                    named.joints if named else None)
 
 
-def _named(table: Table, options: TableOptions) -> NamedColumns | None:
-    """Return columns called after joints, where nothing is said and none are numbered."""
+def _columns_by_joint(table: Table, options: TableOptions) -> NamedColumns | None:
+    """Return columns named after joints, unless columns are given or numbered."""
     if options.position is not None or options.effort is not None or any(
             has_columns(_lower(table), pattern) for pattern in POSITION_COLUMNS):
         return None
@@ -196,21 +199,21 @@ def _lower(table: Table) -> list[str]:
     return [name.lower() for name in table.columns]
 
 
-def _find(table: Table, wanted: str | None, usual: tuple[str, ...], what: str,
+def _find(table: Table, selection: str | None, defaults: tuple[str, ...], what: str,
           optional: bool = False) -> list[int]:
     where = str(table.path)
-    if wanted is not None:
-        # An NPZ array q of shape (M, N) can be called by its own name.
-        if wanted not in table.columns and has_columns(table.columns, wanted + '_{i}'):
-            wanted += '_{i}'
-        return find_columns(table.columns, wanted, what, where)
-    for pattern in usual:
+    if selection is not None:
+        # The name of an NPZ array of shape (M, N) selects its N columns.
+        if selection not in table.columns and has_columns(table.columns, selection + '_{i}'):
+            selection += '_{i}'
+        return find_columns(table.columns, selection, what, where)
+    for pattern in defaults:
         if has_columns(_lower(table), pattern):
             return find_columns(_lower(table), pattern, what, where)
     if optional:
         return []
-    raise BagError(f'{where}: no columns of {what} such as {usual[0]}; say which they are '
-                   f'(--{what}); it has {", ".join(table.columns[:30])}')
+    raise BagError(f'{where}: no columns of {what} such as {defaults[0]}; name them (--{what}); '
+                   f'it has {", ".join(table.columns[:30])}')
 
 
 def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | None,
@@ -225,10 +228,10 @@ def _joint_names(table: Table, options: TableOptions, named: tuple[str, ...] | N
     return names
 
 
-def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> BoolArray:
-    """Return which rows to use; unless bad rows may be skipped, all or an error."""
-    used = [*chosen.position, *chosen.velocity, *chosen.effort]
-    used += [] if chosen.time is None else [chosen.time]
+def _usable_rows(table: Table, columns: _Columns, options: TableOptions) -> BoolArray:
+    """Return the mask of valid rows; refuse invalid ones unless they may be skipped."""
+    used = [*columns.position, *columns.velocity, *columns.effort]
+    used += [] if columns.time is None else [columns.time]
     bad = ~np.isfinite(table.values[:, used])
     keep = np.asarray(~bad.any(axis=1), dtype=bool)
     if not keep.all() and not options.skip_bad_rows:
@@ -237,27 +240,23 @@ def _usable_rows(table: Table, chosen: _Chosen, options: TableOptions) -> BoolAr
         value = table.values[row, used[column]]
         raise BagError(f'{table.where(int(row))}, column {table.columns[used[column]]}: '
                        f'{"empty or not a number" if np.isnan(value) else "not finite"}')
-    if chosen.time is not None and keep.any():
-        keep = _rising_rows(table, table.values[:, chosen.time], keep, options)
+    if columns.time is not None and keep.any():
+        keep = _rising_rows(table, table.values[:, columns.time], keep, options)
     if not keep.any():
         raise BagError(f'{table.path} has no usable row')
     return keep
 
 
 def _refuse_text(table: Table, used: list[int]) -> None:
-    """
-    Refuse text among the cells that are used.
-
-    :raises BagError: if there is any; it names the first.
-    """
-    found = sorted((table.text[column][0], column) for column in used if column in table.text)
-    if not found:
+    """Raise a `BagError` that names the first cell of text in a used column, if any."""
+    cells = sorted((table.text[column][0], column) for column in used if column in table.text)
+    if not cells:
         return
-    line, column = found[0]
+    line, column = cells[0]
     cell = table.text[column][1]
-    comma = '; is it a decimal comma? Then put semicolons between the cells' * (',' in cell)
+    comma = '; for a decimal comma, separate the cells by semicolons' * (',' in cell)
     raise BagError(f'{table.path}, line {line}, column {table.columns[column]}: {cell!r} is not a '
-                   f'number{comma} (--skip-bad-rows leaves such rows out)')
+                   f'number{comma} (--skip-bad-rows skips such rows)')
 
 
 def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
@@ -275,7 +274,7 @@ def _rising_rows(table: Table, time: FloatArray, keep: BoolArray,
 
 
 def _effort_scale(options: TableOptions, names: tuple[str, ...]) -> FloatArray:
-    """Return N·m per unit of effort, sign included, for every joint (N,)."""
+    """Return N·m per unit of effort, sign included, of each joint, (N,)."""
     scale = np.full(len(names), EFFORT_UNITS[options.effort_unit])
     for what, values in (('effort signs', options.effort_sign),
                          ('torque constants', options.torque_constant or (1.0,)),

@@ -1,4 +1,4 @@
-"""Which columns of a table are meant: patterns, lists of names, ranges of numbers."""
+"""Selection of table columns by pattern, list of names, or range of numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.printable import shown_names
 
 _RANGE = re.compile(r'(\d+)-(\d+)$')
-_MOST_NAMES = 30
+_MAX_NAMES = 30
 
 
 def _shapes(before: str, words: Sequence[str], after: str) -> tuple[re.Pattern[str], ...]:
@@ -20,39 +20,39 @@ def _shapes(before: str, words: Sequence[str], after: str) -> tuple[re.Pattern[s
 
 _LONG, _SHORT = ('position', 'velocity', 'effort'), ('pos', 'vel', 'eff')
 _TOPIC = r'(?:(?P<topic>.*)/)?'
-# Position, velocity, effort; the first is what PlotJuggler writes of joint states.
+# Patterns for position, velocity, effort; the first is the format of PlotJuggler.
 _NAMED = (_shapes(_TOPIC, _LONG, '/{}'), _shapes(_TOPIC + '{}_', _LONG, ''),
           _shapes(_TOPIC, _LONG, '_{}'), _shapes(_TOPIC, _LONG, '[.]{}'),
           _shapes(_TOPIC + '{}_', _SHORT, ''), _shapes(_TOPIC, _SHORT, '_{}'),
           _shapes(_TOPIC + '{}_', ('q', 'qd', 'tau'), ''))
 
 
-def find_columns(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
+def find_columns(columns: Sequence[str], selection: str, what: str, where: str) -> list[int]:
     """
-    Return the positions of the columns that `wanted` means.
+    Return the indices of the columns selected by `selection`.
 
-    `q_{i}` means all columns with a number in that place, in order of the number. Otherwise
-    `wanted` is a list as in `a,b,7-9` of names, of numbers counted from 1, and of ranges; a
-    name comes before a number.
+    A pattern such as `q_{i}` selects the columns with a number at `{i}`, sorted by it. Otherwise
+    `selection` is a list of names, numbers from 1 and ranges, as in `a,b,7-9`. Names take
+    precedence over numbers.
 
-    :param what: what the columns are for, to be named in errors.
-    :param where: the file, to be named in errors.
-    :raises BagError: if a column is not there, is meant twice, or a number is left out.
+    :param what: purpose of the columns in errors.
+    :param where: name of the file in errors.
+    :raises BagError: if a column is missing or selected twice, or a number is missing.
     """
-    if '{i}' in wanted:
-        return _pattern(columns, wanted, what, where)
-    found: list[int] = []
-    for item in (part.strip() for part in wanted.split(',')):
-        found += _item(columns, item, what, where)
-    repeated = sorted({columns[k] for k in found if found.count(k) > 1})
+    if '{i}' in selection:
+        return _pattern(columns, selection, what, where)
+    selected: list[int] = []
+    for item in (part.strip() for part in selection.split(',')):
+        selected += _item(columns, item, what, where)
+    repeated = sorted({columns[k] for k in selected if selected.count(k) > 1})
     if repeated:
         raise BagError(f'{where}: column {", ".join(repeated)} is given twice for {what}')
-    return found
+    return selected
 
 
 @dataclass(frozen=True)
 class NamedColumns:
-    """Columns that are called after joints: a position and an effort each, perhaps a velocity."""
+    """Columns named after joints: position and effort, and velocity or none."""
 
     joints: tuple[str, ...]
     position: list[int]
@@ -64,8 +64,8 @@ def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
     """
     Return the columns named after joints, as `/joint_states/elbow/position` or `position_elbow`.
 
-    :param where: the file, to be named in errors.
-    :raises BagError: if they are of several topics.
+    :param where: name of the file in errors.
+    :raises BagError: if the columns are of several topics.
     """
     for shapes in _NAMED:
         position, velocity, effort = (_by_joint(columns, shape) for shape in shapes)
@@ -73,8 +73,8 @@ def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
         if '/joint_states' in topics:
             topics = ['/joint_states']
         if len(topics) > 1:
-            raise BagError(f'{where} has joints of several topics, {", ".join(topics)}; say which '
-                           f'columns are meant (--position, --effort)')
+            raise BagError(f'{where} has joints of several topics, {", ".join(topics)}; name the '
+                           f'columns (--position, --effort)')
         for topic in topics:
             joints = tuple(joint for of, joint in position
                            if of == topic and (of, joint) in effort)
@@ -88,37 +88,33 @@ def named_columns(columns: Sequence[str], where: str) -> NamedColumns | None:
 
 
 def _by_joint(columns: Sequence[str], shape: re.Pattern[str]) -> dict[tuple[str, str], int]:
-    """Return columns by topic and joint."""
-    found = {}
-    for k, name in enumerate(columns):
-        match = shape.match(name)
-        if match:
-            found[match['topic'] or '', match['joint']] = k
-    return found
+    """Return the column indices by topic and joint."""
+    return {(match['topic'] or '', match['joint']): k for k, name in enumerate(columns)
+            if (match := shape.match(name))}
 
 
-def has_columns(columns: Sequence[str], wanted: str) -> bool:
-    """Return whether any column is of the pattern `wanted`, or has that name."""
-    shape = _shape(wanted)
+def has_columns(columns: Sequence[str], selection: str) -> bool:
+    """Return whether any column matches the pattern or name `selection`."""
+    shape = _shape(selection)
     return any(shape.match(name) for name in columns)
 
 
-def _pattern(columns: Sequence[str], wanted: str, what: str, where: str) -> list[int]:
-    shape = _shape(wanted)
+def _pattern(columns: Sequence[str], selection: str, what: str, where: str) -> list[int]:
+    shape = _shape(selection)
     numbered = sorted((int(match[1]), k) for k, name in enumerate(columns)
                       if (match := shape.match(name)))
     if not numbered:
-        raise BagError(f'{where}: no column {wanted} for {what}; it has '
-                       f'{shown_names(columns, _MOST_NAMES)}')
+        raise BagError(f'{where}: no column {selection} for {what}; it has '
+                       f'{shown_names(columns, _MAX_NAMES)}')
     numbers = [number for number, _ in numbered]
     if numbers != list(range(numbers[0], numbers[0] + len(numbers))):
-        raise BagError(f'{where}: columns {wanted} for {what} are numbered '
+        raise BagError(f'{where}: columns {selection} for {what} are numbered '
                        f'{", ".join(map(str, numbers))}; a number is missing or repeats')
     return [k for _, k in numbered]
 
 
-def _shape(wanted: str) -> re.Pattern[str]:
-    return re.compile(re.escape(wanted).replace(re.escape('{i}'), r'(\d+)', 1) + r'$')
+def _shape(selection: str) -> re.Pattern[str]:
+    return re.compile(re.escape(selection).replace(re.escape('{i}'), r'(\d+)', 1) + r'$')
 
 
 def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]:
@@ -130,5 +126,5 @@ def _item(columns: Sequence[str], item: str, what: str, where: str) -> list[int]
         first = last = int(item)
     if not 1 <= first <= last <= len(columns):
         raise BagError(f'{where}: no column {item!r} for {what}; it has '
-                       f'{shown_names(columns, _MOST_NAMES)}')
+                       f'{shown_names(columns, _MAX_NAMES)}')
     return list(range(first - 1, last))

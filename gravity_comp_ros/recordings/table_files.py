@@ -1,4 +1,4 @@
-"""CSV and NPZ files as tables of numbers with named columns."""
+"""Tables of numbers with named columns from CSV and NPZ files."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 @dataclass(frozen=True, eq=False)
 class Table:
     """
-    A table of M rows and C columns, as it stands in the file.
+    A table of M rows and C columns, unconverted.
 
-    `columns` are C unique names; `values` (M, C) is NaN where a cell is empty; `lines` (M,)
-    are the rows' line numbers in a text file; `joints` are joint names, if the file has them.
-    `text` has, for each column with cells that are no numbers, the first of them and its line.
+    `columns`: C unique names. `values` (M, C): NaN for an empty cell or text. `lines` (M,): line
+    numbers of the rows in a text file. `joints`: joint names, if the file has them. `text`: line
+    and content of the first cell of text, by column.
     """
 
     path: Path
@@ -35,7 +35,7 @@ class Table:
     text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
 
     def where(self, row: int) -> str:
-        """Return the place of a row: its number, and in a text file its line."""
+        """Return the location of a row for messages: its number, and its line in a text file."""
         line = '' if self.lines is None else f' (line {self.lines[row]})'
         return f'{self.path}, row {row + 1}{line}'
 
@@ -43,14 +43,14 @@ class Table:
 def read_csv(path: Path, header: bool | None = None, delimiter: str | None = None,
              skip_bad_rows: bool = False) -> Table:
     """
-    Return the table in a text file.
+    Read the table in a text file.
 
-    :param header: whether the first line has column names; None to find out. Without names
-        columns are called 1, 2, 3.
-    :param delimiter: one character; None to find out among semicolon, tab, comma and blank.
-        Where it is not the comma, numbers may have a decimal comma.
-    :param skip_bad_rows: make a row that is cut off NaN.
-    :raises BagError: if the file is not a table; row and column are named.
+    :param header: whether the first line has column names; None detects it. Without names, the
+        columns are named 1, 2, 3.
+    :param delimiter: one character; None detects semicolon, tab, comma or blank. With another
+        delimiter than the comma, numbers may have a decimal comma.
+    :param skip_bad_rows: replace incomplete rows by NaN.
+    :raises BagError: if the file is not a table; the message names row and column.
     """
     try:
         with path.open(encoding='utf-8-sig', newline='') as stream:
@@ -63,24 +63,24 @@ def read_csv(path: Path, header: bool | None = None, delimiter: str | None = Non
             names = [c.strip() for c in first[1]] if header else [
                 str(k + 1) for k in range(len(first[1]))]
             _check_columns(path, names)
-            table = _Numbers(path, names, not rows.comma, skip_bad_rows)
+            table = _TableBuilder(path, names, not rows.comma, skip_bad_rows)
             if not header:
                 table.add(*first)
             for number, cells in rows:
                 table.add(number, cells)
             return table.finish()
     except UnicodeDecodeError:
-        raise BagError(f'{path} is not a text file in UTF-8; save it as one') from None
+        raise BagError(f'{path} is not a text file in UTF-8') from None
     except OSError as error:
         raise BagError(f'cannot read {path}: {error.strerror}') from None
 
 
 def read_npz(path: Path) -> Table:
     """
-    Return the table in a NumPy archive; nothing in it is unpickled.
+    Read the table in a NumPy archive, without unpickling.
 
-    An array (M,) called x becomes column x, an array (M, N) the columns x_1 to x_N. An array
-    of N strings called names gives the joint names.
+    An array x (M,) becomes column x; an array x (M, N) becomes columns x_1 to x_N. An array
+    `names` of N strings gives the joint names.
 
     :raises BagError: if the archive is damaged, or its arrays have different lengths.
     """
@@ -88,8 +88,8 @@ def read_npz(path: Path) -> Table:
     try:
         loaded = np.load(path, allow_pickle=False)
         if not isinstance(loaded, np.lib.npyio.NpzFile):
-            raise BagError(f'{path} is a single array; an .npz archive of named arrays is needed, '
-                           f'as np.savez("log.npz", t=t, q=q, tau=tau) writes it')
+            raise BagError(f'{path} is a single array; it must be an .npz archive of named '
+                           f'arrays, as written by np.savez("log.npz", t=t, q=q, tau=tau)')
         with loaded as archive:
             for key in archive.files:
                 arrays[key] = archive[key]
@@ -98,7 +98,7 @@ def read_npz(path: Path) -> Table:
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zipfile.LargeZipFile,
             NotImplementedError, RuntimeError, MemoryError) as error:
         if 'allow_pickle' in str(error) or 'pickled' in str(error):
-            raise BagError(f'{path} holds pickled objects, which could run code; save plain '
+            raise BagError(f'{path} contains pickled objects, which could run code; save plain '
                            f'arrays of numbers') from None
         raise BagError(f'{path} is not a readable .npz archive: '
                        f'{" ".join(str(error).split())}') from None
@@ -134,8 +134,8 @@ def _npz_table(path: Path, arrays: dict[str, NDArray],
     return Table(path, tuple(columns), np.concatenate(parts, axis=1), None, joints)
 
 
-class _Numbers:
-    """Rows of text cells becoming rows of numbers; an empty cell or one of text is NaN."""
+class _TableBuilder:
+    """Builder of a table from rows of text cells; empty cells and text become NaN."""
 
     def __init__(self, path: Path, columns: list[str], decimal_comma: bool,
                  skip_bad_rows: bool) -> None:
@@ -151,7 +151,7 @@ class _Numbers:
             self._values.extend([np.nan] * len(self._columns))
         else:
             raise BagError(f'{self._path}, line {line}: {len(cells)} cells; the table has '
-                           f'{len(self._columns)} columns (--skip-bad-rows leaves such rows out)')
+                           f'{len(self._columns)} columns (--skip-bad-rows skips such rows)')
         self._lines.append(line)
 
     def _numbers(self, line: int, cells: list[str]) -> list[float]:
@@ -167,7 +167,7 @@ class _Numbers:
         try:
             return _number(cell, self._decimal_comma)
         except ValueError:
-            # A column of text does no harm unless it is used.
+            # Text is an error only in a used column.
             self._text.setdefault(column, (line, cell))
             return np.nan
 
@@ -179,11 +179,11 @@ class _Numbers:
 
 
 class _Rows:
-    """Line number and cells of every line that is not blank; `comma` if commas part cells."""
+    """Line number and cells of each line that is not blank; `comma`: commas separate cells."""
 
     def __init__(self, path: Path, stream: Iterator[str], delimiter: str | None) -> None:
         first = next(stream, '')
-        first = first.removeprefix('#')  # as numpy.savetxt marks its header
+        first = first.removeprefix('#')  # header mark of numpy.savetxt
         self._delimiter = delimiter or _delimiter(first)
         self.comma = self._delimiter == ','
         self._path = path
@@ -212,24 +212,24 @@ def _check_columns(path: Path, names: list[str]) -> None:
 
 
 def _delimiter(line: str) -> str:
-    """Return what parts the cells: between semicolons, tabs or blanks a comma is a decimal one."""
-    found = next((character for character in ';\t,' if character in line), ' ')
+    """Return the delimiter of a line; with semicolons, tabs or blanks, commas are decimal."""
+    delimiter = next((character for character in ';\t,' if character in line), ' ')
     words = line.split()
-    if found == ',' and len(words) > 1 and all(
+    if delimiter == ',' and len(words) > 1 and all(
             _is_number(word, True) and not word.endswith(',') for word in words):
         return ' '
-    return found
+    return delimiter
 
 
 def _number(cell: str, decimal_comma: bool) -> float:
-    """Return the number in a cell; a date with a time is in s since 1970, UTC if it says none."""
+    """Return the number in a cell; a date with time gives s since 1970, by default in UTC."""
     try:
         return float(cell.replace(',', '.') if decimal_comma and '.' not in cell else cell)
     except ValueError:
         if ':' not in cell:
             raise
-    found = datetime.fromisoformat(cell.strip())
-    return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
+    date = datetime.fromisoformat(cell.strip())
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
 def _is_number(cell: str, decimal_comma: bool) -> bool:

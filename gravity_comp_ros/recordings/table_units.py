@@ -1,4 +1,4 @@
-"""Whether the units of a table can be what they are taken for; asked about, never guessed."""
+"""Plausibility checks of the assumed units of a table; implausible units are refused."""
 
 from __future__ import annotations
 
@@ -9,82 +9,84 @@ from gravity_comp_ros.errors import BagError
 from gravity_comp_ros.recordings.units import TIME_UNITS
 import numpy as np
 
-# A joint that travels as far, rad, moves; a usual speed of one that does, rad/s.
-_MOVES, _USUAL = 0.05, 0.3
-# Fastest joint on average, rad/s: slower than the first is no motion at any rate, slower than the
-# second none between samples that are half a second apart and more.
-_SLOWEST, _SLOWEST_SELDOM, _SELDOM = 5e-4, 5e-3, 0.5
-# No arm turns as far, rad: two turns to either side.
-_FURTHEST = 4 * np.pi
-# Ratios of a measured velocity to the change of the position agree within this factor.
-_SAME = 1.25
+# Minimum travel of a joint that counts as moving, rad; its typical speed, rad/s.
+_MIN_TRAVEL, _TYPICAL_SPEED = 0.05, 0.3
+# Minimum mean speed of the fastest joint, rad/s, in general and for long sample intervals.
+_MIN_SPEED, _MIN_SPEED_SPARSE = 5e-4, 5e-3
+# Minimum median interval that counts as long, s.
+_SPARSE = 0.5
+# Maximum position of a joint, rad.
+_MAX_POSITION = 4 * np.pi
+# Maximum factor between a measured velocity and the rate of change of the position.
+_TOLERANCE = 1.25
 _DEGREES = 180 / np.pi
 
 
 def check_angles(path: Path, q: FloatArray) -> None:
     """
-    Refuse angles (M, N) that are surely not in rad.
+    Check that positions (M, N) can be in rad.
 
-    :raises BagError: if they reach further than joints turn.
+    :raises BagError: if they exceed the range of joints.
     """
-    most = float(np.abs(q).max())
-    if most > _FURTHEST:
-        raise BagError(f'{path}: positions reach {most:.0f} rad: are they degrees? Give '
+    largest = float(np.abs(q).max())
+    if largest > _MAX_POSITION:
+        raise BagError(f'{path}: positions reach {largest:.0f} rad: are they degrees? Give '
                        f'--angle-unit deg, or rad if that is right')
 
 
 def check_seconds(path: Path, t: FloatArray, q: FloatArray) -> None:
     """
-    Refuse times (M,) that are surely not in s: in them the fastest joint would hardly move.
+    Check that times (M,) can be in s, from the mean speed of the fastest joint.
 
-    :raises BagError: if another unit gives the speed of a moving arm.
+    :raises BagError: if the speed is implausibly small; the message suggests a unit.
     """
-    length, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
-    if len(t) < 10 or travel < _MOVES:
+    duration, travel = float(t[-1] - t[0]), float(np.ptp(q, axis=0).max())
+    if len(t) < 10 or travel < _MIN_TRAVEL:
         return
-    speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / length
-    seldom = float(np.median(np.diff(t))) >= _SELDOM
-    if speed >= (_SLOWEST_SELDOM if seldom else _SLOWEST):
+    speed = float(np.abs(np.diff(q, axis=0)).sum(axis=0).max()) / duration
+    sparse = float(np.median(np.diff(t))) >= _SPARSE
+    if speed >= (_MIN_SPEED_SPARSE if sparse else _MIN_SPEED):
         return
-    unit = min(('ms', 'us', 'ns'), key=lambda u: abs(np.log(speed / TIME_UNITS[u] / _USUAL)))
-    raise BagError(f'{path}: with time in s the recording lasts {length:.3g} s and no joint moves '
-                   f'faster than {speed:.2g} rad/s on average: give --time-unit {unit}, or s if '
-                   f'that is right')
+    unit = min(('ms', 'us', 'ns'),
+               key=lambda u: abs(np.log(speed / TIME_UNITS[u] / _TYPICAL_SPEED)))
+    raise BagError(f'{path}: with time in s the recording lasts {duration:.3g} s and no joint '
+                   f'moves faster than {speed:.2g} rad/s on average: give --time-unit {unit}, or '
+                   f's if that is right')
 
 
 def check_velocity(path: Path, t: FloatArray, q: FloatArray, qd: FloatArray,
                    time_known: bool) -> None:
     """
-    Refuse velocities (M, N) that are not how fast the positions (M, N) change.
+    Check velocities (M, N) against the rate of change of the positions (M, N).
 
     :param time_known: whether the unit of the time was given.
-    :raises BagError: if another unit of one of them explains it, or their signs differ.
+    :raises BagError: if they differ by a unit factor or in sign.
     """
-    ratio = _velocity_per_change(t, q, qd)
-    if ratio is None or 1 / _SAME < ratio < _SAME:
+    ratio = _velocity_ratio(t, q, qd)
+    if ratio is None or 1 / _TOLERANCE < ratio < _TOLERANCE:
         return
     for unit, size in TIME_UNITS.items():
-        if not time_known and unit != 's' and 1 / _SAME < ratio * size < _SAME:
+        if not time_known and unit != 's' and 1 / _TOLERANCE < ratio * size < _TOLERANCE:
             raise BagError(f'{path}: the velocity is {1 / size:.0e} times the change of the '
                            f'position: give --time-unit {unit}')
-    wrong = {1 / _DEGREES: 'the positions are in degrees and the velocity in rad/s',
-             _DEGREES: 'the positions are in rad and the velocity in degrees/s',
-             -1.0: 'the velocity has the other sign'}
-    for size, words in wrong.items():
-        if 1 / _SAME < ratio / size < _SAME:
-            unit = '--angle-unit deg, ' if size < 1 and size > 0 else ''
-            raise BagError(f'{path}: it seems that {words}: give {unit}--velocity none, which '
-                           f'takes the velocity from the positions')
+    problems = {1 / _DEGREES: 'the positions are in degrees and the velocity in rad/s',
+                _DEGREES: 'the positions are in rad and the velocity in degrees/s',
+                -1.0: 'the velocity has the opposite sign'}
+    for factor, problem in problems.items():
+        if 1 / _TOLERANCE < ratio / factor < _TOLERANCE:
+            unit = '--angle-unit deg, ' if 0 < factor < 1 else ''
+            raise BagError(f'{path}: it seems that {problem}: give {unit}--velocity none to '
+                           f'compute the velocity from the positions')
 
 
-def _velocity_per_change(t: FloatArray, q: FloatArray, qd: FloatArray) -> float | None:
-    """Return the slope of the integrated velocity on the change of position, over spans."""
+def _velocity_ratio(t: FloatArray, q: FloatArray, qd: FloatArray) -> float | None:
+    """Return the slope of the integrated velocity against the change of position."""
     span = max(len(t) // 20, 10)
-    if len(t) < 5 * span or not (np.ptp(q, axis=0) > _MOVES).any():
+    if len(t) < 5 * span or not (np.ptp(q, axis=0) > _MIN_TRAVEL).any():
         return None
-    way = np.zeros_like(q)
-    way[1:] = np.cumsum(0.5 * (qd[1:] + qd[:-1]) * np.diff(t)[:, None], axis=0)
-    change, integral = q[span:] - q[:-span], way[span:] - way[:-span]
+    integral = np.zeros_like(q)
+    integral[1:] = np.cumsum(0.5 * (qd[1:] + qd[:-1]) * np.diff(t)[:, None], axis=0)
+    change, integrated = q[span:] - q[:-span], integral[span:] - integral[:-span]
     slopes = [float(i @ c / (c @ c)) for c, i, travel in zip(
-        change.T, integral.T, np.ptp(q, axis=0)) if travel > _MOVES and i.any()]
+        change.T, integrated.T, np.ptp(q, axis=0)) if travel > _MIN_TRAVEL and i.any()]
     return float(np.median(slopes)) if slopes else None

@@ -1,4 +1,4 @@
-"""Which topic and which joints of a recording to read."""
+"""Choice of the topic and the joints of a recording."""
 
 from __future__ import annotations
 
@@ -9,42 +9,41 @@ from gravity_comp_ros.data.joint_names import joint_named
 from gravity_comp_ros.errors import BagError, ModelMismatchError, OptionError
 from gravity_comp_ros.recordings.joint_columns import Columns
 from gravity_comp_ros.recordings.joint_state_cdr import JOINT_STATE
-from gravity_comp_ros.recordings.several_arms import arms_by_name, arms_by_turns
+from gravity_comp_ros.recordings.several_arms import arms_by_message, arms_by_name
 from gravity_comp_ros.recordings.storage_interface import Storage
 import numpy as np
 
-# A defect in at least half of the messages is a property of the recording, to be told as an
-# error; a rarer one is an accident, and its messages are dropped and counted.
-RULE = 0.5
+# Share of messages from which a defect is an error; rarer defects are dropped and counted.
+COMMON_DEFECT = 0.5
 
 _DEFAULT_TOPIC = '/joint_states'
 
 
-def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str, list[str]]:
+def choose_topic(path: Path, storage: Storage, requested: str | None) -> tuple[str, list[str]]:
     """
-    Return the topic to read, and notes about the ones that are not read.
+    Return the topic to read, and notes on the other JointState topics.
 
-    :param wanted: a topic; None for the only JointState topic with messages, or the usual one.
-    :raises BagError: if there is no such topic, or several and none is wanted.
+    :param requested: a topic; None for the only one with messages, or `/joint_states`.
+    :raises BagError: if there is no such topic, or the choice is ambiguous.
     """
     if not storage.topics:
         raise BagError(f'{path} is empty: it has no topics')
-    found = {t.name: t for t in storage.topics}
+    topics = {t.name: t for t in storage.topics}
     usable = [t.name for t in storage.topics if t.type == JOINT_STATE and t.encoding == 'cdr']
-    if wanted is not None:
-        name = wanted if wanted.startswith('/') else '/' + wanted
+    if requested is not None:
+        name = requested if requested.startswith('/') else '/' + requested
         if name in usable:
             return name, []
         listed = f'its JointState topics are {", ".join(usable)}' if usable else \
             'it has no JointState topic'
-        if name in found:
-            raise BagError(f'{path}: topic {name} is a {found[name].type} in '
-                           f'{found[name].encoding}, not a JointState in CDR; {listed}')
+        if name in topics:
+            raise BagError(f'{path}: topic {name} is a {topics[name].type} in '
+                           f'{topics[name].encoding}, not a JointState in CDR; {listed}')
         raise BagError(f'{path} has no topic {name}; {listed}')
     if not usable:
         others = ', '.join(f'{t.name} ({t.type})' for t in storage.topics[:8])
         raise BagError(f'{path} has no topic of type sensor_msgs/msg/JointState; it has {others}')
-    filled = [name for name in usable if found[name].count] or usable
+    filled = [name for name in usable if topics[name].count] or usable
     if len(filled) == 1:
         return filled[0], []
     if _DEFAULT_TOPIC in filled:
@@ -54,25 +53,25 @@ def choose_topic(path: Path, storage: Storage, wanted: str | None) -> tuple[str,
                    f'--topic')
 
 
-def named_joints(where: str, known: tuple[str, ...], wanted: Iterable[str],
+def named_joints(where: str, known: tuple[str, ...], requested: Iterable[str],
                  what: str) -> tuple[str, ...]:
     """
-    Return the joints that a user named, by name or by number from 1.
+    Return the names of joints given by name or by number from 1.
 
-    :param where: the recording, to be named in errors.
-    :param what: what the joints were named for, likewise.
-    :raises ModelMismatchError: if one is not in the recording.
-    :raises OptionError: if one is named twice.
+    :param where: name of the recording in errors.
+    :param what: purpose of the joints in errors.
+    :raises ModelMismatchError: if a joint is unknown.
+    :raises OptionError: if a joint is named twice.
     """
-    wanted = tuple(wanted)
-    found = tuple(joint_named(text, known) for text in wanted)
-    unknown = [text for text, joint in zip(wanted, found) if joint is None]
+    requested = tuple(requested)
+    matches = tuple(joint_named(text, known) for text in requested)
+    unknown = [text for text, joint in zip(requested, matches) if joint is None]
     if unknown:
         raise ModelMismatchError(f'{where} has no joint {", ".join(unknown)} ({what}); it has '
                                  f'{", ".join(known)}')
-    joints = tuple(joint for joint in found if joint is not None)
+    joints = tuple(joint for joint in matches if joint is not None)
     if len(set(joints)) < len(joints):
-        raise OptionError(f'a joint is named twice ({what}): {", ".join(wanted)}')
+        raise OptionError(f'a joint is named twice ({what}): {", ".join(requested)}')
     return joints
 
 
@@ -81,21 +80,21 @@ def choose_joints(where: str, columns: Columns, chosen: tuple[str, ...] | None
     """
     Return the joints to read: the chosen ones, or all in order of their first appearance.
 
-    :param where: the recording, to be named in errors.
-    :raises BagError: if these are several arms, or at least half of the messages do not have
-        one of the joints.
+    :param where: name of the recording in errors.
+    :raises BagError: if the joints are of several arms, or one is missing in at least half of the
+        messages.
     """
     joints = chosen or columns.names
-    arms = [] if chosen else arms_by_name(joints) or arms_by_turns(columns.layouts)
+    arms = [] if chosen else arms_by_name(joints) or arms_by_message(columns.layouts)
     if arms:
         lines = ' or '.join(f'--joints {",".join(arm)}' for arm in arms)
         raise BagError(f'{where} has the joints of {len(arms)} arms; choose one: {lines}')
     present = columns.presence(joints)
     present = present[present.any(axis=1)]
     missing = 1 - present.mean(axis=0)
-    if (missing >= RULE).any():
+    if (missing >= COMMON_DEFECT).any():
         worst = int(np.argmax(missing))
-        good = [joint for joint, share in zip(joints, missing) if share < RULE]
+        good = [joint for joint, share in zip(joints, missing) if share < COMMON_DEFECT]
         good = good or [joint for joint in columns.most_common if joint in joints]
         raise BagError(
             f'{where}: joint {joints[worst]} is missing from '

@@ -1,12 +1,12 @@
 """
-Trajectories to files that people can play, and back.
+Trajectory files.
 
-- YAML: a trajectory_msgs/JointTrajectory as `ros2 topic pub` takes it, or the goal of a
-  FollowJointTrajectory action. Its points are 0.1 s apart, with velocities and accelerations, so
-  that a controller interpolates them by quintic splines; more points would not fit into an
-  argument of a command.
-- CSV: a column for the time and one for each joint's position, speed, acceleration and effort.
-- MCAP: the motion as JointState on /planned_joint_states, to look at.
+- YAML: a trajectory_msgs/JointTrajectory for `ros2 topic pub`, or the goal of a
+  FollowJointTrajectory action. Points are 0.1 s apart, with velocities and accelerations, so that
+  a controller interpolates by quintic splines. More points would exceed the length of a command
+  line.
+- CSV: columns of time, and of position, velocity, acceleration and effort of each joint.
+- MCAP: JointState messages on /planned_joint_states, for display (written only).
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ import numpy as np
 ENDINGS = ('.yaml', '.yml', '.csv', '.mcap')
 PLANNED_TOPIC = '/planned_joint_states'
 
-_POINT_STEP = 0.1
+_POINT_STEP = 0.1  # s
 _PREFIXES = (('q', 'q_'), ('qd', 'qd_'), ('qdd', 'qdd_'), ('effort', 'effort_'))
 
 
 def write_trajectory(path: Path, trajectory: Trajectory, comments: Sequence[str] = (),
                      goal: bool = False) -> None:
     """
-    Write a trajectory in the format that the name's ending says.
+    Write a trajectory in the format given by the file name's ending.
 
-    :param comments: lines for the head of a YAML file.
+    :param comments: comment lines at the top of a YAML file.
     :param goal: write YAML as the goal of a FollowJointTrajectory action.
     :raises BagError: if the ending is unknown or the file cannot be written.
     """
@@ -55,9 +55,9 @@ def write_trajectory(path: Path, trajectory: Trajectory, comments: Sequence[str]
 
 def read_trajectory(path: Path) -> Trajectory:
     """
-    Return the trajectory in a YAML or CSV file.
+    Read a trajectory from a YAML or CSV file.
 
-    :raises BagError: if the file cannot be read or holds none.
+    :raises BagError: if the file cannot be read or contains no trajectory.
     """
     try:
         text = path.read_text(encoding='utf-8')
@@ -67,11 +67,11 @@ def read_trajectory(path: Path) -> Trajectory:
     try:
         return from_csv(text) if path.suffix == '.csv' else from_yaml(text)
     except (DataError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise BagError(f'{path} holds no joint trajectory: {printable(error)}') from None
+        raise BagError(f'{path} contains no joint trajectory: {printable(error)}') from None
 
 
 def to_yaml(trajectory: Trajectory, comments: Sequence[str] = (), goal: bool = False) -> str:
-    """Return the message as YAML, one point a line."""
+    """Return the trajectory as YAML, one line per point."""
     lines = [f'# {printable(line)}' for line in comments]
     indent = '  ' if goal else ''
     if goal:
@@ -95,9 +95,9 @@ def to_yaml(trajectory: Trajectory, comments: Sequence[str] = (), goal: bool = F
 
 def from_yaml(text: str) -> Trajectory:
     """
-    Return the trajectory of a JointTrajectory or an action goal.
+    Parse the YAML of a JointTrajectory or of an action goal.
 
-    Velocities and accelerations that are missing count as 0.
+    Missing velocities and accelerations are 0.
     """
     import yaml
     try:
@@ -118,7 +118,7 @@ def from_yaml(text: str) -> Trajectory:
 
 
 def to_csv(trajectory: Trajectory) -> str:
-    """Return a table with a header."""
+    """Return the trajectory as CSV with a header."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator='\n')
     parts = [(prefix, getattr(trajectory, name)) for name, prefix in _PREFIXES
@@ -130,19 +130,19 @@ def to_csv(trajectory: Trajectory) -> str:
 
 
 def from_csv(text: str) -> Trajectory:
-    """Return the trajectory of a table with columns t, q_JOINT, qd_JOINT and qdd_JOINT."""
+    """Parse CSV with columns t, q_JOINT and, optionally, qd_, qdd_ and effort_JOINT."""
     header, *rows = csv.reader(io.StringIO(text))
     values = np.array(rows, dtype=np.float64)
     joints = tuple(name[2:] for name in header if name.startswith('q_'))
-    found: dict[str, FloatArray] = {}
+    arrays: dict[str, FloatArray] = {}
     for name, prefix in _PREFIXES:
         if all(prefix + joint in header for joint in joints):
-            found[name] = values[:, [header.index(prefix + joint) for joint in joints]]
+            arrays[name] = values[:, [header.index(prefix + joint) for joint in joints]]
     if not joints or 't' not in header:
         raise ValueError('it has no columns t and q_JOINT')
-    still = np.zeros_like(found['q'])
-    return Trajectory(joints, values[:, header.index('t')], found['q'], found.get('qd', still),
-                      found.get('qdd', still), found.get('effort'))
+    zeros = np.zeros_like(arrays['q'])
+    return Trajectory(joints, values[:, header.index('t')], arrays['q'], arrays.get('qd', zeros),
+                      arrays.get('qdd', zeros), arrays.get('effort'))
 
 
 def _numbers(row: FloatArray) -> str:

@@ -1,1 +1,1 @@
-"""An effect of our own: the drag of a shaft seal."""
+"""Example of a custom effect: the drag of a shaft seal."""
