@@ -28,8 +28,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Job, Outcome
+from gravity_comp_ros.node.fit_job import run_fit
+from gravity_comp_ros.node.fit_messages import FitJob, FitResult
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
@@ -80,17 +80,17 @@ def payload_of(seed: int) -> Payload:
     return Payload(MASSES[seed % len(MASSES)], (*side, rng.uniform(0.05, 0.2)))
 
 
-def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> Job:
+def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> FitJob:
     """Return the job that the node makes of these samples."""
     epoch = Epoch(1, case.samples.names, EpochOptions(block=round(RATE)), has_base=True)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(*row)
-    return Job(1, 1, epoch.train(), epoch.held(), base, base, geometry=geometry)
+    return FitJob(1, 1, epoch.train(), epoch.held_out(), base, base, geometry=geometry)
 
 
-def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> Outcome | str:
+def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> FitResult | str:
     try:
-        return work(job_of(case, base, geometry))
+        return run_fit(job_of(case, base, geometry))
     except GravityCompError as problem:
         return str(problem)
 
@@ -121,10 +121,10 @@ def tell(case: Case, base: GravityModel, geometry: Geometry | None, n: int) -> t
     start = time.monotonic()
     found = outcome(case, base, geometry)
     seconds = time.monotonic() - start
-    taken = isinstance(found, Outcome) and found.verdict.better
-    model = found.model if isinstance(found, Outcome) and taken else base
+    taken = isinstance(found, FitResult) and found.verdict.better
+    model = found.model if isinstance(found, FitResult) and taken else base
     error = float(np.sqrt(((model.predict(case.later) - case.truth) ** 2).mean(axis=0)).max())
-    reason = found.verdict.reason if isinstance(found, Outcome) else found
+    reason = found.verdict.reason if isinstance(found, FitResult) else found
     print(f'{n:4} samples {"taken  " if taken else "refused"} {error:7.2f} N·m {seconds:5.1f} s '
           f'{case.label}: {reason}', flush=True)
     return taken, error

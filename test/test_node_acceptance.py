@@ -13,10 +13,10 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
-from gravity_comp_ros.node.absolute_tests import (
-    dead_joint, first_model_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import as_chain
-from gravity_comp_ros.node.fit_job import work
+from gravity_comp_ros.node.effort_plausibility import (
+    dead_joint_objection, first_model_objection, lost_gravity_objection, reference_noise)
+from gravity_comp_ros.node.fit_job import run_fit
 from gravity_comp_ros.node.outliers import outliers_of_change, rms_without
 from gravity_comp_ros.node.payload import PayloadLimits
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
@@ -52,7 +52,7 @@ def spoiled(name, n=100, seed=1):
 # Seconds of CPU each; the others are in bench/node_acceptance.py.
 @pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
 def test_broken_effort_is_refused(name, base, geometry):
-    found = work(job_of(spoiled(name), base, geometry)).verdict
+    found = run_fit(job_of(spoiled(name), base, geometry)).verdict
     assert found.broken and not found.better and found.broken in found.reason
 
 
@@ -60,7 +60,7 @@ def test_broken_effort_is_refused(name, base, geometry):
 def test_a_real_payload_is_taken_within_twenty_seconds(mass, centre, base, geometry):
     case = recorded('eq17', 0, 20.0, 80.0, Payload(mass, centre), 'real',
                     np.random.default_rng(2))
-    outcome = work(job_of(case, base, geometry))
+    outcome = run_fit(job_of(case, base, geometry))
     assert outcome.verdict.better, outcome.verdict.reason
     assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
 
@@ -79,11 +79,11 @@ def test_a_brake_now_and_then_is_left_out_and_the_payload_learned(seconds, seed,
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
     samples = replace(case.samples, tau=gripped(case.samples.tau, rng))
-    found = work(job_of(replace(case, samples=samples), base))
+    found = run_fit(job_of(replace(case, samples=samples), base))
     assert found.verdict.better, found.verdict.reason
     assert found.outliers and sum(found.outliers.values()) < 0.2 * len(samples)
     assert np.abs(found.model.predict(case.later) - case.truth).max() < 0.5
-    clean = work(job_of(case, base))
+    clean = run_fit(job_of(case, base))
     assert not clean.outliers
 
 
@@ -94,7 +94,7 @@ def test_a_transient_does_not_keep_a_first_model_out():
     tau[100:104, 0] += [9.0, -9.0, 7.0, -7.0]
     samples = replace(samples, tau=tau)
     job = job_of(bench.Case('', samples, samples.q, tau), None)
-    found = work(job)
+    found = run_fit(job)
     assert found.verdict.better, found.verdict.reason
     assert set(found.outliers) == {ARM.joints[0]} and sum(found.outliers.values()) <= 4
 
@@ -177,8 +177,8 @@ def test_a_first_model_must_explain_every_joint():
     samples = JointSamples.single_run(['a', 'b'], np.arange(200), q, 0 * q, q * [20.0, 10.0])
     assert first_model_objection(samples, np.array([0.5, 1.0])) is None
     assert 'effort of b contradicts' in first_model_objection(samples, np.array([0.5, 4.0]))
-    assert lost_gravity(samples, 5.0 * samples.tau, np.full(2, 0.1)) is not None
-    assert lost_gravity(samples, 2.0 * samples.tau, np.full(2, 0.1)) is None
+    assert lost_gravity_objection(samples, 5.0 * samples.tau, np.full(2, 0.1)) is not None
+    assert lost_gravity_objection(samples, 2.0 * samples.tau, np.full(2, 0.1)) is None
 
 
 def test_two_jerks_are_no_broken_effort():
@@ -203,7 +203,7 @@ def test_one_joint_alone_does_not_lose_its_gravity_to_a_payload():
     def judged(tau):
         tau = tau + noise * np.random.default_rng(1).standard_normal(tau.shape)
         samples = JointSamples.single_run(['a', 'b', 'c'], np.arange(60.0), q, 0 * q, tau)
-        return dead_joint(samples, before, noise)
+        return dead_joint_objection(samples, before, noise)
 
     assert judged(before) is None
     assert 'effort of b is' in judged(before * [1.0, 0.0, 1.0])

@@ -98,7 +98,7 @@ def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
     t, _ = feed(node, 1.0, 60)
     change(node, effects=('coulomb_friction:a',))
     success, text = refit(node)
-    assert not success and 'coulomb_friction:a takes 100: keep moving' in text
+    assert not success and 'coulomb_friction:a requires 100: keep moving' in text
     t, _ = feed(node, t, 190)
     success, text = refit(node)
     assert success, text

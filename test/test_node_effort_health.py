@@ -6,7 +6,8 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.model_watch import ModelWatch, WINDOW
-from gravity_comp_ros.node.self_confirmation import DELAYS, echo_objection, Sent, SentTorque
+from gravity_comp_ros.node.self_confirmation import (
+    DELAYS, echo_objection, SentTorque, SentTorqueHistory)
 from hypothesis import example, given, strategies as st
 import numpy as np
 import pytest
@@ -80,7 +81,7 @@ def split(values):
 def echoed(sent, samples, model):
     """Return the objection to a model (M, N) when `sent` (M, D, N) was published."""
     train, held = samples.select(np.arange(90)), samples.select(np.arange(90, len(samples)))
-    return echo_objection(Sent(*split(sent)), train, held, *split(model))
+    return echo_objection(SentTorque(*split(sent)), train, held, *split(model))
 
 
 @pytest.mark.parametrize('delay', range(len(DELAYS)))
@@ -122,7 +123,7 @@ def test_a_light_payload_is_not_hidden_by_friction_that_a_controller_supplies():
 
 
 def test_sent_torque_is_that_which_held():
-    sent = SentTorque(1)
+    sent = SentTorqueHistory(1)
     assert np.isnan(sent.before(0.0)).all()
     for k in range(400):
         sent.published(0.001 * k, np.array([float(k)]))
@@ -153,7 +154,7 @@ def test_a_wrong_model_is_told_from_the_one_before(models):
     offer(watch, wrong, motion(WINDOW - 1))
     assert watch.objection() is None
     offer(watch, wrong, motion(60))
-    assert 'the model before leaves' in watch.objection() and not watch.is_confirmed
+    assert 'that of the previous model' in watch.objection() and not watch.is_confirmed
 
 
 def test_a_confirmed_model_stays_whatever_comes(models):

@@ -18,21 +18,21 @@ def feed(epoch, n, start=0, step=0.05, still=False):
 def test_every_fourth_block_is_held_out():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 40)
-    np.testing.assert_allclose(epoch.held().q[:, 0],
+    np.testing.assert_allclose(epoch.held_out().q[:, 0],
                                0.05 * np.array([15, 16, 17, 18, 19, 35, 36, 37, 38, 39]))
     assert epoch.n_train == 30 and epoch.n_samples == 40
-    assert not set(epoch.held().t) & set(epoch.train().t)
+    assert not set(epoch.held_out().t) & set(epoch.train().t)
 
 
 def test_it_says_what_is_missing():
     epoch = Epoch(3, ['a', 'b'], OPTIONS)
-    assert 'no slow samples' in epoch.can_fit()
+    assert 'no slow samples' in epoch.missing_for_fit()
     feed(epoch, 10)
-    assert '10 samples to learn from and 0 to judge by' in epoch.can_fit()
+    assert '10 training and 0 held-out samples' in epoch.missing_for_fit()
     still = Epoch(3, ['a', 'b'], OPTIONS)
     feed(still, 20, step=0.002)
-    assert 'no joint has moved' in still.can_fit()
-    assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), little range yet '
+    assert 'no joint has moved' in still.missing_for_fit()
+    assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), too little range '
                                 'on a, b')
 
 
@@ -42,13 +42,13 @@ def test_after_broken_effort_it_waits_for_more():
     for suspect in (False, True):
         epoch = Epoch(0, ['a', 'b'], options, has_base=True)
         if suspect:
-            epoch.distrust()
+            epoch.restart_after_broken_effort()
         for k in range(80):
             feed(epoch, 1, k)
             if epoch.fit_is_due():
                 due[suspect] = epoch.n_train
                 break
-            assert ('after broken effort' in epoch.can_fit()) == suspect
+            assert ('after broken effort' in epoch.missing_for_fit()) == suspect
     assert due == {False: 15, True: 45}
 
 
@@ -85,7 +85,7 @@ def test_a_joint_without_range_keeps_it_open():
 def test_a_closed_epoch_collects_and_waits():
     epoch = Epoch(0, ['a', 'b'], OPTIONS, is_open=False)
     feed(epoch, 60)
-    assert epoch.n_samples == 60 and not epoch.fit_is_due() and epoch.can_fit() is None
+    assert epoch.n_samples == 60 and not epoch.fit_is_due() and epoch.missing_for_fit() is None
 
 
 def test_options_that_contradict_each_other():

@@ -14,7 +14,7 @@ FAULTS = {fault.name: fault for fault in faults.every_fault(1)}
 
 
 @pytest.mark.parametrize('name', ['dead elbow, 60 samples, seed 0', 'no clock',
-                                  'no bound of the torque', '0.3 s without input, fade',
+                                  'no torque limits', '0.3 s without input, fade',
                                   'a payload of 2 kg that the node is not told of'])
 def test_no_wrong_torque_goes_out(name, iiwa_model_file):
     fault = FAULTS[name]

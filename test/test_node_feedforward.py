@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node import feedforward as ff
-from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, TorqueSource
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -15,11 +15,11 @@ FREE = FeedForwardOptions(ramp_time=1.0, max_torque_rate=(), extrapolation='trus
 
 
 def constant(torque):
-    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+    return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
 
 
 def linear():
-    return Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
+    return TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
 
 
 def started(options=FREE, torque=10.0):
@@ -89,7 +89,7 @@ def test_a_swap_within_a_swap_follows_the_pose():
         feed.update(0.1 * k, q)
     slopes = 10.0, 11.0, 12.0
     for swap, slope in enumerate(slopes[1:]):
-        feed.use(Source(lambda q, slope=slope: slope * q, np.array([-9.0]), np.array([9.0])))
+        feed.use(TorqueSource(lambda q, slope=slope: slope * q, np.array([-9.0]), np.array([9.0])))
         for k in range(4):
             q = q + 0.1
             tau = float(feed.update(2.6 + 0.1 * (4 * swap + k), q)[0])
@@ -177,7 +177,7 @@ def test_poses_outside_the_trained_range(policy, expected):
 
 def test_a_model_that_fails_is_like_no_input():
     feed, t = started()
-    feed.use(Source(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
+    feed.use(TorqueSource(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
     assert feed.update(t + 0.1, Q) is None
     assert float(feed.watch(t + 0.5)[0]) == 10.0
     feed.use(constant(11.0))
@@ -237,7 +237,7 @@ def test_whatever_happens_limits_hold(script, policy):
 
 
 def near(torque):
-    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+    return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
 
 
 def test_effects_come_on_top_and_ramp_away_when_input_stops():
@@ -273,7 +273,7 @@ def test_a_clock_that_is_set_back_does_not_blind_the_watchdog():
 def test_a_model_that_reaches_no_further_is_held_there():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation='hold',
                                   extrapolation_margin=1.0))
-    feed.use(Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
+    feed.use(TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
     assert feed.margin == pytest.approx(0.1)
     assert feed.update(0.0, Q + 1.05) == pytest.approx(10.5)
     assert feed.update(0.1, Q + 1.9) == pytest.approx(11.0)
@@ -324,7 +324,7 @@ def test_a_burst_after_a_pause_does_not_slow_the_torque_down_for_long():
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from(['hold', 'fade', 'trust']))
 def test_torque_has_a_period_of_one_turn(q, turns, policy):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation=policy))
-    feed.use(Source(lambda q: 10.0 * np.sin(q), np.array([-1.0]), np.array([2.0])))
+    feed.use(TorqueSource(lambda q: 10.0 * np.sin(q), np.array([-1.0]), np.array([2.0])))
     here = feed.update(0.0, np.array([q]))
     there = feed.update(0.1, np.array([q + 2 * np.pi * turns]))
     if -1.0 <= q <= 2.0:

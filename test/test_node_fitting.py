@@ -11,10 +11,10 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Job, Outcome, Question
+from gravity_comp_ros.node.fit_job import run_fit
+from gravity_comp_ros.node.fit_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
-from gravity_comp_ros.node.fit_worker import ask
+from gravity_comp_ros.node.fit_worker import run_diagnosis
 from living import lives
 import numpy as np
 import pytest
@@ -32,8 +32,8 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
 
 
 def job(number=1, old=None, mass=1.0, train=None):
-    return Job(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
-               'potential')
+    return FitJob(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
+                  'potential')
 
 
 @contextmanager
@@ -68,7 +68,7 @@ def test_it_fits_and_stays_warm():
             assert fits.submit(job(number), time.monotonic()) and fits.state == BUSY
             assert not fits.submit(job(9), time.monotonic())
             outcome, = wait(fits, lambda events: events)
-            assert isinstance(outcome, Outcome) and outcome.number == number
+            assert isinstance(outcome, FitResult) and outcome.number == number
             assert outcome.verdict.better
             np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
                                        [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
@@ -82,7 +82,7 @@ def test_the_result_is_that_of_a_fit_in_this_process():
         fits.submit(job(), time.monotonic())
         outcome, = wait(fits, lambda events: events)
     q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
-    np.testing.assert_allclose(outcome.model.predict(q), work(job()).model.predict(q),
+    np.testing.assert_allclose(outcome.model.predict(q), run_fit(job()).model.predict(q),
                                atol=1e-9)
 
 
@@ -164,9 +164,9 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
 
 
 def test_few_samples_change_the_old_model_rather_than_start_again():
-    old = work(job()).model
+    old = run_fit(job()).model
     few = pendulum(30, 5, mass=1.5)
-    outcome = work(job(2, old, 1.5, few))
+    outcome = run_fit(job(2, old, 1.5, few))
     assert outcome.how == 'change of the old model' and outcome.verdict.better
     assert outcome.model.energy is not None
     q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
@@ -209,11 +209,11 @@ def test_it_does_not_take_the_priority_of_control():
 def test_a_diagnosis_says_which_motion_settles_what_is_open():
     # Where a joint moves one way alone, friction and an offset are the same.
     samples = two_links(1, one_way=True)
-    told = ask(Question(7, samples, fit(samples, FitOptions('potential')).model))
+    told = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
     assert told.number == 7 and 'torque_offset:shoulder (untestable)' in told.text
-    found = re.search(r'to settle what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+    found = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
                       told.text)
     assert found and 2 <= int(found[1]) <= 20, told.text
     assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', found[2])
     # Without a model no motion is planned.
-    assert 'to settle' not in ask(Question(8, samples, None)).text
+    assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text

@@ -45,7 +45,7 @@ def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
         log = Heard(probe)
         log.until('parameter max_torqe', 'did you mean max_torque?', level=Log.WARN)
         log.until('arm of 7 joints', 'iiwa_joint_7', 'chain model', 'formulation of fits: chain',
-                  'bound of the torque: none set')
+                  'torque limits: none set')
         latch = probe.create_publisher(String, 'robot_description', LATCHED)
         latch.publish(String(data=(BAGS / 'iiwa7.urdf').read_text()))
         log.until('robot description', 'axes used', 'effort limits 176')
@@ -64,7 +64,7 @@ def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
         for k in range(60):
             probe.send(broken.names, broken.t[k], broken.q[k], broken.qd[k], tau[k])
             probe.spin(0.004)
-        log.until('the old model stays: ', 'unit or sign', 'N·m', level=Log.WARN)
+        log.until('the old model stays in use: ', 'unit or sign', 'N·m', level=Log.WARN)
         log.until('learning: broken effort', level=Log.WARN)
         log.until('input: input is stale', level=Log.WARN)
 

@@ -7,7 +7,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.node.realtime_effects import (
-    compensable, CompensateOptions, INSTANT, InstantEffects, SAFE)
+    COMPENSABLE, compensable, CompensateOptions, INSTANTANEOUS, InstantEffects)
 import numpy as np
 import pytest
 
@@ -96,7 +96,7 @@ def test_an_effect_of_another_version_is_refused_before_the_loop():
 
 
 def test_only_what_is_safe_may_be_sent():
-    assert set(SAFE) < set(INSTANT)
+    assert set(COMPENSABLE) < set(INSTANTANEOUS)
     assert compensable(['coulomb_friction:b', 'viscous_friction'], ('a', 'b')) == (
         'coulomb_friction:b', 'viscous_friction:a', 'viscous_friction:b')
     for name in ('inertia', 'time_delay:a', 'end_stop', 'torque_gain:b', 'torque_ripple:a'):

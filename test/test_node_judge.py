@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.node.model_acceptance import judge as judge_predictions, Prediction
+from gravity_comp_ros.node.model_acceptance import compare_models, Prediction
 import numpy as np
 
 
@@ -18,9 +18,9 @@ class Linear:
         return Prediction(train.q * self.gain, held.q * self.gain, self.noise)
 
 
-def judge(new, old, train, held, knows_more=False):
-    return judge_predictions(new.of(train, held), old and old.of(train, held), train, held,
-                             knows_more)
+def judge(new, old, train, held, has_more_samples=False):
+    return compare_models(new.of(train, held), old and old.of(train, held), train, held,
+                          has_more_samples)
 
 
 def model(*gain, noise=0.1):
@@ -51,8 +51,8 @@ def test_the_better_model_wins_both_ways():
 def test_of_equals_the_one_that_knows_more_is_taken():
     truth, nearly = model(5.0, 3.0), model(5.01, 3.005)
     assert not judge(nearly, truth, TRAIN, HELD).better
-    assert judge(nearly, truth, TRAIN, HELD, knows_more=True).better
-    assert not judge(model(5.1, 3.1), truth, TRAIN, HELD, knows_more=True).better
+    assert judge(nearly, truth, TRAIN, HELD, has_more_samples=True).better
+    assert not judge(model(5.1, 3.1), truth, TRAIN, HELD, has_more_samples=True).better
 
 
 def test_one_joint_may_not_pay_for_another():

@@ -114,7 +114,7 @@ def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, mode
     assert node.payload_changed(now)[0]
     before = node.models.model
     until(node, now, lambda: answers)
-    assert not answers[0][0] and 'thrown away' in answers[0][1]
+    assert not answers[0][0] and 'discarded' in answers[0][1]
     assert node.models.model is before
 
 
@@ -166,7 +166,7 @@ def test_friction_in_the_arm_is_no_other_payload_and_does_not_hide_one():
     assert loud.level == WARN and 'another payload' in loud.message
 
 
-TOLD = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held': 15, 'lacking': (), 'gate': {},
+TOLD = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking': (), 'gate': {},
         'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
         'kept_old': False, 'compensated': False}
 
@@ -285,11 +285,11 @@ def test_joints_by_alphabet_are_warned_of(live):
     names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
     node = live()
     heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
-    warnings = [text for is_bad, text in node.news if is_bad]
+    warnings = [text for is_warning, text in node.log_lines if is_warning]
     assert len(warnings) == 1 and ', '.join(reversed(names)) in warnings[0]
     node = live()
     heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
-    assert not any(is_bad for is_bad, _ in node.news)
+    assert not any(is_warning for is_warning, _ in node.log_lines)
 
 
 def test_rollback_goes_back_by_payload(live, model_file):
@@ -304,11 +304,11 @@ def test_rollback_goes_back_by_payload(live, model_file):
 
 def test_what_happened_is_news_for_the_log(live, model_file, tmp_path):
     node = live(model_file=str(model_file))
-    text = node.news.popleft()[1]
-    assert 'a, b' in text and 'loaded from' in text and 'bound of the torque' in text
+    text = node.log_lines.popleft()[1]
+    assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
     node.models.path = str(tmp_path / 'none' / 'model.json')
-    node.save_alone()
-    assert node.news[-1][0] and status(node, 'model').level != OK
+    node.save_automatically()
+    assert node.log_lines[-1][0] and status(node, 'model').level != OK
 
 
 def test_drives_that_are_off_teach_nothing(live, model_file):
@@ -331,9 +331,9 @@ def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
     node.arm.use(entry.model, good, 60)
     feed(node, 40, now + 1.0)
     assert node.models.model is good
-    assert 'rolled back by itself' in node.arm.epoch.describe()
-    assert node.news[-1][0] and status(node, 'learning').level == ERROR
+    assert 'rolled back automatically' in node.arm.epoch.describe()
+    assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
     # A few samples are no proof that the effort has healed.
-    assert 'needed after broken effort' in node.arm.epoch.can_fit()
+    assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
     node.payload_changed(now + 20.0)
-    assert not node.arm.epoch.is_suspect
+    assert not node.arm.epoch.had_broken_effort

@@ -140,7 +140,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
         assert probe.report('learning') and 'closed' in probe.values('learning')['epoch']
         for _ in range(12):
             last = probe.call('rollback')
-        assert not last.success and 'no earlier model' in last.message
+        assert not last.success and 'no model of an earlier payload' in last.message
     # A swap of models makes no step that an arm would feel, at 250 Hz or at what was reached.
     assert np.abs(torques[-1] - torques[0]).max() > 5.0
     steps, gaps = np.abs(np.diff(torques, axis=0)).max(axis=1), np.diff(stamps)

@@ -10,13 +10,13 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.fit_messages import Look
-from gravity_comp_ros.node.fit_worker import look
+from gravity_comp_ros.node.fit_messages import PayloadJob
+from gravity_comp_ros.node.fit_worker import run_payload_test
 from gravity_comp_ros.node.live_friction import (
-    friction_of_both, LiveFriction, residual_noise, usual_residual)
+    expected_residual, interleaved_nuisance, LiveFriction, residual_noise)
 from gravity_comp_ros.node.payload import PayloadFinding
-from gravity_comp_ros.node.payload_watch import FEWEST, MOST, PayloadWatch, PERIOD
-from gravity_comp_ros.node.unsure_change import UnsureChange
+from gravity_comp_ros.node.payload_watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
+from gravity_comp_ros.node.uncertain_change import UncertainChange
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -63,7 +63,7 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
 
 
 def finding(model, samples, geometry=None):
-    return look(Look(1, samples, model, geometry=geometry)).finding
+    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry)).finding
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -89,7 +89,7 @@ def test_friction_and_a_touch_are_no_payload(change, model, geometry):
 def test_a_push_that_lasts_is_no_payload_and_said(force, known, model, geometry):
     found = finding(model, pushed(force), geometry if known else None)
     assert not found.is_payload and found.is_other, found.text
-    assert 'pushes or pulls the last link, and not only downwards' in found.text
+    assert 'pushes or pulls the last link, not only downwards' in found.text
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -99,7 +99,7 @@ def test_a_steady_force_straight_down_is_a_weight_and_one_that_varies_is_not(kno
     assert finding(model, pushed((0.0, 0.0, 20.0), seconds=16.0), axes).is_payload
     varying = finding(model, pushed((0.0, 0.0, 20.0), varies=0.1, seconds=16.0), axes)
     assert not varying.is_payload and varying.is_other, varying.text
-    assert 'with a force that varies' in varying.text
+    assert 'a varying force acts' in varying.text
 
 
 def test_broken_effort_is_no_payload_and_said(model):
@@ -109,7 +109,7 @@ def test_broken_effort_is_no_payload_and_said(model):
     found = finding(model, replace(samples, tau=tau))
     assert not found.is_payload
     if found.is_other:
-        assert 'as no payload changes it' in found.text
+        assert 'no payload explains' in found.text
 
 
 def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
@@ -126,7 +126,7 @@ def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
     still = live.torque(q + 0.01, 0.0 * qd)
     np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
     assert live.torque(q, -qd)[1] == pytest.approx(-2.0)
-    usual = usual_residual(replace(model, nuisance=nuisance))
+    usual = expected_residual(replace(model, nuisance=nuisance))
     np.testing.assert_allclose(usual[1:3], [np.hypot(0.1, 0.6), 0.1])
     assert residual_noise(model).max() < 0.3 * model.noise.max()
 
@@ -139,15 +139,15 @@ def offered(watch, ratios, start=0.0, step=0.01):
 
 def test_the_watch_asks_only_where_the_residual_stays():
     watch = PayloadWatch(('a', 'b'), 16.0)
-    offered(watch, [-9.0] * (FEWEST - 1))
+    offered(watch, [-9.0] * (MIN_WINDOW - 1))
     assert not watch.is_due()
     offered(watch, [-9.0], 100.0)
-    assert watch.is_due() and len(watch.window()) == FEWEST and not watch.is_due()
+    assert watch.is_due() and len(watch.window()) == MIN_WINDOW and not watch.is_due()
     touched = PayloadWatch(('a', 'b'), 16.0)
-    offered(touched, [1.0] * FEWEST + [30.0] * (FEWEST // 3) + [1.0] * FEWEST)
+    offered(touched, [1.0] * MIN_WINDOW + [30.0] * (MIN_WINDOW // 3) + [1.0] * MIN_WINDOW)
     assert not touched.is_due()
     resting = PayloadWatch(('a', 'b'), 16.0)
-    offered(resting, [9.0] * 5 * FEWEST, step=0.0)
+    offered(resting, [9.0] * 5 * MIN_WINDOW, step=0.0)
     assert not resting.is_due()
 
 
@@ -162,14 +162,15 @@ def test_only_a_change_that_has_lasted_is_a_payload(lasting, lasts, rate):
         watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.array([ratio]))
         if watch.is_due():
             window = watch.window()
-            assert FEWEST <= len(window) <= MOST and np.diff(window.t).min() > 0.85 * PERIOD
-            if watch.found(finding, window.t[0]) is not None:
+            assert MIN_WINDOW <= len(window) <= MAX_WINDOW
+            assert np.diff(window.t).min() > 0.85 * PERIOD
+            if watch.add_finding(finding, window.t[0]) is not None:
                 said.append(t)
     assert len(said) <= 1 and all(t >= lasting for t in said)
     if lasts < lasting:
         assert not said
     # The longest pause of two samples at this rate, and the samples from look to look.
-    elif lasts > max(lasting, FEWEST * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
+    elif lasts > max(lasting, MIN_WINDOW * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
         assert said
 
 
@@ -185,7 +186,7 @@ def test_an_uncertain_change_is_used_in_part(change, std):
         def predict_std(self, q):
             return np.full((1, 2), std)
 
-    unsure = UnsureChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
+                             np.ones(2))
                           np.ones(2))
     here, far = unsure.share(np.full(2, 0.5)), unsure.share(np.full(2, 1.5))
     assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
@@ -227,11 +228,11 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
         play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.learner.events)
         event = live.learner.events.popleft()
         assert 'another payload is suspected' in event.text and event.since > 185.0
-        assert any('another payload' in text for _, text in live.news)
+        assert any('another payload' in text for _, text in live.log_lines)
         status = {each.name: each for each in live.statuses(212.0)}['payload']
         if action == 'learn':
             assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
-            assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
+            assert 'opened automatically' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
             play(core, window(2.0, start=212.0), lambda: live.learner.events)
@@ -252,8 +253,8 @@ def test_friction_that_holds_is_taken_from_the_whole_way(model):
                              np.full(7, 0.002), np.full(7, 1e-4), np.full(7, 0.1))
     every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
     held = np.arange(200) // 5 % 4 == 3
-    friction = friction_of_both(replace(model, nuisance=nuisance), every.select(~held),
-                                every.select(held))
+    friction = interleaved_nuisance(replace(model, nuisance=nuisance), every.select(~held),
+                                    every.select(held))
     for part, here in zip(friction, (~held, held)):
         fast = np.abs(qd[here]) > 0.03
         np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

@@ -243,7 +243,7 @@ def every_fault(seeds: int) -> list[Fault]:
           for action in ('hold', 'fade')),
         silent('angles in degrees', 'position_absurd', 'input', {}, scale=180.0 / np.pi),
         silent('no clock', 'use_sim_time', 'clock', {'use_sim_time': True}),
-        silent('no bound of the torque', 'max_torque', 'feed-forward',
+        silent('no torque limits', 'max_torque', 'feed-forward',
                {'max_torque': '[]', 'robot_description': 'off'}),
         answered('all joints turned once', '', turn=2.0 * np.pi),
         answered('all joints turned back', '', turn=-2.0 * np.pi),
