@@ -186,8 +186,8 @@ def test_an_uncertain_change_is_used_in_part(change, std):
         def predict_std(self, q):
             return np.full((1, 2), std)
 
+    unsure = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
                              np.ones(2))
-                          np.ones(2))
     here, far = unsure.share(np.full(2, 0.5)), unsure.share(np.full(2, 1.5))
     assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
     if 1e-3 < change <= 2.0 * std:
