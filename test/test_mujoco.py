@@ -13,7 +13,7 @@ BUILD = 'seven'
 @pytest.fixture(scope='module')
 def recordings():
     """Return 75 s without and 15 s with the load."""
-    path = SlowPath.drawn(7, 1)
+    path = SlowPath.random(7, 1)
     return (record(MujocoArm(BUILD, None, 1), path, 0.0, 75.0),
             record(MujocoArm(BUILD, LOAD, 101), path, 75.0, 15.0))
 
@@ -39,7 +39,7 @@ def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, de
 def test_the_torque_of_motion_is_no_part_of_a_tool(tmp_path):
     description = tmp_path / 'arm.urdf'
     description.write_text(urdf(MujocoArm(BUILD).links))
-    path = SlowPath.drawn(7, 5)
+    path = SlowPath.random(7, 5)
     bare = record(MujocoArm(BUILD, None, 5), path, 0.0, 75.0)
     loaded = gc.Recording(record(MujocoArm(BUILD, LOAD, 105), path, 75.0, 15.0))
     model, arm, poses = gc.fit(gc.Recording(bare), urdf=description), MujocoArm(BUILD, LOAD), \

@@ -209,7 +209,7 @@ def play(core, samples, until):
         for j in range(2):
             t = samples.t[k] + 0.1 * j
             q = samples.q[k] + 0.1 * j * samples.qd[k]
-            core.hear(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
+            core.send(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
         core.live.tick(t, time.monotonic())
         while core.live.learner.fits.state != 'ready':
             time.sleep(0.002)

@@ -70,8 +70,8 @@ class Parameters:
         (), 'Effects of the model whose torque is published in addition to gravity, as `NAME` or '
         '`NAME:JOINT`: `coulomb_friction`, `viscous_friction`, `stribeck_friction`, '
         '`degressive_friction`, `load_dependent_friction`, `torque_offset`, `joint_spring` or '
-        '`cable_stiffness`. Effects that the model does not have are ignored, with a warning in '
-        'the diagnostics.')
+        '`cable_stiffness`. Effects that the model does not have are ignored; the status '
+        '`feed-forward` lists those that are compensated.')
     compensate_fraction: float = parameter(
         0.7, 'Fraction of their torque that is published. With the whole friction an arm may '
         'drift on its own.', '', 0.0, 1.0)
