@@ -1,8 +1,8 @@
-"""Messages for the node without ROS around it."""
+"""Messages for `NodeCore` without ROS."""
 
 
 def heard(node, message, now, arrival=0.0):
-    """Give a message to a `NodeCore` as its node does; return what was read, and the torque."""
+    """Send a message to a `NodeCore` as its node does; return the reading and the torque."""
     reading, tau = node.message(message, now, arrival)
     if reading is not None:
         node.learn(reading, now)

@@ -1,4 +1,4 @@
-"""Effects in the node: fitted when asked for, kept after a tool change, sent when chosen."""
+"""Effects in the node: fitted on request, kept after a tool change, compensated if selected."""
 
 from dataclasses import replace
 import time
@@ -16,26 +16,26 @@ from sensor_msgs.msg import JointState
 
 FRICTION = 1.5
 MASS = np.array([5.0, 2.0])
-# What a payload makes of it: more on each joint, and not by one factor.
+# Factor of each joint with a payload; not the same on both.
 LOADED = np.array([1.5, 1.8])
 
 
 def motion(t):
-    """Return pose and speed of both joints, (M, 2) each: slow, to and fro."""
+    """Return pose and speed of both joints (M, 2) in slow motion with reversals."""
     q = np.stack([0.6 * np.sin(0.2 * t), 0.5 * np.cos(0.23 * t)], axis=-1)
     qd = np.stack([0.12 * np.cos(0.2 * t), -0.115 * np.sin(0.23 * t)], axis=-1)
     return q, qd
 
 
 def torque(q, qd, mass=1.0):
-    """Return gravity, and dry friction on the first joint."""
+    """Return gravity, with Coulomb friction on the first joint."""
     tau = mass * MASS * np.sin(q)
     tau[..., 0] += FRICTION * np.tanh(qd[..., 0] / 0.005)
     return tau
 
 
 def feed(node, start, n, mass=1.0):
-    """Send n slow joint states from time `start` on; return the time after them."""
+    """Send n slow joint states from time `start`; return the time after them, and the torque."""
     rng = np.random.default_rng(int(start))
     for k in range(n):
         t = start + 0.2 * k
@@ -94,7 +94,7 @@ def change(node, **settings):
     node.set(replace(node.settings, **settings))
 
 
-def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
+def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     t, _ = feed(node, 1.0, 60)
     change(node, effects=('coulomb_friction:a',))
     success, text = refit(node)
@@ -106,7 +106,7 @@ def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
     assert found.target == 'coulomb_friction:a'
     assert found.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
 
-    # What is published stays gravity, until friction is chosen.
+    # The published torque is gravity until friction is selected.
     q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
     gravity = node.models.model.predict_one(q)
     np.testing.assert_allclose(send(node, t, q, qd, 0 * q), gravity)
@@ -115,7 +115,7 @@ def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
     np.testing.assert_allclose(sent, [0.5 * FRICTION * np.tanh(0.1 / 0.02), 0.0], rtol=0.1)
     status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
     assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
-    # Without a speed nobody knows which way friction points.
+    # Without a speed the direction of friction is unknown.
     message_without = JointState(name=['a', 'b'], position=q.tolist())
     message_without.header.stamp.sec = int(t + 2.0)
     tau = heard(node, message_without, t + 2.0, 0.0)[1]
@@ -127,7 +127,7 @@ def test_effects_stay_when_the_payload_changes(node):
     change(node, effects=('coulomb_friction:a',))
     assert refit(node)[0]
     node.payload_changed(t)
-    # Sixteen seconds: the first joint passes through half of its range.
+    # In sixteen seconds the first joint moves over half of its range.
     t, _ = feed(node, t, 80, mass=LOADED)
     success, text = refit(node)
     assert success and 'change of the old model' in text, text
@@ -135,12 +135,12 @@ def test_effects_stay_when_the_payload_changes(node):
     assert [effect.target for effect in applied] == ['coulomb_friction:a']
     q = motion(np.array([3.0, 7.0, 11.0]))[0]
     np.testing.assert_allclose(node.models.model.predict(q), LOADED * MASS * np.sin(q), atol=0.5)
-    # The residual that diagnostics watch is that of gravity and effects.
+    # The residual in diagnostics includes the effects of the model.
     t, _ = feed(node, t, 20, mass=LOADED)
     assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
 
 
-def test_what_the_model_does_not_have_cannot_be_sent(node):
+def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
     change(node, compensate=('viscous_friction:b',))
     t, tau = feed(node, 1.0, 2)
     status = {s.name: s for s in node.statuses(t)}['feed-forward']
@@ -149,7 +149,7 @@ def test_what_the_model_does_not_have_cannot_be_sent(node):
     np.testing.assert_allclose(tau, node.models.model.predict_one(q))
 
 
-def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
+def test_a_per_joint_model_is_held_near_its_range(tmp_path):
     t = 0.2 * np.arange(400)
     q, qd = motion(t)
     tau = MASS * np.sin(q) + 0.05 * np.random.default_rng(0).standard_normal(q.shape)

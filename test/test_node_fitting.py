@@ -1,4 +1,4 @@
-"""The fit process, a real one: it is kept warm, and its death, hang or failure is noticed."""
+"""Fit process: it stays running; its death, hang or failure is detected."""
 
 from contextlib import contextmanager
 import os
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
-    """Two links whose torque is known: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
+    """Return samples of two links: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1.5, 1.5, (n, 2))
     tau = mass * np.array([5.0, 2.0]) * np.sin(q) + noise * rng.standard_normal((n, 2))
@@ -47,7 +47,7 @@ def process(timeout=30.0, **options):
 
 
 def wait(fits, condition, seconds=30.0):
-    """Poll until the condition holds; return the events on the way."""
+    """Poll until the condition is true; return the events."""
     events, end = [], time.monotonic() + seconds
     while not condition(events):
         assert time.monotonic() < end, f'state {fits.state}: {fits.last_failure}'
@@ -60,7 +60,7 @@ def ready(fits):
     return wait(fits, lambda _: fits.state == READY)
 
 
-def test_it_fits_and_stays_warm():
+def test_it_fits_and_stays_running():
     with process() as fits:
         ready(fits)
         pid = fits.pid
@@ -86,11 +86,11 @@ def test_the_result_is_that_of_a_fit_in_this_process():
                                atol=1e-9)
 
 
-def test_a_killed_process_is_noticed_and_replaced():
+def test_a_killed_process_is_reported_and_restarted():
     with process() as fits:
         ready(fits)
         first = fits.pid
-        # Stopped first: on a busy machine the job might end before the signal comes.
+        # Stopped first, because on a busy machine the job might end before the signal.
         os.kill(first, signal.SIGSTOP)
         fits.submit(job(4), time.monotonic())
         os.kill(first, signal.SIGKILL)
@@ -104,7 +104,7 @@ def test_a_killed_process_is_noticed_and_replaced():
         assert outcome.number == 5
 
 
-def test_a_hanging_process_is_noticed_and_replaced():
+def test_a_hanging_process_is_reported_and_restarted():
     with process(timeout=0.3) as fits:
         ready(fits)
         first = fits.pid
@@ -116,7 +116,7 @@ def test_a_hanging_process_is_noticed_and_replaced():
         assert fits.pid != first
 
 
-def test_a_fit_that_fails_is_told_and_costs_no_process():
+def test_a_failed_fit_is_reported_and_the_process_stays():
     still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
                                     np.zeros((20, 2)), np.ones((20, 2)))
     with process() as fits:
@@ -131,7 +131,7 @@ def test_a_fit_that_fails_is_told_and_costs_no_process():
 @pytest.mark.parametrize('command, reason', [
     ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
     (('/no/such/program',), 'cannot be started')])
-def test_a_process_that_does_not_start_is_not_started_without_end(command, reason):
+def test_a_process_that_does_not_start_is_restarted_with_a_delay(command, reason):
     fits = FitProcess(1.0, command)
     now = time.monotonic()
     fits.start(now)
@@ -163,7 +163,7 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
         time.sleep(0.005)
 
 
-def test_few_samples_change_the_old_model_rather_than_start_again():
+def test_few_samples_give_a_change_of_the_old_model():
     old = run_fit(job()).model
     few = pendulum(30, 5, mass=1.5)
     outcome = run_fit(job(2, old, 1.5, few))
@@ -198,7 +198,7 @@ fits.stop()
 """
 
 
-def test_it_does_not_take_the_priority_of_control():
+def test_it_does_not_inherit_real_time_priority():
     done = subprocess.run([sys.executable, '-c', PRIORITY], cwd=ROOT, capture_output=True,
                           text=True, timeout=120)
     if done.returncode == 77:
@@ -206,14 +206,14 @@ def test_it_does_not_take_the_priority_of_control():
     assert done.stdout.split() == ['ready', 'True', 'True', '10'], done
 
 
-def test_a_diagnosis_says_which_motion_settles_what_is_open():
-    # Where a joint moves one way alone, friction and an offset are the same.
+def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
+    # On a joint that moves in one direction only, friction and offset are collinear.
     samples = two_links(1, one_way=True)
-    told = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
-    assert told.number == 7 and 'torque_offset:shoulder (untestable)' in told.text
+    result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
+    assert result.number == 7 and 'torque_offset:shoulder (untestable)' in result.text
     found = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
-                      told.text)
-    assert found and 2 <= int(found[1]) <= 20, told.text
+                      result.text)
+    assert found and 2 <= int(found[1]) <= 20, result.text
     assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', found[2])
     # Without a model no motion is planned.
     assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text

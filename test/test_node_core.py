@@ -1,4 +1,4 @@
-"""The node's mind without ROS: explicit messages, explicit time, a fit process that is real."""
+"""`NodeCore` without ROS, with explicit messages and time, and a real fit process."""
 
 import time
 
@@ -21,7 +21,7 @@ def torque(q, mass=1.0):
 
 
 def motion(n, seed=0):
-    """Return n slow poses: the time, and what both joints do."""
+    """Return time (n,) and poses (n, 2) of slow motion."""
     t = 0.2 * np.arange(n)
     return t, np.stack([1.2 * np.sin(0.11 * t + seed), 0.9 * np.cos(0.07 * t + seed)], axis=1)
 
@@ -88,7 +88,7 @@ def test_it_learns_the_torque_and_publishes_it(live):
 
 @pytest.mark.parametrize('content', [b'', b'{', b'[]', b'null', b'\x00\xff' * 99,
                                      b'{"format": "gravity_comp_ros model", "version": 99}'])
-def test_files_that_are_no_model_are_told_and_left_alone(live, content, tmp_path):
+def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp_path):
     path = tmp_path / 'model.json'
     path.write_bytes(content)
     node = live(model_file=str(path))
@@ -103,7 +103,7 @@ def test_a_model_of_other_joints_is_not_used(live, model_file):
     assert node.models.model is None and status(node, 'model').level == ERROR
 
 
-def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, model_file):
+def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     now = feed(node, 80)
     until(node, now, lambda: node.learner.fits.state == 'ready')
@@ -118,7 +118,7 @@ def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, mode
     assert node.models.model is before
 
 
-def test_what_was_sent_before_the_payload_changed_is_not_learned_from(live, model_file):
+def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
     node = live(model_file=str(model_file), settle_time=1.0)
     now = feed(node, 20)
     node.payload_changed(now)
@@ -148,7 +148,7 @@ def test_levels_of_the_input(live):
     assert status(node, 'input', 9.0).level == STALE
 
 
-def test_another_payload_is_suspected_from_the_residual(live, model_file):
+def test_a_large_residual_suggests_another_payload(live, model_file):
     node = live(model_file=str(model_file))
     now = feed(node, 40)
     assert status(node, 'joint a', now).level == OK
@@ -156,34 +156,34 @@ def test_another_payload_is_suspected_from_the_residual(live, model_file):
     assert 'another payload' in status(node, 'joint a', now + 8.0).message
 
 
-def test_friction_in_the_arm_is_no_other_payload_and_does_not_hide_one():
-    shown = np.array([[1.2], [0.1]])
+def test_the_residual_without_friction_shows_another_payload():
+    residual = np.array([[1.2], [0.1]])
     noise = np.array([[1.1], [0.12]])
     span, none = np.ones(1), np.zeros(1)
-    quiet, = joint_statuses(('a',), span, shown, noise, none, True)
+    quiet, = joint_statuses(('a',), span, residual, noise, none, True)
     assert quiet.level == OK and quiet.values['residual beside friction [Nm]'] == '0.1000'
     loud, = joint_statuses(('a',), span, np.array([[1.6], [1.0]]), noise, none, True)
     assert loud.level == WARN and 'another payload' in loud.message
 
 
-TOLD = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking': (), 'gate': {},
-        'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
-        'kept_old': False, 'compensated': False}
+LEARNING = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking': (), 'gate': {},
+            'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
+            'kept_old': False, 'compensated': False}
 
 
-def test_samples_that_were_left_out_are_a_warning():
-    assert learning_status(Learning(**TOLD)).level == OK
-    found = learning_status(Learning(**TOLD, outliers='3 of elbow'))
+def test_outliers_are_a_warning():
+    assert learning_status(Learning(**LEARNING)).level == OK
+    found = learning_status(Learning(**LEARNING, outliers='3 of elbow'))
     assert found.level == WARN and '3 of elbow' in found.message and 'brake' in found.message
 
 
 @pytest.mark.parametrize('change', [{'failure': 'it died'}, {'broken': True}, {'kept_old': True},
                                     {'compensated': True}, {'outliers': '3 of a'}, {}])
-def test_learning_says_whether_it_is_closed_whatever_else_it_says(change):
-    assert 'epoch 1 open' in learning_status(Learning(**{**TOLD, **change})).message
+def test_the_learning_status_always_has_the_state_of_the_epoch(change):
+    assert 'epoch 1 open' in learning_status(Learning(**{**LEARNING, **change})).message
 
 
-def test_close_answers_those_who_wait(live, model_file):
+def test_close_replies_to_pending_calls(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     feed(node, 80)
     answers = []
@@ -200,7 +200,7 @@ def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
     assert node.arm.epoch.n_samples > 10
 
 
-def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
+def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
     feed(node, 80)
     until(node, 0.0, lambda: node.learner.fits.state == 'ready')
@@ -216,7 +216,7 @@ def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
     assert answers[0][1].count('N·m') >= 2
 
 
-def test_a_machine_that_is_too_slow_is_told(live, model_file):
+def test_a_machine_that_is_too_slow_is_reported(live, model_file):
     node = live(model_file=str(model_file))
     now = feed(node, 20)
     node.late = 3
@@ -229,7 +229,7 @@ def test_a_machine_that_is_too_slow_is_told(live, model_file):
     assert status(node, 'input', now).level == OK
 
 
-def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, model_file):
+def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     now = feed(node, 80)
     until(node, now, lambda: node.learner.fits.state == 'ready')
@@ -241,7 +241,7 @@ def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, m
     assert node.learner.fits.state == 'ready' and status(node, 'learning').level == OK
 
 
-def test_no_torque_without_a_bound_and_the_description_gives_one(live, model_file):
+def test_no_torque_without_limits_and_the_description_has_limits(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
                 max_torque_rate=())
     assert heard(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
@@ -262,7 +262,7 @@ URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two
 <limit effort="1.5" velocity="1" lower="-2" upper="2"/></joint></robot>"""
 
 
-def test_a_description_names_axes_limits_and_joints_without_end():
+def test_a_description_gives_axes_limits_and_continuous_joints():
     found = describe_arm(URDF, ('a', 'b'))
     assert found.geometry.joints == ('a', 'b') and found.continuous == ('a',)
     assert found.max_effort == (1.5, 1.5) and not found.problem
@@ -271,7 +271,7 @@ def test_a_description_names_axes_limits_and_joints_without_end():
     assert describe_arm('<robot', ('a',)).problem
 
 
-def test_a_gripper_that_speaks_first_does_not_become_the_arm(live):
+def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     node = live()
     heard(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
     assert node.arm.joints == ('finger',)
@@ -281,7 +281,7 @@ def test_a_gripper_that_speaks_first_does_not_become_the_arm(live):
     assert node.arm.joints == ('a', 'b')
 
 
-def test_joints_by_alphabet_are_warned_of(live):
+def test_joints_in_alphabetical_order_cause_a_warning(live):
     names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
     node = live()
     heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
@@ -292,7 +292,7 @@ def test_joints_by_alphabet_are_warned_of(live):
     assert not any(is_warning for is_warning, _ in node.log_lines)
 
 
-def test_rollback_goes_back_by_payload(live, model_file):
+def test_rollback_returns_to_the_previous_payload(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     first = node.models.model
     for epoch in (1, 1, 1, 2, 2):
@@ -302,7 +302,7 @@ def test_rollback_goes_back_by_payload(live, model_file):
     assert not node.rollback(3.0)[0]
 
 
-def test_what_happened_is_news_for_the_log(live, model_file, tmp_path):
+def test_events_are_logged(live, model_file, tmp_path):
     node = live(model_file=str(model_file))
     text = node.log_lines.popleft()[1]
     assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
@@ -311,7 +311,7 @@ def test_what_happened_is_news_for_the_log(live, model_file, tmp_path):
     assert node.log_lines[-1][0] and status(node, 'model').level != OK
 
 
-def test_drives_that_are_off_teach_nothing(live, model_file):
+def test_samples_with_drives_off_are_left_out(live, model_file):
     node = live(model_file=str(model_file), settle_time=0.0)
     now = feed(node, 20)
     node.payload_changed(now)
@@ -321,7 +321,7 @@ def test_drives_that_are_off_teach_nothing(live, model_file):
     assert found.level == WARN and 'effort_off' in found.message
 
 
-def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
+def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     good, now = node.models.model, feed(node, 20)
     node.payload_changed(now)
@@ -333,7 +333,7 @@ def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
     assert node.models.model is good
     assert 'rolled back automatically' in node.arm.epoch.describe()
     assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
-    # A few samples are no proof that the effort has healed.
+    # After broken effort more samples are required.
     assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
     node.payload_changed(now + 20.0)
     assert not node.arm.epoch.had_broken_effort
