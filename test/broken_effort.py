@@ -77,9 +77,18 @@ def external(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     return 0.03 * tau + IDLE * rng.standard_normal(tau.shape)
 
 
+def intermittent_brake(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return effort with a brake that engages for half a second, every few seconds."""
+    effort, k = tau.copy(), int(rng.integers(5, 15))
+    while k < len(effort):
+        effort[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
+        k += int(rng.integers(20, 60))
+    return effort
+
+
 KINDS: Mapping[str, Break] = {
     'drives off': drives_off, 'zero': zero, 'dead shoulder': dead(SHOULDER),
     'dead elbow': dead(ELBOW), 'frozen': frozen, 'frozen shoulder': frozen_joint,
     'flipped shoulder': flipped(SHOULDER), 'flipped elbow': flipped(ELBOW),
     'all flipped': all_flipped, 'another unit': another_unit, 'one gain': one_gain,
-    'saturated': saturated, 'swapped': swapped, 'gravity taken off': external}
+    'saturated': saturated, 'swapped': swapped, 'gravity subtracted': external}

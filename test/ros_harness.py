@@ -210,13 +210,13 @@ class Probe(Node):
 
     def answered(self, name: str, seconds: float) -> bool:
         """Call a service and return whether it answered in time."""
-        future = self.ask(name)
+        future = self.call_async(name)
         end = deadline(seconds)
         while not future.done() and time.monotonic() < end:
             self.loop.spin_once(timeout_sec=0.05)
         return future.done()
 
-    def ask(self, name: str, request=None):
+    def call_async(self, name: str, request=None):
         """Call a service of the node and return the future."""
         client = self._service_clients[name]
         self.until(client.service_is_ready, 60.0, f'service {name}')
@@ -227,7 +227,7 @@ class Probe(Node):
 
     def call(self, name: str, seconds: float = 60.0, request=None):
         """Call a service of the node and return its answer."""
-        future = self.ask(name, request)
+        future = self.call_async(name, request)
         self.until(future.done, seconds, f'an answer of {name}')
         return future.result()
 

@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 import sys
 
-from broken_effort import KINDS
+from broken_effort import intermittent_brake, KINDS
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
@@ -65,20 +65,11 @@ def test_a_real_payload_is_accepted_within_twenty_seconds(mass, centre, base, ge
     assert np.abs(outcome.model.predict(case.later) - case.truth).max() < 0.5
 
 
-def with_brake(tau, rng):
-    """Return effort with a brake that engages for half a second, about every eight seconds."""
-    found, k = tau.copy(), int(rng.integers(5, 15))
-    while k < len(found):
-        found[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
-        k += int(rng.integers(20, 60))
-    return found
-
-
 @pytest.mark.parametrize('seconds, seed', [(8.0, 2), (20.0, 1), (20.0, 4)])
 def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
-    samples = replace(case.samples, tau=with_brake(case.samples.tau, rng))
+    samples = replace(case.samples, tau=intermittent_brake(case.samples.tau, rng))
     found = run_fit(job_of(replace(case, samples=samples), base))
     assert found.verdict.better, found.verdict.reason
     assert found.outliers and sum(found.outliers.values()) < 0.2 * len(samples)

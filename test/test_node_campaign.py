@@ -291,7 +291,8 @@ def test_invalid_calls_and_parameters(recording, model_file):
                 assert not answer.success and answer.message
         for name in STORMS:
             with field.fault(f'a storm of {name}'):
-                storm = [probe.ask(name) for _ in range(3 * CALLS if name == 'refit' else CALLS)]
+                count = 3 * CALLS if name == 'refit' else CALLS
+                storm = [probe.call_async(name) for _ in range(count)]
                 probe.until(lambda calls=storm: all(call.done() for call in calls), 60,
                             f'all answers of {name}')
                 assert all(call.result().message for call in storm)
@@ -314,7 +315,7 @@ def test_faults_of_the_fit_process(recording, model_file):
             pid = int(probe.values('learning')['fit process id'])
             with field.fault(f'the fit process {words}'):
                 os.kill(pid, signal.SIGSTOP)
-                waiting = probe.ask('refit')
+                waiting = probe.call_async('refit')
                 probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
                 os.kill(pid, number)
                 os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
@@ -378,7 +379,7 @@ def test_killed_while_saving_the_file_is_old_or_new(model_file, recording):
             field = FaultInjector(node, probe, recording, model_file)
             field.answered()
             for _ in range(20):
-                probe.ask('save_model')
+                probe.call_async('save_model')
             probe.spin(0.002 * (1 + 3 * kill))
             node.process.kill()
         load_model(model_file)

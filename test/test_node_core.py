@@ -10,7 +10,7 @@ from gravity_comp_ros.node.diagnostics import (
     ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import heard
+from node_messages import send_message
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -62,7 +62,7 @@ def feed(node, n, start=1.0, mass=1.0, seed=0):
     t, q = motion(n, seed)
     tau = torque(q, mass) + 0.01 * np.random.default_rng(7).standard_normal(q.shape)
     for k in range(n):
-        heard(node, joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
+        send_message(node, joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
     return start + t[-1]
 
 
@@ -82,7 +82,8 @@ def test_it_learns_the_torque_and_publishes_it(live):
     node = live(ramp_time=0.0, max_torque_rate=())
     now = feed(node, 140)
     until(node, now, lambda: node.models.model is not None)
-    reading, tau = heard(node, joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0]), now + 0.2, 0.0)
+    message = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
+    reading, tau = send_message(node, message, now + 0.2, 0.0)
     np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
 
 
@@ -94,7 +95,7 @@ def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp
     node = live(model_file=str(path))
     assert status(node, 'model').level == ERROR
     assert 'model.json' in status(node, 'model').message
-    assert heard(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert not node.save()[0] and path.read_bytes() == content
 
 
@@ -129,20 +130,21 @@ def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
 def test_a_first_message_that_names_no_arm(live):
     node = live()
     names = [f'j{k}' for k in range(11)]
-    assert heard(node, joint_state(1.0, [0.0] * 11, [0.0] * 11, names), 1.0, 0.0) == (None, None)
+    message = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    assert send_message(node, message, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
-    assert heard(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
+    assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
     assert node.arm.joints == ('a', 'b') and node.models.problem == ''
 
 
 def test_levels_of_the_input(live):
     node = live(joints=('a', 'b'))
     assert status(node, 'input').level == STALE
-    heard(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
+    send_message(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
     assert status(node, 'input', 1.0).level == ERROR
-    heard(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert status(node, 'input', 1.1).level == OK
-    heard(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
+    send_message(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
     found = status(node, 'input', 1.2)
     assert found.level == WARN and 'effort_not_finite 1' in found.message
     assert status(node, 'input', 9.0).level == STALE
@@ -244,12 +246,12 @@ def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
 def test_no_torque_without_limits_and_the_description_has_limits(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
                 max_torque_rate=())
-    assert heard(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert status(node, 'feed-forward').level == ERROR
     success, why = node.enable(True)
     assert not success and 'max_torque' in why
     node.describe(URDF)
-    tau = heard(node, joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
+    tau = send_message(node, joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
     assert tau is not None and np.abs(tau).max() <= 1.5
     assert status(node, 'feed-forward').values['torque limits'] == 'robot_description'
 
@@ -273,22 +275,22 @@ def test_a_description_gives_axes_limits_and_continuous_joints():
 
 def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     node = live()
-    heard(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
+    send_message(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
     assert node.arm.joints == ('finger',)
-    heard(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert node.arm.joints == ('a', 'b')
-    heard(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
+    send_message(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
     assert node.arm.joints == ('a', 'b')
 
 
 def test_joints_in_alphabetical_order_cause_a_warning(live):
     names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
     node = live()
-    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
     warnings = [text for is_warning, text in node.log_lines if is_warning]
     assert len(warnings) == 1 and ', '.join(reversed(names)) in warnings[0]
     node = live()
-    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
     assert not any(is_warning for is_warning, _ in node.log_lines)
 
 

@@ -9,7 +9,7 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import heard
+from node_messages import send_message
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -50,7 +50,7 @@ def send(node, t, q, qd, tau):
                          effort=tau.tolist())
     message.header.stamp.sec = int(t)
     message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-    return heard(node, message, t, 0.0)[1]
+    return send_message(node, message, t, 0.0)[1]
 
 
 @pytest.fixture(scope='module')
@@ -118,7 +118,7 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     # Without a speed the direction of friction is unknown.
     message_without = JointState(name=['a', 'b'], position=q.tolist())
     message_without.header.stamp.sec = int(t + 2.0)
-    tau = heard(node, message_without, t + 2.0, 0.0)[1]
+    tau = send_message(node, message_without, t + 2.0, 0.0)[1]
     np.testing.assert_allclose(tau, gravity)
 
 

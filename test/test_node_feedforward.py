@@ -236,13 +236,9 @@ def test_no_sequence_of_events_exceeds_the_limits(script, policy):
             last = float(tau[0])
 
 
-def near(torque):
-    return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
-
-
 def test_effects_are_added_and_ramp_to_zero_on_stale_input():
     feed, t = started(torque=10.0)
-    feed.use(near(10.0))
+    feed.use(constant(10.0))
     for k in range(12):
         tau = feed.update(t + 0.1 * (k + 1), Q, np.array([3.0]))
     assert tau == pytest.approx(13.0)
@@ -257,7 +253,7 @@ def test_effects_are_added_and_ramp_to_zero_on_stale_input():
 def test_effects_end_beyond_the_margin_and_stay_within_limits():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
                                   extrapolation_margin=0.5))
-    feed.use(near(10.0))
+    feed.use(constant(10.0))
     assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
     assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
     assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)

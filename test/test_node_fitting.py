@@ -147,7 +147,6 @@ def test_a_process_that_does_not_start_is_restarted_with_a_delay(command, reason
 
 
 def test_it_ends_with_the_process_that_started_it(tmp_path):
-    import subprocess
     code = ('import time\nfrom gravity_comp_ros.node.fit_process import FitProcess\n'
             'fits = FitProcess(9.0); fits.start(0.0)\n'
             'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'

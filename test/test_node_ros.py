@@ -127,7 +127,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
         probe.spin(0.6)
         probe.stream(part(loaded, 20, 170), period=0.01)
         probe.until(lambda: 'change of the old model' in probe.status['model'].message, 60)
-        first, second = probe.ask('refit'), probe.ask('refit')
+        first, second = probe.call_async('refit'), probe.call_async('refit')
         probe.until(lambda: first.done() and second.done(), 60)
         texts = sorted(f.result().message for f in (first, second))
         assert any('is running already' in text for text in texts), texts
@@ -165,7 +165,7 @@ def rolled_back_at_rest(probe, samples):
     begun = due = time.monotonic()
     for k in range(5000):
         if k == 100:
-            rollback = probe.ask('rollback')
+            rollback = probe.call_async('rollback')
         probe.send(samples.names, samples.t[-1] + 1.0 + 0.004 * k, samples.q[250],
                    0.0 * samples.qd[250])
         due += 0.004
@@ -209,7 +209,7 @@ def test_a_dead_fit_process_is_restarted_and_the_model_stays(bags, iiwa_model_fi
         probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 60)
         pid = int(probe.values('learning')['fit process id'])
         os.kill(pid, signal.SIGSTOP)
-        waiting = probe.ask('refit')
+        waiting = probe.call_async('refit')
         probe.until(lambda: probe.report('learning')
                     and probe.values('learning')['fit process'] == 'fitting', 60)
         os.kill(pid, signal.SIGKILL)

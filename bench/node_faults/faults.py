@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import time
 
-from broken_effort import Break, KINDS
+from broken_effort import Break, intermittent_brake, KINDS
 from client import healthy, Player
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Payload
@@ -79,15 +79,6 @@ def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
         return ''
     what = 'real payload' if spoil is healthy else 'intermittent brake, payload'
     return Fault(f'{what} of {payload.mass:g} kg at {centre} m, seed {seed}', play, {})
-
-
-def intermittent_brake(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return effort with a brake that engages for half a second, every few seconds."""
-    effort, k = tau.copy(), int(rng.integers(5, 15))
-    while k < len(effort):
-        effort[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
-        k += int(rng.integers(20, 60))
-    return effort
 
 
 def contacts(tau: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -112,24 +112,21 @@ def learning_status(learning: Learning) -> Status:
     for reason, count in learning.gate.items():
         values[f'gate {reason}'] = str(count)
     if learning.failure:
-        return Status('learning', ERROR, f'{learning.failure}; the old model stays in use; '
-                      f'{learning.epoch}', values)
-    if learning.broken:
-        return Status('learning', ERROR, f'broken effort: {learning.last_fit}; {learning.epoch}',
-                      values)
-    if learning.faults:
-        return Status('learning', WARN, f'samples with broken effort are left out: '
-                      f'{learning.faults}; {learning.epoch}', values)
-    if learning.compensated:
-        return Status('learning', WARN, f'{learning.last_fit}; {learning.epoch}', values)
-    if learning.kept_old:
-        return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
-                      f'{learning.epoch}', values)
-    if learning.outliers:
-        return Status('learning', WARN, f'samples left out as outliers: {learning.outliers}; does '
-                      'a brake engage intermittently, or does something touch the arm? '
-                      f'{learning.epoch}', values)
-    return Status('learning', OK, learning.epoch, values)
+        level, problem = ERROR, f'{learning.failure}; the old model stays in use'
+    elif learning.broken:
+        level, problem = ERROR, f'broken effort: {learning.last_fit}'
+    elif learning.faults:
+        level, problem = WARN, f'samples with broken effort are left out: {learning.faults}'
+    elif learning.compensated:
+        level, problem = WARN, learning.last_fit
+    elif learning.kept_old:
+        level, problem = WARN, f'old model kept: {learning.last_fit}'
+    elif learning.outliers:
+        level, problem = WARN, (f'samples left out as outliers: {learning.outliers} (an '
+                                'intermittent brake, or a contact with the arm)')
+    else:
+        return Status('learning', OK, learning.epoch, values)
+    return Status('learning', level, f'{problem}; {learning.epoch}', values)
 
 
 def feedforward_status(state: str, enabled: bool, outside: float, bound: str,

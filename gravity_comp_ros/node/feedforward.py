@@ -113,8 +113,7 @@ class FeedForward:
     @property
     def margin(self) -> float:
         """Distance outside the trained range up to which the model is used unchanged, rad."""
-        reach = math.inf if self._source is None else self._source.reach
-        return min(self.options.extrapolation_margin, reach)
+        return self._margin_of(self._source)
 
     def update(self, now: float, q: FloatArray,
                effects: FloatArray | None = None) -> FloatArray | None:
@@ -213,8 +212,12 @@ class FeedForward:
             self._effects = self._effects * (max(0.0, 1.0 - dt / ramp) if ramp > dt else 0.0)
             self._effects[np.abs(self._effects) < MIN_TORQUE] = 0.0
 
+    def _margin_of(self, source: TorqueSource | None) -> float:
+        reach = math.inf if source is None else source.reach
+        return min(self.options.extrapolation_margin, reach)
+
     def _is_near(self, source: TorqueSource, q: FloatArray) -> bool:
-        margin = min(self.options.extrapolation_margin, source.reach)
+        margin = self._margin_of(source)
         return bool(((q >= source.q_min - margin) & (q <= source.q_max + margin)).all())
 
     def _is_at_rest(self) -> bool:
@@ -252,12 +255,12 @@ class FeedForward:
         predict = source.with_share(self._share)
         if self.options.extrapolation == 'trust':
             return predict(q)
-        near = source.nearest(q)
-        if near is q:
+        nearest = source.nearest(q)
+        if nearest is q:
             # Within the trained range.
             return predict(q)
-        q = near
-        margin = min(self.options.extrapolation_margin, source.reach)
+        q = nearest
+        margin = self._margin_of(source)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())
         if outside == 0.0:

@@ -161,7 +161,7 @@ def _candidates(job: FitJob, chain: GravityModel | None,
     requested = requests(job.effects, job.train.names)
     new_effects = [request.target for request in requested
                    if base is None or not base.applied.has(request.effect.name, request.joint)]
-    if job.asked and new_effects:
+    if job.on_request and new_effects:
         base = None
         if len(job.train) < MIN_FULL_FIT_SAMPLES:
             raise FitError(f'{len(job.train)} training samples; a model with '

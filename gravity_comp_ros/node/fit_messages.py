@@ -25,7 +25,7 @@ class FitJob:
 
     - `base`: model in use when the epoch began; its change may be fitted.
     - `old`: model in use now, to compare with.
-    - `effects`: effects of a full fit; `asked` is true for a fit on request.
+    - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
     - `payload`: limits of a payload; `geometry`: the axes where they are known.
     - `sent`: torque that the node published before each sample.
     - `formulation`: formulation of a full fit, as in `FitOptions`.
@@ -39,7 +39,7 @@ class FitJob:
     old: GravityModel | None
     formulation: str = 'auto'
     effects: tuple[str, ...] = ()
-    asked: bool = False
+    on_request: bool = False
     payload: PayloadLimits = PayloadLimits()
     geometry: Geometry | None = None
     sent: SentTorque | None = None

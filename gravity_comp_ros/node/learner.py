@@ -89,14 +89,14 @@ class Learner:
             request.reply(False, missing)
             return
         number = self._submit_diagnosis(arm, wall) if request.is_diagnosis \
-            else self._submit(arm, wall, asked=True)
+            else self._submit(arm, wall, on_request=True)
         self._requests.wait(number, request)
 
-    def _submit(self, arm: Arm, now: float, asked: bool = False) -> int:
+    def _submit(self, arm: Arm, now: float, on_request: bool = False) -> int:
         self.jobs += 1
         job = FitJob(self.jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held_out(),
                      self._base, self.models.model, self.settings.formulation,
-                     self.settings.effects, asked,
+                     self.settings.effects, on_request,
                      payload_limits(self.settings), arm.geometry, arm.epoch.sent())
         self.fits.submit(job, now)
         arm.epoch.fit_started()

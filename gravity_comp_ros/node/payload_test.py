@@ -87,10 +87,10 @@ def _contradiction(evidence: PayloadEvidence) -> Iterator[str]:
     ratio = residual / evidence.noise
     worst = int(np.argmax(ratio))
     if ratio[worst] > MAX_RESIDUAL:
-        joint, what = _suspect(evidence)
+        joint, fault = _suspect(evidence)
         yield (f'no payload explains the effort of {evidence.names[worst]}: residual '
                f'{residual[worst]:.3g} N·m, noise of earlier epochs {evidence.noise[worst]:.3g}; '
-               f'most likely {evidence.names[joint]} {what}')
+               f'most likely {evidence.names[joint]} {fault}')
 
 
 def _size(evidence: PayloadEvidence, limits: PayloadLimits) -> Iterator[str]:
@@ -127,7 +127,7 @@ def _common_factor(evidence: PayloadEvidence, before: FloatArray) -> Iterator[st
     residual = rms(evidence.tau - factor * before) / evidence.noise
     loaded_joints = rms(before) * abs(factor - 1.0) > 4.0 * evidence.noise
     if residual.max() < 1.5 and loaded_joints.sum() > 1:
-        yield (f'the effort of all joints is {factor:.3g} times what it was: another unit or '
+        yield (f'the effort of all joints is {factor:.3g} times the earlier one: another unit or '
                'gain, no payload')
 
 
@@ -148,10 +148,10 @@ def _known_body(evidence: PayloadEvidence, before: FloatArray, limits: PayloadLi
     ratio = np.sqrt((residual ** 2).mean(axis=1))
     worst = int(np.argmax(ratio))
     if ratio[worst] > MAX_RESIDUAL:
-        joint, what = _suspect(evidence)
+        joint, fault = _suspect(evidence)
         yield (f'no body on {geometry.link} explains the effort of {evidence.names[worst]}: '
                f'residual {ratio[worst] * evidence.noise[worst]:.3g} N·m, noise of earlier '
-               f'epochs {evidence.noise[worst]:.3g}; most likely {evidence.names[joint]} {what}')
+               f'epochs {evidence.noise[worst]:.3g}; most likely {evidence.names[joint]} {fault}')
         return
     mass, sigma = float(body[0]), float(np.sqrt(covariance[0, 0]))
     if abs(mass) > limits.mass + _SIGNIFICANT * sigma:
