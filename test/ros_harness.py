@@ -17,6 +17,7 @@ import time
 from dds_domain import private_domain
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState, GetState
+from node_messages import joint_state
 import numpy as np
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -234,14 +235,9 @@ class Probe(Node):
     def enable(self, enabled: bool):
         return self.call('enable', request=SetBool.Request(data=enabled))
 
-    def send(self, names, t, q, qd=None, tau=None) -> None:
+    def send(self, names, t, q, qd=(), tau=()) -> None:
         """Publish one joint state."""
-        message = JointState(name=list(names), position=[float(x) for x in q])
-        message.velocity = [] if qd is None else [float(x) for x in qd]
-        message.effort = [] if tau is None else [float(x) for x in tau]
-        message.header.stamp.sec = int(t)
-        message.header.stamp.nanosec = min(int(round((t - int(t)) * 1e9)), 999999999)
-        self.publisher.publish(message)
+        self.publisher.publish(joint_state(names, t, q, qd, tau))
 
     def stream(self, samples, start: float = 0.0, period: float = 0.002) -> None:
         """Publish samples in order with stamps t + start, faster than they were recorded."""

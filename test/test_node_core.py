@@ -10,10 +10,9 @@ from gravity_comp_ros.node.diagnostics import (
     ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import send_message
+from node_messages import joint_state as message, send_message, until
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 
 def torque(q, mass=1.0):
@@ -27,11 +26,7 @@ def motion(n, seed=0):
 
 
 def joint_state(t, q, tau, names=('a', 'b')):
-    message = JointState(name=list(names), position=list(q), velocity=[0.14] * len(q),
-                         effort=list(tau))
-    message.header.stamp.sec = int(t)
-    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-    return message
+    return message(names, t, q, [0.14] * len(q), tau)
 
 
 @pytest.fixture
@@ -66,14 +61,6 @@ def feed(node, n, start=1.0, mass=1.0, seed=0):
     return start + t[-1]
 
 
-def until(node, now, condition, seconds=30.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, node.statuses(now)
-        node.tick(time.monotonic())
-        time.sleep(0.002)
-
-
 def status(node, name, now=0.0):
     return {each.name: each for each in node.statuses(now)}[name]
 
@@ -81,9 +68,9 @@ def status(node, name, now=0.0):
 def test_it_learns_the_torque_and_publishes_it(live):
     node = live(ramp_time=0.0, max_torque_rate=())
     now = feed(node, 140)
-    until(node, now, lambda: node.models.model is not None)
-    message = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
-    reading, tau = send_message(node, message, now + 0.2, 0.0)
+    until(node, lambda: node.models.model is not None)
+    last = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
+    reading, tau = send_message(node, last, now + 0.2, 0.0)
     np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
 
 
@@ -107,14 +94,14 @@ def test_a_model_of_other_joints_is_not_used(live, model_file):
 def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     now = feed(node, 80)
-    until(node, now, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(time.monotonic())
     assert node.learner.fits.state == 'fitting'
     assert node.payload_changed(now)[0]
     before = node.models.model
-    until(node, now, lambda: answers)
+    until(node, lambda: answers)
     assert not answers[0][0] and 'discarded' in answers[0][1]
     assert node.models.model is before
 
@@ -130,8 +117,8 @@ def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
 def test_a_first_message_that_names_no_arm(live):
     node = live()
     names = [f'j{k}' for k in range(11)]
-    message = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
-    assert send_message(node, message, 1.0, 0.0) == (None, None)
+    many = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    assert send_message(node, many, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
     assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
     assert node.arm.joints == ('a', 'b') and node.models.problem == ''
@@ -205,7 +192,7 @@ def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
 def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
     feed(node, 80)
-    until(node, 0.0, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(20.0, time.monotonic())
@@ -234,7 +221,7 @@ def test_a_machine_that_is_too_slow_is_reported(live, model_file):
 def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     now = feed(node, 80)
-    until(node, now, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     assert node.payload_changed(now)[0] and not answers

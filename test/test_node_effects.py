@@ -9,10 +9,9 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import send_message
+from node_messages import joint_state, send_message, until
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 FRICTION = 1.5
 MASS = np.array([5.0, 2.0])
@@ -45,12 +44,8 @@ def feed(node, start, n, mass=1.0):
     return start + 0.2 * n, found
 
 
-def send(node, t, q, qd, tau):
-    message = JointState(name=['a', 'b'], position=q.tolist(), velocity=qd.tolist(),
-                         effort=tau.tolist())
-    message.header.stamp.sec = int(t)
-    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-    return send_message(node, message, t, 0.0)[1]
+def send(node, t, q, qd=(), tau=()):
+    return send_message(node, joint_state(['a', 'b'], t, q, qd, tau), t)[1]
 
 
 @pytest.fixture(scope='module')
@@ -73,14 +68,6 @@ def node(model_file):
     until(node, lambda: node.learner.fits.state == 'ready')
     yield node
     node.close()
-
-
-def until(node, condition):
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end, 'the fit process does not answer'
-        node.tick(time.monotonic())
-        time.sleep(0.002)
 
 
 def refit(node):
@@ -116,9 +103,7 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
     assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
     # Without a speed the direction of friction is unknown.
-    message_without = JointState(name=['a', 'b'], position=q.tolist())
-    message_without.header.stamp.sec = int(t + 2.0)
-    tau = send_message(node, message_without, t + 2.0, 0.0)[1]
+    tau = send(node, t + 2.0, q)
     np.testing.assert_allclose(tau, gravity)
 
 

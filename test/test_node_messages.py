@@ -1,21 +1,17 @@
 """Conversion of joint states to vectors, and the name of each fault."""
 
-from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.messages import JointStateReader, STAMPS_TO_ACCEPT_CLOCK
 from hypothesis import example, given, settings, strategies as st
+from node_messages import joint_state as message
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 NAN, INF = float('nan'), float('inf')
 
 
 def joint_state(t=1.0, names=('a', 'b'), q=(0.1, 0.2), qd=(0.0, 0.0), tau=(1.0, 2.0)):
-    message = JointState(name=list(names), position=list(q), velocity=list(qd),
-                         effort=list(tau))
-    message.header.stamp = Time(sec=int(t), nanosec=round((t - int(t)) * 1e9))
-    return message
+    return message(names, t, q, qd, tau)
 
 
 def reader(**options):

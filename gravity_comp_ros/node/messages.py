@@ -140,12 +140,8 @@ class JointStateReader:
         self.received += 1
         if message.name != self._names and not self._learn_order(message.name):
             return None
-        q = self._vector(message.position)
+        q = self._vector(message.position, POSITION_NOT_FINITE)
         if q is None:
-            self.counts[WRONG_SIZE] += 1
-            return None
-        if not all_finite(q):
-            self.counts[POSITION_NOT_FINITE] += 1
             return None
         if not self._bounds.hold(q):
             self.counts[POSITION_ABSURD] += 1
@@ -206,10 +202,16 @@ class JointStateReader:
         self._names, self._size = names, len(names)
         return True
 
-    def _vector(self, values: Sequence[float]) -> FloatArray | None:
+    def _vector(self, values: Sequence[float], not_finite: str) -> FloatArray | None:
+        """Return values (N,) in the configured order; count a wrong size or values not finite."""
         if len(values) != self._size:
+            self.counts[WRONG_SIZE] += 1
             return None
-        return np.asarray(values, dtype=np.float64)[self._order]
+        vector = np.asarray(values, dtype=np.float64)[self._order]
+        if not all_finite(vector):
+            self.counts[not_finite] += 1
+            return None
+        return vector
 
     def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
         if len(values) == 0:
@@ -219,12 +221,8 @@ class JointStateReader:
                 # The next slope over the window is compared with this one.
                 self._past[-1] = (t, q, slope)
             return slope
-        qd = self._vector(values)
+        qd = self._vector(values, VELOCITY_NOT_FINITE)
         if qd is None:
-            self.counts[WRONG_SIZE] += 1
-            return None
-        if not all_finite(qd):
-            self.counts[VELOCITY_NOT_FINITE] += 1
             return None
         slope, qd_then = self._slope(t, q, qd)
         if slope is not None:
@@ -251,12 +249,7 @@ class JointStateReader:
         if len(values) == 0:
             self.counts[NO_EFFORT] += 1
             return None
-        tau = self._vector(values)
-        if tau is None:
-            self.counts[WRONG_SIZE] += 1
-        elif not all_finite(tau):
-            self.counts[EFFORT_NOT_FINITE] += 1
-            return None
+        tau = self._vector(values, EFFORT_NOT_FINITE)
         return None if tau is None else tau * self._scale
 
     def _clock_was_set_back(self, t: float) -> bool:
