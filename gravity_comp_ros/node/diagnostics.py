@@ -129,19 +129,19 @@ def learning_status(learning: Learning) -> Status:
     return Status('learning', level, f'{problem}; {learning.epoch}', values)
 
 
-def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
+def feedforward_status(state: str, enabled: bool, outside: float, limits: str,
                        margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
     """
     Return the state of the published torque.
 
     :param outside: distance of the pose outside the trained range in rad; `margin` likewise.
-    :param bound: source of the torque limits; with `none` no torque is published.
+    :param limits: source of the torque limits; with `none` no torque is published.
     :param sent: the effects that are compensated; `problem` is why one is not.
     """
     values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': bound,
+              'torque limits': limits,
               'compensated effects': ', '.join(sent) or 'none'}
-    if bound == 'none':
+    if limits == 'none':
         return Status('feed-forward', ERROR, NO_LIMITS, values)
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
@@ -150,7 +150,7 @@ def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
                       'the trained range', values)
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    if bound == 'unlimited':
+    if limits == 'unlimited':
         return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)
 
