@@ -85,7 +85,7 @@ def _tested(verdict: Verdict, job: FitJob, chain: GravityModel | None,
         job.base is not None and _targets(model) != _targets(job.base))
     if echo is not None:
         return verdict.not_yet(echo)
-    if (broken := _broken_effort(job, chain, change, model)) is not None:
+    if (broken := _broken_effort(job, chain, change, model, prediction)) is not None:
         return verdict.refused(broken)
     if verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
         return verdict.not_yet(why)
@@ -207,13 +207,12 @@ def _unsettled(model: GravityModel, job: FitJob) -> str | None:
 
 
 def _broken_effort(job: FitJob, chain: GravityModel | None, change: GravityModel | None,
-                   model: GravityModel) -> str | None:
+                   model: GravityModel, prediction: Prediction) -> str | None:
     """
     Return why the effort of this job is broken, None if it is not.
 
     :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
-    prediction = predicted(model, job)
     residual = np.maximum(
         outliers.rms_without(job.train, prediction.train + prediction.nuisance_train),
         outliers.rms_without(job.held_out, prediction.held_out + prediction.nuisance_held_out))
