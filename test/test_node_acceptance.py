@@ -52,8 +52,8 @@ def spoiled(name, n=100, seed=1):
 # Each takes seconds of CPU time; bench/node_acceptance.py runs the others.
 @pytest.mark.parametrize('name', ['drives off', 'dead elbow', 'flipped shoulder', 'all flipped'])
 def test_broken_effort_is_refused(name, base, geometry):
-    found = run_fit(job_of(spoiled(name), base, geometry)).verdict
-    assert found.broken and not found.better and found.broken in found.reason
+    result = run_fit(job_of(spoiled(name), base, geometry)).verdict
+    assert result.broken and not result.better and result.broken in result.reason
 
 
 @pytest.mark.parametrize('mass, centre', [(0.3, (0.0, 0.0, 0.1)), (5.0, (0.12, -0.1, 0.1))])
@@ -70,10 +70,10 @@ def test_samples_with_an_intermittent_brake_are_left_out(seconds, seed, base):
     rng = np.random.default_rng(seed)
     case = recorded('eq17', seed, seconds, 60.0 + 23.0 * seed, Payload(2.0), 'brake', rng)
     samples = replace(case.samples, tau=intermittent_brake(case.samples.tau, rng))
-    found = run_fit(job_of(replace(case, samples=samples), base))
-    assert found.verdict.better, found.verdict.reason
-    assert found.outliers and sum(found.outliers.values()) < 0.2 * len(samples)
-    assert np.abs(found.model.predict(case.later) - case.truth).max() < 0.5
+    result = run_fit(job_of(replace(case, samples=samples), base))
+    assert result.verdict.better, result.verdict.reason
+    assert result.outliers and sum(result.outliers.values()) < 0.2 * len(samples)
+    assert np.abs(result.model.predict(case.later) - case.truth).max() < 0.5
     clean = run_fit(job_of(case, base))
     assert not clean.outliers
 
@@ -85,9 +85,9 @@ def test_a_transient_does_not_prevent_a_first_model():
     tau[100:104, 0] += [9.0, -9.0, 7.0, -7.0]
     samples = replace(samples, tau=tau)
     job = job_of(bench.Case('', samples, samples.q, tau), None)
-    found = run_fit(job)
-    assert found.verdict.better, found.verdict.reason
-    assert set(found.outliers) == {ARM.joints[0]} and sum(found.outliers.values()) <= 4
+    result = run_fit(job)
+    assert result.verdict.better, result.verdict.reason
+    assert set(result.outliers) == {ARM.joints[0]} and sum(result.outliers.values()) <= 4
 
 
 def test_a_lasting_fault_of_a_joint_is_no_outlier(base):
@@ -110,10 +110,10 @@ def evidence(base, change, noise=0.1):
 
 
 def moments(**changed):
-    found = np.zeros((7, 2))
+    result = np.zeros((7, 2))
     for name, value in changed.items():
-        found[int(name[1:]), 0] = value
-    return found
+        result[int(name[1:]), 0] = value
+    return result
 
 
 def test_a_change_of_the_shoulder_alone_is_refused(base):
@@ -137,10 +137,10 @@ def test_known_axes_bound_mass_and_reach(base, geometry):
     case = recorded('eq17', 0, 20.0, 80.0, Payload(3.0, (0.0, 0.0, 0.4)), '',
                     np.random.default_rng(2)).samples
     base = as_chain(base, geometry)
-    found = PayloadEvidence(base, base, case, case, np.full(7, 0.1))
-    assert not list(objections(found, PayloadLimits(), geometry))
-    assert 'max_payload is 2 kg' in next(objections(found, PayloadLimits(mass=2.0), geometry))
-    assert 'max_payload_reach' in next(objections(found, PayloadLimits(reach=0.2), geometry))
+    result = PayloadEvidence(base, base, case, case, np.full(7, 0.1))
+    assert not list(objections(result, PayloadLimits(), geometry))
+    assert 'max_payload is 2 kg' in next(objections(result, PayloadLimits(mass=2.0), geometry))
+    assert 'max_payload_reach' in next(objections(result, PayloadLimits(reach=0.2), geometry))
 
 
 def test_a_potential_model_of_a_serial_arm_is_a_chain(base):
@@ -159,8 +159,8 @@ def test_reference_noise_is_the_larger_of_earlier_and_present_noise():
     q = np.stack([np.sin(0.1 * t), np.cos(0.1 * t)], axis=1)
     tau = 20.0 * q + np.array([0.05, 1.0]) * rng.standard_normal(q.shape)
     samples = JointSamples.single_run(['a', 'b'], t, q, 0 * q, tau)
-    found = reference_noise(np.full(2, 0.1), samples, 19.0 * q)
-    assert found[0] == 0.1 and found[1] == pytest.approx(1.0, rel=0.2)
+    result = reference_noise(np.full(2, 0.1), samples, 19.0 * q)
+    assert result[0] == 0.1 and result[1] == pytest.approx(1.0, rel=0.2)
 
 
 def test_a_first_model_must_explain_every_joint():
@@ -221,17 +221,17 @@ def test_a_model_that_changes_with_its_samples_has_not_settled(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)
     assert unsettled(base, case.samples, noise, lambda early: base) is None
-    found = unsettled(with_wrong_axes(base, 0.3), case.samples, noise, lambda early: base)
-    assert found is not None and 'has not settled' in found and 'N·m' in found
+    result = unsettled(with_wrong_axes(base, 0.3), case.samples, noise, lambda early: base)
+    assert result is not None and 'has not settled' in result and 'N·m' in result
     parts = []
     unsettled(base, case.samples, noise, lambda part: parts.append(part) or base)
     first, last = parts
     assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A fit to the first part may agree with the model, and one to the last part contradict it.
-    found = unsettled(base, case.samples, noise,
-                      lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
-    assert 'the first 90 of 300 samples changed' in found
+    result = unsettled(base, case.samples, noise,
+                       lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+    assert 'the first 90 of 300 samples changed' in result
 
     def too_few(part):
         raise FitError('10 samples are too few')

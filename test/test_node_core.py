@@ -132,8 +132,8 @@ def test_levels_of_the_input(live):
     send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert status(node, 'input', 1.1).level == OK
     send_message(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
-    found = status(node, 'input', 1.2)
-    assert found.level == WARN and 'effort_not_finite 1' in found.message
+    report = status(node, 'input', 1.2)
+    assert report.level == WARN and 'effort_not_finite 1' in report.message
     assert status(node, 'input', 9.0).level == STALE
 
 
@@ -162,8 +162,8 @@ LEARNING = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking
 
 def test_outliers_are_a_warning():
     assert learning_status(Learning(**LEARNING)).level == OK
-    found = learning_status(Learning(**LEARNING, outliers='3 of elbow'))
-    assert found.level == WARN and '3 of elbow' in found.message and 'brake' in found.message
+    report = learning_status(Learning(**LEARNING, outliers='3 of elbow'))
+    assert report.level == WARN and '3 of elbow' in report.message and 'brake' in report.message
 
 
 @pytest.mark.parametrize('change', [{'failure': 'it died'}, {'broken': True}, {'kept_old': True},
@@ -212,8 +212,8 @@ def test_a_machine_that_is_too_slow_is_reported(live, model_file):
     assert status(node, 'input', now).level == OK
     now = feed(node, 20, now + 1.0)
     node.late = 60
-    found = status(node, 'input', now)
-    assert found.level == WARN and 'the torque is late' in found.message
+    report = status(node, 'input', now)
+    assert report.level == WARN and 'the torque is late' in report.message
     now = feed(node, 20, now + 1.0)
     assert status(node, 'input', now).level == OK
 
@@ -252,9 +252,9 @@ URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two
 
 
 def test_a_description_gives_axes_limits_and_continuous_joints():
-    found = describe_arm(URDF, ('a', 'b'))
-    assert found.geometry.joints == ('a', 'b') and found.continuous == ('a',)
-    assert found.max_effort == (1.5, 1.5) and not found.problem
+    report = describe_arm(URDF, ('a', 'b'))
+    assert report.geometry.joints == ('a', 'b') and report.continuous == ('a',)
+    assert report.max_effort == (1.5, 1.5) and not report.problem
     assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
     assert 'order' in describe_arm(URDF, ('b', 'a')).problem
     assert describe_arm('<robot', ('a',)).problem
@@ -306,8 +306,8 @@ def test_samples_with_drives_off_are_left_out(live, model_file):
     node.payload_changed(now)
     feed(node, 60, now + 1.0, mass=0.0)
     assert node.arm.epoch.n_samples < 20
-    found = status(node, 'learning', now + 13.0)
-    assert found.level == WARN and 'effort_off' in found.message
+    report = status(node, 'learning', now + 13.0)
+    assert report.level == WARN and 'effort_off' in report.message
 
 
 def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):

@@ -40,8 +40,8 @@ def feed(node, start, n, mass=1.0):
         t = start + 0.2 * k
         q, qd = motion(t)
         tau = torque(q, qd, mass) + 0.05 * rng.standard_normal(2)
-        found = send(node, t, q, qd, tau)
-    return start + 0.2 * n, found
+        result = send(node, t, q, qd, tau)
+    return start + 0.2 * n, result
 
 
 def send(node, t, q, qd=(), tau=()):
@@ -89,9 +89,9 @@ def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     t, _ = feed(node, t, 190)
     success, text = refit(node)
     assert success, text
-    found = node.models.model.applied.effects[0]
-    assert found.target == 'coulomb_friction:a'
-    assert found.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
+    result = node.models.model.applied.effects[0]
+    assert result.target == 'coulomb_friction:a'
+    assert result.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
 
     # The published torque is gravity until friction is selected.
     q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
@@ -146,9 +146,9 @@ def test_a_per_joint_model_is_held_near_its_range(tmp_path):
                     '/joint_states', 0.0)
     try:
         far = q.max(axis=0) + 1.0
-        found = send(node, 1.0, far, 0 * far, 0 * far)
+        result = send(node, 1.0, far, 0 * far, 0 * far)
         nearest = node.models.model.predict_one(q.max(axis=0) + 0.1)
-        np.testing.assert_allclose(found, nearest)
+        np.testing.assert_allclose(result, nearest)
         status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
         assert status.level == WARN and 'outside the trained range' in status.message
     finally:

@@ -31,8 +31,8 @@ def test_effort_with_a_third_of_the_gravity_is_not_off(factor, more):
 
 def test_constant_effort_of_a_moving_arm_is_frozen():
     health, tau = EffortHealth(), np.array([3.0, 4.0])
-    found = [health.fault(np.full(2, 0.02 * k), tau, None, None) for k in range(6)]
-    assert found == [None, None, None, FROZEN, FROZEN, FROZEN]
+    result = [health.fault(np.full(2, 0.02 * k), tau, None, None) for k in range(6)]
+    assert result == [None, None, None, FROZEN, FROZEN, FROZEN]
     assert health.fault(np.full(2, 0.2), tau + 1e-9, None, None) is None
     still = [EffortHealth().fault(np.zeros(2), tau, None, None) for _ in range(50)]
     assert not any(still)
@@ -42,12 +42,12 @@ def test_constant_effort_of_a_moving_arm_is_frozen():
 
 def test_constant_effort_of_one_joint_whose_torque_changes_is_frozen():
     """A saturated sensor; a change of the prediction within its noise is not significant."""
-    health, found = EffortHealth(), []
+    health, result = EffortHealth(), []
     for k in range(12):
         predicted = HEAVY + [0.3 * k, 0.0]
-        found.append(health.fault(np.full(2, 0.02 * k), np.array([20.0, 10.0 + 1e-3 * k]),
-                                  predicted, NOISE))
-    assert found == 4 * [None] + 8 * [FROZEN] and health.frozen == (0,)
+        result.append(health.fault(np.full(2, 0.02 * k), np.array([20.0, 10.0 + 1e-3 * k]),
+                                   predicted, NOISE))
+    assert result == 4 * [None] + 8 * [FROZEN] and health.frozen == (0,)
     assert health.fault(np.full(2, 0.3), np.array([20.1, 10.5]), HEAVY, NOISE) is None
     # At rest the prediction changes with the model or the sign of friction.
     resting = EffortHealth()
@@ -127,8 +127,8 @@ def test_sent_torque_is_the_last_one_before_each_delay():
     assert np.isnan(sent.before(0.0)).all()
     for k in range(400):
         sent.published(0.001 * k, np.array([float(k)]))
-    found = sent.before(0.3995)[:, 0]
-    np.testing.assert_allclose(found, [399, 395, 389, 379, 349, 299, 199], atol=1)
+    result = sent.before(0.3995)[:, 0]
+    np.testing.assert_allclose(result, [399, 395, 389, 379, 349, 299, 199], atol=1)
     sent.published(0.0, np.array([7.0]))
     assert np.isnan(sent.before(0.0)).all()
     assert np.nanmax(sent.before(0.001)) == 7.0

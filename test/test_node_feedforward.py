@@ -39,16 +39,16 @@ def test_nothing_without_a_model():
 def test_a_first_model_ramps_from_zero():
     feed = FeedForward(1, FREE)
     feed.use(constant(10.0))
-    found = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
-    np.testing.assert_allclose(found, [*np.arange(11), 10, 10], atol=1e-9)
+    torques = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
+    np.testing.assert_allclose(torques, [*np.arange(11), 10, 10], atol=1e-9)
     assert feed.state(1.2) == ff.ACTIVE
 
 
 def test_a_swap_blends_from_old_to_new():
     feed, t = started()
     feed.use(constant(20.0))
-    found = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
-    np.testing.assert_allclose(found, [*range(11, 21), 20], atol=1e-9)
+    torques = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
+    np.testing.assert_allclose(torques, [*range(11, 21), 20], atol=1e-9)
 
 
 def test_a_swap_within_a_swap_starts_from_the_present_torque():
@@ -70,14 +70,14 @@ def test_a_swap_makes_small_steps_regardless_of_size_and_stalls(change):
         t += 0.004
         feed.update(t, Q)
     feed.use(constant(10.0 + change))
-    found = [10.0]
-    while abs(found[-1] - 10.0 - change) > 1e-9:
+    torques = [10.0]
+    while abs(torques[-1] - 10.0 - change) > 1e-9:
         # Every hundredth message is late by three periods.
-        t += 0.016 if len(found) % 100 == 0 else 0.004
-        found.append(float(feed.update(t, Q)[0]))
-        assert len(found) < 2500
-    assert np.abs(np.diff(found)).max() <= 0.05
-    assert 0.004 * len(found) < 1.1 * max(1.0, abs(change) / ff.SWAP_CHANGE)
+        t += 0.016 if len(torques) % 100 == 0 else 0.004
+        torques.append(float(feed.update(t, Q)[0]))
+        assert len(torques) < 2500
+    assert np.abs(np.diff(torques)).max() <= 0.05
+    assert 0.004 * len(torques) < 1.1 * max(1.0, abs(change) / ff.SWAP_CHANGE)
 
 
 def test_a_swap_within_a_swap_follows_the_pose():
@@ -117,8 +117,8 @@ def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     assert feed.watch(t + 0.3) is None
     assert float(feed.watch(t + 0.31)[0]) == 10.0 and feed.state(t + 0.31) == ff.HOLDING
     assert float(feed.watch(t + 0.8)[0]) == 10.0
-    found = [float(feed.watch(t + 0.8 + 0.1 * k)[0]) for k in range(1, 21)]
-    np.testing.assert_allclose(found, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
+    torques = [float(feed.watch(t + 0.8 + 0.1 * k)[0]) for k in range(1, 21)]
+    np.testing.assert_allclose(torques, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
     assert feed.state(t + 2.81) == ff.FADED
     assert feed.watch(t + 3.0) is None
 
@@ -140,8 +140,8 @@ def test_returning_input_ramps_up_from_the_present_torque():
 def test_disable_ramps_down_to_zero_then_publishes_nothing():
     feed, t = started()
     feed.enable(False)
-    found = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
-    np.testing.assert_allclose(found, 10.0 - np.arange(1, 11), atol=1e-9)
+    torques = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
+    np.testing.assert_allclose(torques, 10.0 - np.arange(1, 11), atol=1e-9)
     assert feed.update(t + 1.1, Q) is None and feed.state(t + 1.1) == ff.DISABLED
     feed.enable(True)
     assert float(feed.update(t + 1.2, Q)[0]) == pytest.approx(1.0)
@@ -151,9 +151,9 @@ def test_torque_and_its_rate_are_limited():
     options = replace(FREE, ramp_time=0.0, max_torque=(5.0,), max_torque_rate=(20.0,))
     feed = FeedForward(1, options)
     feed.use(linear())
-    found = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
-             for k in range(14)]
-    assert found == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
+    torques = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
+               for k in range(14)]
+    assert torques == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
 
 
 def test_a_lowered_limit_applies_at_once():
@@ -170,9 +170,9 @@ def test_poses_outside_the_trained_range(policy, expected):
     feed = FeedForward(1, options)
     feed.use(linear())
     feed.update(0.0, Q)
-    found = [float(feed.update(0.1 * k, np.array([q]))[0])
-             for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
-    assert found == pytest.approx(expected)
+    torques = [float(feed.update(0.1 * k, np.array([q]))[0])
+               for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
+    assert torques == pytest.approx(expected)
 
 
 def test_a_torque_that_is_not_finite_counts_as_missing_input():
@@ -243,8 +243,8 @@ def test_effects_are_added_and_ramp_to_zero_on_stale_input():
         tau = feed.update(t + 0.1 * (k + 1), Q, np.array([3.0]))
     assert tau == pytest.approx(13.0)
     t += 1.2
-    found = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
-    drop = np.concatenate(found)
+    torques = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
+    drop = np.concatenate(torques)
     assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and drop[-1] >= 10.0
     # Gravity is held; after 0.45 s of a ramp of 1 s about half of the effects remains.
     assert drop[-1] < 11.6
@@ -285,8 +285,8 @@ def test_returning_torque_ramps_from_its_present_value(pause):
         feed.update(0.001 * k, Q)
     t, last = 1.5, 10.0
     for k in range(int(pause / 0.02)):
-        found = feed.watch(t + 0.02 * k)
-        last = last if found is None else float(found[0])
+        tau = feed.watch(t + 0.02 * k)
+        last = last if tau is None else float(tau[0])
     first = float(feed.update(t + pause, Q)[0])
     assert (last == 0.0) == (pause > 1.0) and abs(first - last) <= 0.05
     t += pause
@@ -300,10 +300,10 @@ def test_a_stall_of_a_moving_arm_causes_no_torque_step(stall):
     feed.use(linear())
     for k in range(500):
         last = feed.update(0.004 * k, np.zeros(1))
-    found = [float(last[0]), *(float(feed.update(2.0 + stall + 0.004 * k, np.full(1, 3.0))[0])
-                               for k in range(100))]
-    assert np.abs(np.diff(found)).max() <= 2 * 500.0 * 0.004 + 1e-9
-    assert found[-1] == pytest.approx(30.0)
+    torques = [float(last[0]), *(float(feed.update(2.0 + stall + 0.004 * k, np.full(1, 3.0))[0])
+                                 for k in range(100))]
+    assert np.abs(np.diff(torques)).max() <= 2 * 500.0 * 0.004 + 1e-9
+    assert torques[-1] == pytest.approx(30.0)
 
 
 def test_a_burst_after_a_pause_delays_the_torque_only_briefly():

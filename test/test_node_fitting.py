@@ -173,9 +173,9 @@ def test_few_samples_give_a_change_of_the_old_model():
     assert np.abs(outcome.model.predict(q) - truth).max() < 0.1
     assert outcome.model.coverage.q_min[0] <= old.coverage.q_min[0]
     gradient = [outcome.model.energy.gradient(2, k) for k in range(2)]
-    for found, torque in zip(gradient, outcome.model.torques):
-        np.testing.assert_array_equal(found.indices, torque.indices)
-        np.testing.assert_allclose(found.weights, torque.weights)
+    for expansion, torque in zip(gradient, outcome.model.torques):
+        np.testing.assert_array_equal(expansion.indices, torque.indices)
+        np.testing.assert_allclose(expansion.weights, torque.weights)
 
 
 PRIORITY = """
@@ -210,9 +210,9 @@ def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
     samples = two_links(1, one_way=True)
     result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
     assert result.number == 7 and 'torque_offset:shoulder (untestable)' in result.text
-    found = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+    match = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
                       result.text)
-    assert found and 2 <= int(found[1]) <= 20, result.text
-    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', found[2])
+    assert match and 2 <= int(match[1]) <= 20, result.text
+    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])
     # Without a model no motion is planned.
     assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text

@@ -76,13 +76,13 @@ def test_a_pose_without_velocity_or_effort_is_used(change, reason, lost):
 
 
 def test_velocity_is_the_slope_where_the_message_has_none():
-    ours, found = reader(), []
+    ours, results = reader(), []
     for k in range(30):
         t = 1.0 + 0.01 * k
         reading = ours.read(joint_state(t, q=(0.05 * t, -0.1 * t), qd=()), 0.0)
-        found.append(reading.qd)
-    assert found[5] is None
-    np.testing.assert_allclose(found[-1], [0.05, -0.1], atol=1e-9)
+        results.append(reading.qd)
+    assert results[5] is None
+    np.testing.assert_allclose(results[-1], [0.05, -0.1], atol=1e-9)
 
 
 def test_after_a_gap_the_slope_is_unknown():
@@ -178,13 +178,13 @@ def test_angles_in_degrees_are_dropped_except_for_continuous_joints():
 def test_a_velocity_that_positions_contradict_is_replaced():
     ours = JointStateReader(['a'])
     for k in range(60):
-        found = ours.read(one_joint(1.0 + 0.01 * k, 0.002 * k), 0.0)
-    assert found.qd == pytest.approx(0.2) and ours.counts['velocity_wrong'] > 40
+        reading = ours.read(one_joint(1.0 + 0.01 * k, 0.002 * k), 0.0)
+    assert reading.qd == pytest.approx(0.2) and ours.counts['velocity_wrong'] > 40
     right = JointStateReader(['a'])
     for k in range(200):
         t = 1.0 + 0.01 * k
-        found = right.read(one_joint(t, np.sin(3 * t), 3 * np.cos(3 * t)), 0.0)
-        assert found.qd == pytest.approx(3 * np.cos(3 * t))
+        reading = right.read(one_joint(t, np.sin(3 * t), 3 * np.cos(3 * t)), 0.0)
+        assert reading.qd == pytest.approx(3 * np.cos(3 * t))
     assert not right.counts['velocity_wrong']
 
 
@@ -192,9 +192,9 @@ def test_lost_stamps_are_replaced_by_the_time_of_arrival():
     ours = JointStateReader(['a'])
     for k in range(10):
         ours.read(one_joint(100.0 + 0.1 * k), 5000.0 + 0.1 * k)
-    found = [ours.read(one_joint(0.0), 5001.0 + 0.1 * k) for k in range(10)]
-    assert [each is None for each in found] == [True] * 4 + [False] * 6
-    assert found[4].new_run and found[5].t == pytest.approx(5001.5)
+    results = [ours.read(one_joint(0.0), 5001.0 + 0.1 * k) for k in range(10)]
+    assert [each is None for each in results] == [True] * 4 + [False] * 6
+    assert results[4].new_run and results[5].t == pytest.approx(5001.5)
     assert ours.counts['stamp_lost'] == 1
     again = ours.read(one_joint(102.0), 5003.0)
     assert again.t == 102.0 and again.new_run

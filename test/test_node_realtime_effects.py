@@ -55,9 +55,9 @@ def test_the_torque_is_that_of_the_library(number):
     q, qd = rng.uniform(-1, 1, (40, 2)), rng.uniform(-0.1, 0.1, (40, 2))
     samples = JointSamples.single_run(['a', 'b'], 0.1 * np.arange(40), q, qd, 0 * q)
     instant = InstantEffects(made)
-    found = [instant.torque(q[k], qd[k], made.predict_one(q[k])) for k in range(40)]
-    np.testing.assert_allclose(found, effect_torque(made, samples), atol=1e-12)
-    assert np.abs(found).max() > 0.05
+    result = [instant.torque(q[k], qd[k], made.predict_one(q[k])) for k in range(40)]
+    np.testing.assert_allclose(result, effect_torque(made, samples), atol=1e-12)
+    assert np.abs(result).max() > 0.05
 
 
 def test_compensated_friction_is_a_fraction_and_smooth_at_rest():
@@ -83,8 +83,8 @@ def test_speeds_are_clipped_to_the_trained_range():
 
 def test_effects_with_history_are_left_out():
     drift = AppliedEffect('torque_drift', 'a', {'centre': 0.0}, {'c': Value(1.0, '', (0, 2))})
-    found = InstantEffects(model((drift,)))
-    assert found.targets == () and found.left_out == ('torque_drift:a',)
+    result = InstantEffects(model((drift,)))
+    assert result.targets == () and result.left_out == ('torque_drift:a',)
 
 
 def test_an_effect_of_another_version_is_refused_before_the_loop():

@@ -432,19 +432,19 @@ def test_rates_and_publishers(reliable, iiwa_model_file, bags):
     with running(options, reliable=reliable) as (_, probe):
         for rate, first in ((10, 1000.0), (1000, 2000.0)):
             # A best-effort queue overflows on a busy machine: send until enough are answered.
-            start, enough, k, found = time.monotonic(), 0.5 * max(15, rate), 0, {}
-            while len(found) <= enough or k < 2 * enough:
-                assert time.monotonic() < start + 60, f'{len(found)} answers to {k}'
+            start, enough, k, result = time.monotonic(), 0.5 * max(15, rate), 0, {}
+            while len(result) <= enough or k < 2 * enough:
+                assert time.monotonic() < start + 60, f'{len(result)} answers to {k}'
                 row = k % len(later)
                 probe.send(later.names, first + k / rate, later.q[row], later.qd[row],
                            later.tau[row])
                 k += 1
                 probe.spin(max(1e-4, start + k / rate - time.monotonic()))
                 # Without late answers to the slower messages.
-                found.update((t, message) for message in probe.torques
-                             if (t := stamp(message)) >= first)
+                result.update((t, message) for message in probe.torques
+                              if (t := stamp(message)) >= first)
                 probe.torques.clear()
             assert probe.report('input').level in (b'\x00', b'\x01')
-            for t, message in found.items():
+            for t, message in result.items():
                 row = round((t - first) * rate) % len(later)
                 assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6

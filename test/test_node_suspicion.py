@@ -69,11 +69,11 @@ def finding(model, samples, geometry=None):
 @pytest.mark.parametrize('known', [False, True])
 @pytest.mark.parametrize('mass', [1.0, 3.0])
 def test_a_payload_is_found_with_its_mass(mass, known, model, geometry):
-    found = finding(model, window(mass), geometry if known else None)
-    assert found.is_payload and not found.is_other and 'another payload' in found.text
-    assert float(found.values['log evidence']) > 20.0
+    result = finding(model, window(mass), geometry if known else None)
+    assert result.is_payload and not result.is_other and 'another payload' in result.text
+    assert float(result.values['log evidence']) > 20.0
     if known:
-        assert float(found.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
+        assert float(result.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
 
 
 @pytest.mark.parametrize('change', [
@@ -87,9 +87,9 @@ def test_friction_and_contacts_are_no_payload(change, model, geometry):
 
 @pytest.mark.parametrize('force, known', [((10.0, 0.0, 0.0), False), ((0.0, 3.0, 10.0), True)])
 def test_a_lasting_push_is_reported_and_no_payload(force, known, model, geometry):
-    found = finding(model, pushed(force), geometry if known else None)
-    assert not found.is_payload and found.is_other, found.text
-    assert 'pushes or pulls the last link, not only downwards' in found.text
+    result = finding(model, pushed(force), geometry if known else None)
+    assert not result.is_payload and result.is_other, result.text
+    assert 'pushes or pulls the last link, not only downwards' in result.text
 
 
 @pytest.mark.parametrize('known', [False, True])
@@ -106,10 +106,10 @@ def test_broken_effort_is_no_payload(model):
     samples = window()
     tau = samples.tau.copy()
     tau[:, 1] *= -1.0
-    found = finding(model, replace(samples, tau=tau))
-    assert not found.is_payload
-    if found.is_other:
-        assert 'no payload explains' in found.text
+    result = finding(model, replace(samples, tau=tau))
+    assert not result.is_payload
+    if result.is_other:
+        assert 'no payload explains' in result.text
 
 
 def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):

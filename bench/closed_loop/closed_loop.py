@@ -15,6 +15,7 @@ holds the arm, so only a larger torque error moves it.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 import sys
 import time
@@ -53,13 +54,10 @@ class Rig:
         """Follow the slow path from time `start`, in real time."""
         self._approach(self.path.at(start)[0])
         for k in range(round(duration * RATE)):
-            for step in range(round(1.0 / (RATE * STEP))):
-                q, qd = self.path.at(start + k / RATE + step * STEP)
-                tau = self.control.torque(self.arm, q, qd)
-                self.arm.step(tau)
-            self.low, self.high = np.minimum(self.low, self.arm.q), np.maximum(self.high,
-                                                                               self.arm.q)
-            self._send(tau)
+            self._simulate(lambda step, t=start + k / RATE: self.control.torque(
+                self.arm, *self.path.at(t + step * STEP)))
+            self.low = np.minimum(self.low, self.arm.q)
+            self.high = np.maximum(self.high, self.arm.q)
 
     def drift(self, q: np.ndarray) -> float:
         """Return the drift in degrees from pose q with the node's torque as only support."""
@@ -67,9 +65,7 @@ class Rig:
         drift, first = 0.0, self.arm.q
         for k in range(round(SUPPORTED * RATE)):
             tau = self.node_torque()
-            for _ in range(round(1.0 / (RATE * STEP))):
-                self.arm.step(tau)
-            self._send(tau)
+            self._simulate(lambda _, tau=tau: tau)
             drift = max(drift, float(np.abs(self.arm.q - first).max()))
             if drift > 2.0:
                 break
@@ -90,13 +86,14 @@ class Rig:
         for k in range(steps + 50):
             share = min(1.0, k / steps)
             share = share * share * (3.0 - 2.0 * share)
-            for _ in range(round(1.0 / (RATE * STEP))):
-                tau = self.control.torque(self.arm, start + share * (q - start), 0.0 * q)
-                self.arm.step(tau)
-            self._send(tau)
+            goal = start + share * (q - start)
+            self._simulate(lambda _, goal=goal: self.control.torque(self.arm, goal, 0.0 * q))
 
-    def _send(self, tau: np.ndarray) -> None:
-        """Publish the measurements, and wait until the next are due."""
+    def _simulate(self, torque: Callable[[int], np.ndarray]) -> None:
+        """Simulate until the next message with a torque per step, publish it, and wait."""
+        for step in range(round(1.0 / (RATE * STEP))):
+            tau = torque(step)
+            self.arm.step(tau)
         self.stamp += 1.0 / RATE
         position, speed, effort = self.arm.measured(tau)
         self.probe.send(self.arm.joints, 1000.0 + self.stamp, position, speed, effort)
