@@ -1,15 +1,14 @@
 #!/usr/bin/env python3
 """
-What a node learns from real payloads and from broken effort after a payload change, without ROS.
+Acceptance of models of real payloads and of broken effort after a payload change, without ROS.
 
     python3 bench/node_acceptance.py [--seeds 3] [--samples 40 100 300] [--base potential chain]
         [--axes] [--real] [--broken]
 
 A model of the bare iiwa (100 s of slow motion, 0.1 N·m of noise) is in use. Then the arm carries a
-payload, and slow samples come at 5 Hz, true or broken. The fit process's own `work` fits, judges
-and tests them. Real: 0.3 to 5 kg, on and off the axis; broken: every kind of
-`test/broken_effort.py` on a payload of 2 kg. A model that was taken is judged by its error against
-the true torque on the poses of the motion that follows.
+payload, and slow samples are recorded at 5 Hz. `run_fit` of the fit process fits and tests them.
+Real: payloads of 0.3 to 5 kg, on and off the axis. Broken: each kind of `test/broken_effort.py` on
+a payload of 2 kg. The error of the model in use is that of its torque on the motion that follows.
 """
 
 from __future__ import annotations
@@ -28,8 +27,8 @@ from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
-from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Job, Outcome
+from gravity_comp_ros.node.fit_job import run_fit
+from gravity_comp_ros.node.fit_messages import FitJob, FitResult
 from gravity_comp_ros.simulation.arms import gravity_torque, iiwa7, Payload, with_payload
 from gravity_comp_ros.simulation.motions import eq17, Motion, multisine, MultisineOptions
 import numpy as np
@@ -39,13 +38,13 @@ sys.path.insert(0, str(ROOT / 'test'))
 RATE, NOISE = 5.0, 0.1
 MASSES = (0.3, 0.5, 1.0, 2.0, 3.0, 5.0)
 ARM = iiwa7()
-# A taken model that is further from the truth than this is a broken one, N·m.
+# Torque error above which an accepted model is wrong, N·m.
 WRONG = 2.0
 
 
 @dataclass(frozen=True)
 class Case:
-    """Samples of one payload, and the true torque of the motion that follows."""
+    """Samples of one payload, and poses and true torque of the motion that follows."""
 
     label: str
     samples: JointSamples
@@ -54,7 +53,7 @@ class Case:
 
 
 def motion(kind: str, seed: int, seconds: float, start: float) -> Motion:
-    """Return slow motion: that of Yu 2022, Eq. (17), or a multisine of its own."""
+    """Return slow motion: Eq. (17) of Yu 2022, or a multisine."""
     if kind == 'eq17':
         return eq17(seconds, RATE, start)
     return multisine(0.6 * ARM.lower, 0.6 * ARM.upper, ARM.max_speed, seed,
@@ -63,7 +62,7 @@ def motion(kind: str, seed: int, seconds: float, start: float) -> Motion:
 
 def recorded(kind: str, seed: int, seconds: float, start: float, payload: Payload | None,
              label: str, rng: np.random.Generator) -> Case:
-    """Return what sensors say of a motion, and ten seconds more of the truth."""
+    """Return the measurements of a motion, and the truth of the next ten seconds."""
     arm = ARM if payload is None else with_payload(ARM, payload)
     whole = motion(kind, seed, seconds + 10.0, start)
     n = round(seconds * RATE)
@@ -80,17 +79,17 @@ def payload_of(seed: int) -> Payload:
     return Payload(MASSES[seed % len(MASSES)], (*side, rng.uniform(0.05, 0.2)))
 
 
-def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> Job:
-    """Return the job that the node makes of these samples."""
+def job_of(case: Case, base: GravityModel, geometry: Geometry | None = None) -> FitJob:
+    """Return the fit job that the node submits for these samples."""
     epoch = Epoch(1, case.samples.names, EpochOptions(block=round(RATE)), has_base=True)
     for row in zip(case.samples.t, case.samples.q, case.samples.qd, case.samples.tau):
         epoch.offer(*row)
-    return Job(1, 1, epoch.train(), epoch.held(), base, base, geometry=geometry)
+    return FitJob(1, 1, epoch.train(), epoch.held_out(), base, base, geometry=geometry)
 
 
-def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> Outcome | str:
+def outcome(case: Case, base: GravityModel, geometry: Geometry | None) -> FitResult | str:
     try:
-        return work(job_of(case, base, geometry))
+        return run_fit(job_of(case, base, geometry))
     except GravityCompError as problem:
         return str(problem)
 
@@ -116,18 +115,19 @@ def real_cases(kind: str, seeds: int, n: int) -> Iterator[Case]:
                        np.random.default_rng(seed))
 
 
-def tell(case: Case, base: GravityModel, geometry: Geometry | None, n: int) -> tuple[bool, float]:
-    """Print and return whether a model was taken, and the error of the model in use then."""
+def evaluate(case: Case, base: GravityModel, geometry: Geometry | None,
+             n: int) -> tuple[bool, float]:
+    """Print and return whether a model was accepted, and the error of the model then in use."""
     start = time.monotonic()
-    found = outcome(case, base, geometry)
+    result = outcome(case, base, geometry)
     seconds = time.monotonic() - start
-    taken = isinstance(found, Outcome) and found.verdict.better
-    model = found.model if isinstance(found, Outcome) and taken else base
+    accepted = isinstance(result, FitResult) and result.verdict.better
+    model = result.model if isinstance(result, FitResult) and accepted else base
     error = float(np.sqrt(((model.predict(case.later) - case.truth) ** 2).mean(axis=0)).max())
-    reason = found.verdict.reason if isinstance(found, Outcome) else found
-    print(f'{n:4} samples {"taken  " if taken else "refused"} {error:7.2f} N·m {seconds:5.1f} s '
-          f'{case.label}: {reason}', flush=True)
-    return taken, error
+    reason = result.verdict.reason if isinstance(result, FitResult) else result
+    print(f'{n:4} samples {"accepted" if accepted else "refused "} {error:7.2f} N·m '
+          f'{seconds:5.1f} s {case.label}: {reason}', flush=True)
+    return accepted, error
 
 
 def main() -> None:
@@ -148,16 +148,17 @@ def main() -> None:
             print(f'# {kind}, base {formulation}, axes {"known" if args.axes else "unknown"}')
             for n in args.samples:
                 if args.real or not args.broken:
-                    found = [tell(case, base, geometry, n)
-                             for case in real_cases(kind, args.seeds, n)]
-                    print(f'# real, {n} samples: {sum(t for t, _ in found)} of {len(found)} '
-                          f'taken, worst error then {max(e for _, e in found):.2f} N·m')
+                    results = [evaluate(case, base, geometry, n)
+                               for case in real_cases(kind, args.seeds, n)]
+                    print(f'# real, {n} samples: {sum(a for a, _ in results)} of {len(results)} '
+                          f'accepted, worst error then {max(e for _, e in results):.2f} N·m')
                 if args.broken or not args.real:
-                    found = [tell(case, base, geometry, n)
-                             for case in broken_cases(kind, args.seeds, n)]
-                    wrong = [e for t, e in found if t and e > WRONG]
-                    print(f'# broken, {n} samples: {sum(t for t, _ in found)} of {len(found)} '
-                          f'taken, {len(wrong)} of them over {WRONG:g} N·m wrong')
+                    results = [evaluate(case, base, geometry, n)
+                               for case in broken_cases(kind, args.seeds, n)]
+                    wrong = [e for a, e in results if a and e > WRONG]
+                    print(f'# broken, {n} samples: {sum(a for a, _ in results)} of '
+                          f'{len(results)} accepted, {len(wrong)} of them over {WRONG:g} N·m '
+                          'wrong')
 
 
 if __name__ == '__main__':

@@ -1,17 +1,16 @@
 #!/usr/bin/env python3
 """
-From joint state to torque: the node against a bare rclpy echo node in one run.
+Latency from joint state to torque, of the node and of a bare rclpy echo node.
 
     python3 bench/node_latency.py [--rate 1000] [--seconds 60] [--fits] [--realtime] [--turns N]
                                   [--json F]
 
-Both get the same joint states of seven joints in slow motion; the time from publish to answer is
-measured at the sender. By default both run at once, on the same messages, so that whatever else
-the machine does hits both; with `--turns N` they take turns instead, N times each. `--fits` asks
-for one fit after the other while it is measured. `--realtime` (as root) gives sender, echo and
-node, but not the process that fits, the priority that a robot's control has (SCHED_FIFO), so that
-a busy machine measures as a quiet one. Prints loss, p50, p90, p99 of both, the ratio of
-p99, the CPU of both, the node's memory, how many fits there were, and the time of one prediction.
+Both receive the same joint states of seven joints in slow motion. The sender measures the time
+from publication to reply. By default both run at once on the same messages, so that other load
+affects both; with `--turns N` they run alternately, N times each. `--fits` requests fits
+continuously. `--realtime` (as root) gives sender, echo and node, but not the fit process, the
+priority of a control loop (SCHED_FIFO). Prints loss, p50, p90 and p99 of both, the ratio of p99,
+CPU, memory, the number of fits, and the time of one prediction.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ MEMORY_EVERY = 5.0
 
 
 def echo() -> None:
-    """Run the rival: a node that sends every joint state back."""
+    """Run the reference: a node that sends each joint state back."""
     rclpy.init()
     node = Node('bare_echo')
     publisher = node.create_publisher(JointState, TOPICS['echo'], 10)
@@ -60,19 +59,19 @@ def echo() -> None:
 
 
 def motion(rate: float) -> tuple[tuple[str, ...], np.ndarray]:
-    """Return joint names and a slow motion there and back, (M, 3, N): q, qd, tau."""
+    """Return joint names and a slow motion forward and backward (M, 3, N): q, qd, tau."""
     samples = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
     t = np.arange(samples.t[0], samples.t[-1], 1.0 / rate)
-    there = np.stack([np.stack([np.interp(t, samples.t, x) for x in values.T], axis=1)
-                      for values in (samples.q, samples.qd, samples.tau)], axis=1)
-    there[:, 2] += np.random.default_rng(0).normal(0.0, 0.1, there[:, 2].shape)
-    back = there[::-1] * np.array([1.0, -1.0, 1.0])[:, None]
-    return samples.names, np.concatenate((there, back))
+    forward = np.stack([np.stack([np.interp(t, samples.t, x) for x in values.T], axis=1)
+                        for values in (samples.q, samples.qd, samples.tau)], axis=1)
+    forward[:, 2] += np.random.default_rng(0).normal(0.0, 0.1, forward[:, 2].shape)
+    backward = forward[::-1] * np.array([1.0, -1.0, 1.0])[:, None]
+    return samples.names, np.concatenate((forward, backward))
 
 
 @dataclass
-class Found:
-    """What one listener answered: times in ms in order of sending, NaN where it did not."""
+class Measured:
+    """Measurements of one node: latencies in ms, memory in MiB, CPU time per second."""
 
     sent: int = 0
     times: list[float] = field(default_factory=list)
@@ -81,75 +80,75 @@ class Found:
 
 
 class Sender:
-    """Sends joint states at a rate, and measures when each is answered by whom."""
+    """Sends joint states at a rate, and measures the latency of the replies of each node."""
 
-    def __init__(self, rate: float, rivals: list[str]) -> None:
+    def __init__(self, rate: float, names: list[str]) -> None:
         self.node = Node('sender')
         self.publisher = self.node.create_publisher(JointState, 'joint_states', BEST_EFFORT)
-        self.heard = {name: self.node.create_subscription(
-            JointState, TOPICS[name], lambda _: None, BEST_EFFORT) for name in rivals}
+        self.replies = {name: self.node.create_subscription(
+            JointState, TOPICS[name], lambda _: None, BEST_EFFORT) for name in names}
         self.refit = self.node.create_client(Trigger, 'gravity_comp/refit')
         self.fits: list[str] = []
         self.received = 0
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_report, 10)
-        self._asked = None
+        self._refit_future = None
         self._period = int(1e9 / rate)
-        names, self._motion = motion(rate)
+        joints, self._motion = motion(rate)
         self._k = 0
-        self._message = JointState(name=list(names))
+        self._message = JointState(name=list(joints))
         self._wait = rclpy_implementation.WaitSet(
-            len(rivals), 0, 0, 0, 0, 0, self.node.context.handle)
+            len(names), 0, 0, 0, 0, 0, self.node.context.handle)
 
-    def until_known(self) -> None:
+    def until_connected(self) -> None:
         end = time.monotonic() + 60.0
-        while (self.publisher.get_subscription_count() < len(self.heard)
-               or any(h.get_publisher_count() < 1 for h in self.heard.values())):
+        while (self.publisher.get_subscription_count() < len(self.replies)
+               or any(h.get_publisher_count() < 1 for h in self.replies.values())):
             if time.monotonic() > end:
                 raise SystemExit('the other node does not appear')
             rclpy.spin_once(self.node, timeout_sec=0.05)
 
-    def run(self, seconds: float, fits: bool, pids: dict[str, int]) -> dict[str, Found]:
-        """Return what each listener answered."""
-        found = {name: Found() for name in self.heard}
-        self._open: dict[str, set[int]] = {name: set() for name in self.heard}
+    def run(self, seconds: float, fits: bool, pids: dict[str, int]) -> dict[str, Measured]:
+        """Send for some seconds; return the measurements of each node."""
+        measured = {name: Measured() for name in self.replies}
+        self._open: dict[str, set[int]] = {name: set() for name in self.replies}
         before = {name: cpu_seconds(pid) for name, pid in pids.items()}
         start = due = time.perf_counter_ns()
-        sent, look = 0, 0.0
+        sent, memory_due = 0, 0.0
         while due - start < seconds * 1e9:
             due += self._period
-            while (left := due - time.perf_counter_ns()) > 0:
-                self._take(found, left)
+            while (remaining := due - time.perf_counter_ns()) > 0:
+                self._receive(measured, remaining)
             self._send()
             sent += 1
-            if sent % 100 == 50 and 'node' in self.heard:
+            if sent % 100 == 50 and 'node' in self.replies:
                 rclpy.spin_once(self.node, timeout_sec=0)
-                self._ask(fits)
-            if (due - start) / 1e9 >= look:
-                look += MEMORY_EVERY
+                self._request_fit(fits)
+            if (due - start) / 1e9 >= memory_due:
+                memory_due += MEMORY_EVERY
                 for name, pid in pids.items():
-                    found[name].memory.append(memory(pid))
-        self._take(found, 200_000_000)
+                    measured[name].memory.append(memory(pid))
+        self._receive(measured, 200_000_000)
         for name, pid in pids.items():
-            found[name].cpu = (cpu_seconds(pid) - before[name]) / seconds
-        for each in found.values():
+            measured[name].cpu = (cpu_seconds(pid) - before[name]) / seconds
+        for each in measured.values():
             each.sent = sent
-        return found
+        return measured
 
     def last_report(self) -> int:
-        """Return how many messages the node says that it received, once it has none to come."""
+        """Return the number of messages received by the node, once it no longer rises."""
         end, before = time.monotonic() + 5.0, -1
         while time.monotonic() < end and before != self.received:
-            before, turn = self.received, time.monotonic() + 1.5
-            while time.monotonic() < turn:
+            before, pause = self.received, time.monotonic() + 1.5
+            while time.monotonic() < pause:
                 rclpy.spin_once(self.node, timeout_sec=0.1)
         return self.received
 
-    def _ask(self, fits: bool) -> None:
-        if self._asked is not None and self._asked.done():
-            self.fits.append(self._asked.result().message)
-            self._asked = None
-        if fits and self._asked is None:
-            self._asked = self.refit.call_async(Trigger.Request())
+    def _request_fit(self, fits: bool) -> None:
+        if self._refit_future is not None and self._refit_future.done():
+            self.fits.append(self._refit_future.result().message)
+            self._refit_future = None
+        if fits and self._refit_future is None:
+            self._refit_future = self.refit.call_async(Trigger.Request())
 
     def _on_report(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -168,40 +167,40 @@ class Sender:
             waiting.add(now)
         self.publisher.publish(message)
 
-    def _take(self, found: dict[str, Found], wait_ns: int) -> None:
+    def _receive(self, measured: dict[str, Measured], wait_ns: int) -> None:
         self._wait.clear_entities()
-        for heard in self.heard.values():
-            self._wait.add_subscription(heard.handle)
+        for replies in self.replies.values():
+            self._wait.add_subscription(replies.handle)
         self._wait.wait(wait_ns)
-        for name, heard in self.heard.items():
+        for name, replies in self.replies.items():
             waiting = self._open[name]
-            while (taken := heard.handle.take_message(JointState, False)) is not None:
-                stamp = taken[0].header.stamp
+            while (reply := replies.handle.take_message(JointState, False)) is not None:
+                stamp = reply[0].header.stamp
                 then = stamp.sec * 1_000_000_000 + stamp.nanosec
-                # Late answers to the run before, and torques on stale input, answer nothing.
+                # Late replies of the previous run and torques on stale input are not waited for.
                 if then in waiting:
                     waiting.remove(then)
-                    found[name].times.append((time.perf_counter_ns() - then) / 1e6)
+                    measured[name].times.append((time.perf_counter_ns() - then) / 1e6)
 
 
 def measure(commands: dict[str, list[str]], args: argparse.Namespace, fits: bool
-            ) -> tuple[dict[str, Found], Sender, int]:
-    """Start these listeners, measure them, and return what they answered."""
+            ) -> tuple[dict[str, Measured], Sender, int]:
+    """Start these nodes; return their measurements, the sender, and the messages lost."""
     processes = {name: subprocess.Popen(command, stderr=subprocess.DEVNULL,
                                         stdout=subprocess.DEVNULL)
                  for name, command in commands.items()}
     try:
         sender = Sender(args.rate, list(commands))
-        sender.until_known()
+        sender.until_connected()
         if args.realtime:
             for pid in (os.getpid(), *(process.pid for process in processes.values())):
                 realtime(pid)
         sender.run(12.0 if fits else 3.0, False, {})
         before = sender.last_report() if 'node' in commands else 0
-        found = sender.run(args.seconds, fits, {n: p.pid for n, p in processes.items()})
+        measured = sender.run(args.seconds, fits, {n: p.pid for n, p in processes.items()})
         lost = 0
         if 'node' in commands:
-            lost = found['node'].sent - (sender.last_report() - before)
+            lost = measured['node'].sent - (sender.last_report() - before)
         sender.node.destroy_node()
     finally:
         for process in processes.values():
@@ -210,11 +209,11 @@ def measure(commands: dict[str, list[str]], args: argparse.Namespace, fits: bool
                 process.wait(5)
             except subprocess.TimeoutExpired:
                 process.kill()
-    return found, sender, lost
+    return measured, sender, lost
 
 
 def realtime(pid: int) -> None:
-    """Give all threads of a process the priority of control; its children keep theirs."""
+    """Give all threads of a process real-time priority; its children keep theirs."""
     for thread in Path(f'/proc/{pid}/task').iterdir():
         os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(10))
 
@@ -226,13 +225,13 @@ def memory(pid: int) -> float:
 
 
 def cpu_seconds(pid: int) -> float:
-    """Return the time in s that a process has computed, its threads and no children included."""
+    """Return the CPU time of a process in s, with its threads and without its children."""
     fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
 def prediction(model: GravityModel) -> float:
-    """Return the time of one prediction in µs, the median of many."""
+    """Return the median time of a prediction in µs."""
     q = motion(100.0)[1][:1000, 0]
     times = []
     for pose in q:
@@ -265,21 +264,21 @@ def main() -> None:
 
 
 def compare(args: argparse.Namespace, model: Path) -> dict:
-    """Run both, together or in turns, and return the figures."""
+    """Run both nodes, at once or alternately; return the figures."""
     save_model(model, fit(read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples).model)
     commands = {
         'echo': [sys.executable, __file__, '--echo'],
         'node': [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args',
                  '-p', f'model_file:={model}', '-p', 'max_torque:=[200.0]',
                  '-p', 'sample_rate:=50.0']}
-    runs: list[tuple[dict[str, Found], Sender, int]] = []
+    runs: list[tuple[dict[str, Measured], Sender, int]] = []
     if args.turns:
         for _ in range(args.turns):
             runs += [measure({name: command}, args, args.fits and name == 'node')
                      for name, command in commands.items()]
     else:
         runs.append(measure(commands, args, args.fits))
-    result: dict = {name: summary([found[name] for found, _, _ in runs if name in found])
+    result: dict = {name: summary([measured[name] for measured, _, _ in runs if name in measured])
                     for name in commands}
     result['p99_ratio'] = result['node']['p99'] / result['echo']['p99']
     result['lost_in_node'] = sum(lost for _, _, lost in runs)
@@ -290,11 +289,11 @@ def compare(args: argparse.Namespace, model: Path) -> dict:
     return result
 
 
-def summary(runs: list[Found]) -> dict:
+def summary(runs: list[Measured]) -> dict:
     times = np.concatenate([run.times for run in runs])
     sent = sum(run.sent for run in runs)
     p50, p90, p99 = np.percentile(times, [50, 90, 99])
-    # The first minute is left out: caches fill, and samples come in.
+    # Without the first minute, in which caches and the sample buffer fill.
     skip = int(60.0 / MEMORY_EVERY)
     late = [x for run in runs for x in (run.memory[skip:] or run.memory)]
     return {'sent': sent, 'unanswered': sent - len(times), 'p50': p50, 'p90': p90, 'p99': p99,
@@ -309,10 +308,10 @@ def show(result: dict) -> None:
               f'{r["unanswered"]}; p50 {r["p50"]:.3f} ms, p90 {r["p90"]:.3f} ms, p99 '
               f'{r["p99"]:.3f} ms; memory {r["memory_first_MiB"]:.1f} MiB at first, then '
               f'{r["memory_MiB"][0]:.1f} to {r["memory_MiB"][1]:.1f}')
-    print(f'messages lost on the way into the node: {result["lost_in_node"]}; fits meanwhile: '
+    print(f'messages lost on input of the node: {result["lost_in_node"]}; fits: '
           f'{result["fits"]}; one prediction: {result["predict_us"]:.1f} µs')
-    how = 'both at once' if result['together'] else 'in turns'
-    print(f'p99 of the node is {result["p99_ratio"]:.2f} times that of the bare echo ({how})')
+    how = 'at once' if result['together'] else 'alternately'
+    print(f'p99 of the node is {result["p99_ratio"]:.2f} times that of the bare echo (run {how})')
 
 
 if __name__ == '__main__':

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
 """
-From payload_changed to a better model: real node, real time, the motion of Yu 2022, Eq. (17).
+Time from payload_changed to a better model, in the running node, on Eq. (17) of Yu 2022.
 
     python3 bench/node_payload.py [--rate 100] [--payloads 2 0.5] [--starts 200 240 280] [--json F]
 
-The node has a model of the bare arm (100 s of the same motion). The arm then carries a payload,
-`~/payload_changed` is called, and joint states come as the arm moves on, with 0.1 N·m of noise.
-Prints after how many seconds of motion the first better model was in use, what computing it took,
-and the error of both models on the ten seconds of motion that follow.
+The node has a model of the bare arm (100 s of the same motion). Then the arm carries a payload,
+`~/payload_changed` is called, and joint states with 0.1 N·m of noise are sent in real time. Prints
+the seconds of motion until the first better model, its computing time, and the error of both
+models on the next ten seconds of motion.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / 'test'))
-LONGEST = 40.0
-AFTER = 10.0
+# Maximum time until a better model, and time of the evaluation after it, s.
+MAX_DURATION = 40.0
+EVALUATION = 10.0
 
 
 def synth(folder: Path, start: float, payload: float, rate: float) -> JointSamples:
@@ -38,21 +39,21 @@ def synth(folder: Path, start: float, payload: float, rate: float) -> JointSampl
     out = folder / f'{start:g}_{payload:g}.mcap'
     subprocess.run(
         [sys.executable, '-m', 'gravity_comp_ros.cli', 'synth', '--motion', 'eq17', '--start',
-         str(start), '--duration', str(LONGEST + AFTER), '--rate', str(rate), '--payload',
-         str(payload), '--noise', '0.1', '--seed', str(int(start)), '-o', str(out)],
+         str(start), '--duration', str(MAX_DURATION + EVALUATION), '--rate', str(rate),
+         '--payload', str(payload), '--noise', '0.1', '--seed', str(int(start)), '-o', str(out)],
         check=True, capture_output=True, cwd=ROOT)
     return read_bag(out).samples
 
 
 class Run:
-    """One payload change: sends samples in real time, and watches the model."""
+    """Sends samples in real time."""
 
     def __init__(self, probe, samples: JointSamples) -> None:
         self.probe, self.samples, self.k = probe, samples, 0
         self.began = time.monotonic()
 
-    def go_on(self, seconds: float, until=lambda: False) -> None:
-        """Send what is due, for that long or until something holds."""
+    def send(self, seconds: float, until=lambda: False) -> None:
+        """Send the samples that are due, for some seconds or until a condition is true."""
         end = time.monotonic() + seconds
         t = self.samples.t
         while time.monotonic() < end and not until():
@@ -72,28 +73,28 @@ def measure(samples: JointSamples, model: Path) -> dict:
                   'stale_after': 5.0}) as (_, probe):
         probe.until(lambda: 'learning' in probe.status or 'model' in probe.status)
         run = Run(probe, samples)
-        run.go_on(1.0)
+        run.send(1.0)
         answer = probe.call('payload_changed')
         assert answer.success, answer.message
         called = time.monotonic()
         before = probe.status['model'].message
-        run.go_on(LONGEST - 1.0, lambda: probe.status['model'].message != before)
+        run.send(MAX_DURATION - 1.0, lambda: probe.status['model'].message != before)
         seconds = time.monotonic() - called
         if probe.status['model'].message == before:
             raise SystemExit(f'no better model: {probe.status["learning"].message}')
         last_fit = probe.values('learning')['last fit']
         probe.residuals.clear()
         first = run.k
-        run.go_on(AFTER)
-        stale = stale_error(samples, first, run.k, model)
-        left = np.sqrt(np.mean([np.square(m.effort) for m in probe.residuals], axis=0))
+        run.send(EVALUATION)
+        old = old_model_error(samples, first, run.k, model)
+        new = np.sqrt(np.mean([np.square(m.effort) for m in probe.residuals], axis=0))
     computing = float(re.search(r'samples, ([\d.]+) s', last_fit).group(1))
     return {'seconds': seconds, 'computing': computing, 'fit': last_fit,
-            'rmse_before': stale, 'rmse_after': float(left.max())}
+            'rmse_before': old, 'rmse_after': float(new.max())}
 
 
-def stale_error(samples: JointSamples, first: int, last: int, model: Path) -> float:
-    """Return what the old model is off by over the same samples, worst joint, N·m."""
+def old_model_error(samples: JointSamples, first: int, last: int, model: Path) -> float:
+    """Return the RMS error of the old model on the same samples, worst joint, N·m."""
     from gravity_comp_ros.models.model_file import load_model
     part = samples.select(np.arange(first, last))
     error = part.tau - load_model(model).predict(part.q)
@@ -108,7 +109,7 @@ def main() -> None:
     parser.add_argument('--formulations', nargs='+', default=['potential', 'chain'])
     parser.add_argument('--json', type=Path)
     args = parser.parse_args()
-    found = []
+    results = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         bare = read_bag(ROOT / 'bags' / 'eq17_unloaded.mcap').samples
@@ -118,17 +119,17 @@ def main() -> None:
             for payload in args.payloads:
                 for start in args.starts:
                     one = measure(synth(folder, start, payload, args.rate), model)
-                    found.append({'formulation': formulation, 'payload': payload,
-                                  'start': start, **one})
+                    results.append({'formulation': formulation, 'payload': payload,
+                                    'start': start, **one})
                     print(f'{formulation}, {payload:g} kg at {start:g} s: '
                           f'{one["seconds"]:.1f} s of motion, {one["computing"]:.2f} s of '
                           f'computing; error of the worst joint {one["rmse_before"]:.2f} '
                           f'-> {one["rmse_after"]:.2f} N·m', flush=True)
-    worst = max(found, key=lambda one: one['seconds'])
-    print(f'slowest: {worst["seconds"]:.1f} s of motion; most computing: '
-          f'{max(one["computing"] for one in found):.2f} s')
+    worst = max(results, key=lambda one: one['seconds'])
+    print(f'slowest: {worst["seconds"]:.1f} s of motion; longest computing time: '
+          f'{max(one["computing"] for one in results):.2f} s')
     if args.json:
-        args.json.write_text(json.dumps(found, indent=1) + '\n')
+        args.json.write_text(json.dumps(results, indent=1) + '\n')
 
 
 if __name__ == '__main__':

@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 """
-False alarms and delay of `~/payload_suspected`, at the core of the node, faster than real time.
+False alarms and delay of `~/payload_suspected`, in `NodeCore`, faster than real time.
 
     python3 bench/node_suspicion.py [--hours 1] [--seeds 5] [--masses 0.5 1 2] [--axes]
                                     [--lasts 0.3 3] [--upright] [--varies 0.2]
 
 An iiwa with Coulomb and viscous friction is learned from 100 s of slow motion. Then it moves from
-pose to pose: slowly, fast (up to 1.5 rad/s, with inertia), at rest, one move of ten to a pose
-outside the training. Friction drifts by a third in half an hour. About three times a minute
-something touches the last link for 0.3 to 3 s (`--lasts`) with 5 to 60 N, in any direction that
-stays (`--upright`: straight down or up), with a force that is steady (`--varies`: the standard
-deviation of its size as a part of it, within two seconds). No payload changes, so that each event
-is a false alarm. For the delay a payload is put on while the arm moves as before.
+pose to pose: slowly, fast (up to 1.5 rad/s, with inertia), with rests, one move of ten to a pose
+outside the training. Friction drifts by a third in half an hour. About three times a minute a
+contact force of 5 to 60 N acts on the last link for 0.3 to 3 s (`--lasts`), in a fixed random
+direction (`--upright`: vertical) and constant (`--varies`: its relative standard deviation, within
+two seconds). The payload does not change, so each event is a false alarm. For the delay the arm
+carries a payload.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ RATE, NOISE = 25.0, 0.1
 COULOMB = np.array([0.8, 1.2, 0.6, 0.8, 0.3, 0.3, 0.2])
 VISCOUS = np.array([2.0, 3.0, 2.0, 2.0, 1.0, 1.0, 0.5])
 WIDTH = 0.005
-# s; a hand's force changes within this time.
-WANDER = 2.0
-# Friction goes through this part of itself, up and down, in an hour.
+# Correlation time of the force of a hand, s.
+FORCE_TIME = 2.0
+# Relative amplitude and period, s, of the drift of friction.
 DRIFT, DRIFT_PERIOD = 0.33, 3600.0
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What an arm does at one moment, in SI units, and the true gravity."""
+    """State of motion of an arm at one time, in SI units."""
 
     t: float
     q: FloatArray
@@ -58,21 +58,21 @@ class Sample:
 
 def moves(low: FloatArray, high: FloatArray, seconds: float, rng: np.random.Generator,
           start: float) -> Iterator[Sample]:
-    """Yield motion from pose to pose, rests between, some beyond the range [low, high]."""
+    """Yield motion from pose to pose with rests, some poses outside the range [low, high]."""
     t, q = start, 0.5 * (low + high)
     while t < start + seconds:
         outside = rng.random() < 0.1
         margin = 0.5 if outside else -0.02
         goal = rng.uniform(low - margin, high + margin)
         speed = rng.uniform(0.05, 0.14) if rng.random() < 0.6 else rng.uniform(0.3, 1.5)
-        way = goal - q
-        # A minimum-jerk move is 1.875 times as fast at its middle as on average.
-        duration = max(0.5, 1.875 * float(np.abs(way).max()) / speed)
+        step = goal - q
+        # The peak speed of a minimum-jerk move is 1.875 times its mean.
+        duration = max(0.5, 1.875 * float(np.abs(step).max()) / speed)
         for k in range(int(duration * RATE)):
             s = k / (duration * RATE)
-            yield Sample(t, q + way * (10 * s ** 3 - 15 * s ** 4 + 6 * s ** 5),
-                         way * (30 * s ** 2 - 60 * s ** 3 + 30 * s ** 4) / duration,
-                         way * (60 * s - 180 * s ** 2 + 120 * s ** 3) / duration ** 2)
+            yield Sample(t, q + step * (10 * s ** 3 - 15 * s ** 4 + 6 * s ** 5),
+                         step * (30 * s ** 2 - 60 * s ** 3 + 30 * s ** 4) / duration,
+                         step * (60 * s - 180 * s ** 2 + 120 * s ** 3) / duration ** 2)
             t += 1.0 / RATE
         q = goal
         for _ in range(int(rng.uniform(0.0, 3.0) * RATE)):
@@ -81,61 +81,64 @@ def moves(low: FloatArray, high: FloatArray, seconds: float, rng: np.random.Gene
 
 
 def friction(t: float, qd: FloatArray) -> FloatArray:
-    warm = 1.0 + DRIFT * np.sin(2.0 * np.pi * t / DRIFT_PERIOD)
-    return warm * COULOMB * np.tanh(qd / WIDTH) + VISCOUS * qd
+    drift = 1.0 + DRIFT * np.sin(2.0 * np.pi * t / DRIFT_PERIOD)
+    return drift * COULOMB * np.tanh(qd / WIDTH) + VISCOUS * qd
 
 
 def force_torque(arm: Arm, data: pin.Data, q: FloatArray, force: FloatArray) -> FloatArray:
-    """Return the torque (N,) that holds against a force (3,) in the base on the last link."""
+    """Return the torque (N,), N·m, of a force (3,) in base coordinates on the last link."""
     pin.forwardKinematics(arm.model, data, q)
     jacobian = pin.computeJointJacobian(arm.model, data, q, 7)
     return np.asarray((data.oMi[7].rotation @ jacobian[:3]).T @ force)
 
 
 @dataclass(frozen=True)
-class Touches:
+class ContactOptions:
     """
-    What touches the last link now and then.
+    Contact forces on the last link.
 
-    It lasts for `lasts` (shortest, longest) s, and begins about `every` s after the last. Its
-    force varies by the part `varies`, and is vertical where it `is_upright`.
+    Each lasts for `duration` (minimum, maximum) s and begins on average `interval` s after the
+    previous one. Its relative standard deviation is `force_std`; with `is_vertical` it is
+    vertical.
     """
 
-    lasts: tuple[float, float] = (0.3, 3.0)
-    every: float = 20.0
-    varies: float = 0.0
-    is_upright: bool = False
+    duration: tuple[float, float] = (0.3, 3.0)
+    interval: float = 20.0
+    force_std: float = 0.0
+    is_vertical: bool = False
 
 
-class Touch:
-    """Something that touches the last link now and then."""
+class Contacts:
+    """Random contact forces on the last link."""
 
-    def __init__(self, rng: np.random.Generator, options: Touches = Touches()) -> None:
+    def __init__(self, rng: np.random.Generator,
+                 options: ContactOptions = ContactOptions()) -> None:
         self._rng, self._options = rng, options
-        self._lasts, self._every = options.lasts, options.every
         self._next = self._until = -1.0
         self._force = np.zeros(3)
-        self._wander = 0.0
+        self._variation = 0.0
         self.count = 0
 
     def torque(self, arm: Arm, data: pin.Data, s: Sample) -> FloatArray:
-        """Return the torque that holds against it (N,), N·m."""
+        """Return the torque of the contact force (N,), N·m."""
         rng = self._rng
         if s.t > self._next:
             if self._next >= 0.0:
                 direction = rng.standard_normal(3)
-                if self._options.is_upright:
+                if self._options.is_vertical:
                     direction[:2] = 0.0
                 self._force = rng.uniform(5.0, 60.0) * direction / np.linalg.norm(direction)
-                self._until = s.t + rng.uniform(*self._lasts)
+                self._until = s.t + rng.uniform(*self._options.duration)
                 self.count += 1
-            self._next = s.t + self._lasts[1] + rng.exponential(self._every)
+            self._next = (s.t + self._options.duration[1]
+                          + rng.exponential(self._options.interval))
         if s.t > self._until:
             return np.zeros(7)
-        keep = np.exp(-1.0 / (RATE * WANDER))
-        self._wander = keep * self._wander + np.sqrt(1.0 - keep ** 2) * rng.standard_normal()
+        decay = np.exp(-1.0 / (RATE * FORCE_TIME))
+        self._variation = (decay * self._variation
+                           + np.sqrt(1.0 - decay ** 2) * rng.standard_normal())
         return force_torque(arm, data, s.q,
-                            self._force * (1.0 + self._options.varies * self._wander))
+                            self._force * (1.0 + self._options.force_std * self._variation))
 
 
 def learned(rng: np.random.Generator) -> GravityModel:
@@ -151,20 +154,20 @@ def learned(rng: np.random.Generator) -> GravityModel:
 
 
 class Core:
-    """The node without ROS, with a model in use and the fit process it has."""
+    """The node without ROS, with a model in use and a real fit process."""
 
     def __init__(self, model: GravityModel, axes: bool) -> None:
         self.live = NodeCore(
             Parameters(joints=ARM.joints, unlimited_torque=True, auto_fit=False,
                        stale_action='hold'), '/joint_states', 0.0)
-        self.hear(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)), np.zeros(7))
+        self.send(Sample(0.5, np.zeros(7), np.zeros(7), np.zeros(7)), np.zeros(7))
         if axes:
             self.live.describe((ROOT / 'bags' / 'iiwa7.urdf').read_text())
         self.live.models.use(model, 'bench', 0.0)
         assert self.live.arm is not None
         self.live.arm.use(model, None, 0)
         self.live.arm.epoch.is_open = False
-        self.looks = 0
+        self.tests = 0
 
     @staticmethod
     def _message(s: Sample, tau: FloatArray) -> JointState:
@@ -174,55 +177,55 @@ class Core:
         message.header.stamp.nanosec = min(int(round((s.t % 1.0) * 1e9)), 999_999_999)
         return message
 
-    def hear(self, s: Sample, tau: FloatArray) -> None:
-        """Give the node a sample with the measured torque (N,)."""
+    def send(self, s: Sample, tau: FloatArray) -> None:
+        """Send a sample with the measured torque (N,) to the node."""
         reading, _ = self.live.message(self._message(s, tau), s.t, s.t)
         if reading is not None:
             self.live.learn(reading, s.t)
 
     def run(self, source: Iterator[Sample], arm: Arm, rng: np.random.Generator,
-            touch: Touch | None, until_event: bool) -> list[tuple[float, str]]:
-        """Play motion; return each event and when it came."""
+            contacts: Contacts | None, until_event: bool) -> list[tuple[float, str]]:
+        """Send motion; return the time and text of each event."""
         data, events = arm.model.createData(), []
         for s in source:
             tau = pin.rnea(arm.model, data, s.q, s.qd, s.qdd) + friction(s.t, s.qd)
-            if touch is not None:
-                tau = tau + touch.torque(arm, data, s)
-            self.hear(s, tau + NOISE * rng.standard_normal(7))
-            self._finish_looks(s.t)
+            if contacts is not None:
+                tau = tau + contacts.torque(arm, data, s)
+            self.send(s, tau + NOISE * rng.standard_normal(7))
+            self._finish_tests(s.t)
             while self.live.learner.events:
                 events.append((s.t, self.live.learner.events.popleft().text))
             if events and until_event:
                 break
         return events
 
-    def _finish_looks(self, now: float) -> None:
+    def _finish_tests(self, now: float) -> None:
         self.live.tick(now, time.monotonic())
         if self.live.learner.fits.job is not None:
-            self.looks += 1
+            self.tests += 1
         while self.live.learner.fits.state != 'ready':
             time.sleep(0.002)
             self.live.tick(now, time.monotonic())
 
 
 def false_alarms(model: GravityModel, hours: float, axes: bool, seed: int,
-                 touches: Touches) -> int:
+                 options: ContactOptions) -> int:
     rng = np.random.default_rng(seed)
-    core, touch = Core(model, axes), Touch(rng, touches)
+    core, contacts = Core(model, axes), Contacts(rng, options)
     start = time.monotonic()
     low, high = model.coverage.q_min, model.coverage.q_max
-    events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, touch, False)
+    events = core.run(moves(low, high, 3600.0 * hours, rng, 10.0), ARM, rng, contacts, False)
     core.live.close()
     for t, text in events:
         print(f'  false alarm at {t:.0f} s: {text}')
-    print(f'{hours:g} h of motion, {touch.count} touches, axes '
-          f'{"known" if axes else "unknown"}: {len(events)} false alarms, {core.looks} windows '
-          f'looked at, {time.monotonic() - start:.0f} s', flush=True)
+    print(f'{hours:g} h of motion, {contacts.count} contacts, axes '
+          f'{"known" if axes else "unknown"}: {len(events)} false alarms, {core.tests} windows '
+          f'tested, {time.monotonic() - start:.0f} s', flush=True)
     return len(events)
 
 
 def delay(model: GravityModel, payload: Payload, axes: bool, seed: int) -> float:
-    """Return after how many s of motion a payload is suspected; infinite if it never is."""
+    """Return the time of motion in s until a payload is suspected, infinite if it is not."""
     rng = np.random.default_rng(100 + seed)
     core = Core(model, axes)
     low, high = model.coverage.q_min, model.coverage.q_max
@@ -240,25 +243,25 @@ def main() -> None:
     parser.add_argument('--seeds', type=int, default=5)
     parser.add_argument('--masses', type=float, nargs='*', default=[0.5, 1.0, 2.0])
     parser.add_argument('--lasts', type=float, nargs=2, default=(0.3, 3.0),
-                        help='shortest and longest touch, s')
-    parser.add_argument('--upright', action='store_true',
-                        help='touches press straight down or lift')
+                        help='shortest and longest contact, s')
+    parser.add_argument('--upright', action='store_true', help='vertical contact forces')
     parser.add_argument('--varies', type=float, default=0.0,
-                        help='standard deviation of the force of a touch, as a part of it')
-    parser.add_argument('--seed', type=int, default=0, help='of the motion with touches')
+                        help='relative standard deviation of a contact force')
+    parser.add_argument('--seed', type=int, default=0, help='of the motion with contacts')
     parser.add_argument('--axes', action='store_true', help='the axes are known (URDF)')
     args = parser.parse_args()
     model = learned(np.random.default_rng(5))
     print(f'model {model.formulation}, residual {np.round(model.noise, 2).tolist()} N·m')
     for mass in args.masses:
         for centre in ((0.0, 0.0, 0.1), (0.1, -0.06, 0.1)):
-            found = [delay(model, Payload(mass, centre), args.axes, seed)
-                     for seed in range(args.seeds)]
-            print(f'{mass:g} kg at {centre}: suspected after {np.median(found):.1f} s of motion '
-                  f'in the median, {min(found):.1f} to {max(found):.1f}', flush=True)
+            delays = [delay(model, Payload(mass, centre), args.axes, seed)
+                      for seed in range(args.seeds)]
+            print(f'{mass:g} kg at {centre}: suspected after {np.median(delays):.1f} s of motion '
+                  f'(median), {min(delays):.1f} to {max(delays):.1f}', flush=True)
     if args.hours:
-        touches = Touches(tuple(args.lasts), varies=args.varies, is_upright=args.upright)
-        sys.exit(1 if false_alarms(model, args.hours, args.axes, args.seed, touches) else 0)
+        contacts = ContactOptions(tuple(args.lasts), force_std=args.varies,
+                                  is_vertical=args.upright)
+        sys.exit(1 if false_alarms(model, args.hours, args.axes, args.seed, contacts) else 0)
 
 
 if __name__ == '__main__':

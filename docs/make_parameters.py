@@ -1,4 +1,4 @@
-"""docs/parameters.md, made from the table of parameters."""
+"""Generator of docs/parameters.md from the parameter table."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ def markdown() -> str:
     """Return docs/parameters.md."""
     lines = [
         '# Parameters of the node', '',
-        'Made from the table in `gravity_comp_ros/node/parameters.py` by '
+        'Generated from the table in `gravity_comp_ros/node/parameters.py` by '
         '`python3 docs/make_parameters.py > docs/parameters.md`.', '',
-        'A value that is out of range or of the wrong type is refused with the reason, at the '
-        'start as well as by `ros2 param set`. Parameters marked *at start* cannot be changed '
-        'while the node runs; all others take effect at once.', '',
+        'The node refuses a value out of range or of the wrong type and gives the reason, at the '
+        'start and on `ros2 param set`. Parameters marked *at start* cannot be changed at '
+        'runtime; all others take effect at once.', '',
         '| parameter | type | default | range | unit | | meaning |',
         '|---|---|---|---|---|---|---|']
     for row in TABLE:
         lines.append(
-            f'| `{row.name}` | {row.kind} | {_shown(row.default)} | {row.range_text()} | '
+            f'| `{row.name}` | {row.kind} | {_markdown_value(row.default)} | {row.range_text()} | '
             f'{row.unit} | {"*at start*" if row.read_only else ""} | {row.description} |')
     return '\n'.join(lines) + '\n'
 
 
-def _shown(value: Value) -> str:
+def _markdown_value(value: Value) -> str:
     if isinstance(value, tuple):
         return '`[' + ', '.join(str(item) for item in value) + ']`'
     if isinstance(value, bool):

@@ -8,7 +8,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the node with its arguments."""
+    """Return the launch arguments and the node."""
     share = get_package_share_directory('gravity_comp_ros')
     arguments = [
         DeclareLaunchArgument(
@@ -17,17 +17,16 @@ def generate_launch_description() -> LaunchDescription:
             description='Parameters of the node.'),
         DeclareLaunchArgument(
             'namespace', default_value='',
-            description='Namespace of the node and of its topics: one for each of several arms.'),
+            description='Namespace of the node and its topics; one for each arm.'),
         DeclareLaunchArgument(
             'joint_states', default_value='joint_states',
-            description='Topic to read joint states from; in the namespace unless it begins '
-                        'with /.'),
+            description='Topic of the joint states; in the namespace unless it begins with /.'),
         DeclareLaunchArgument(
             'commands', default_value='~/commands',
-            description='Topic to send torques to: the one that the controller listens to.'),
+            description='Topic of the torques: the command topic of the controller.'),
         DeclareLaunchArgument(
             'use_sim_time', default_value='false', choices=['true', 'false'],
-            description='Take the time from /clock.'),
+            description='Use the time of /clock.'),
     ]
     node = Node(
         package='gravity_comp_ros', executable='gravity_comp_node', name='gravity_comp',

@@ -1,4 +1,4 @@
-"""Efforts that a driver, a sensor or a wire may report instead of the true torque."""
+"""Broken efforts of a driver, a sensor or a cable, from the true torque."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 Break = Callable[[FloatArray, np.random.Generator], FloatArray]
 
-# N·m; what a sensor still shows when nothing drives it.
+# Noise of a sensor without torque, N·m.
 IDLE = 0.1
 SHOULDER, ELBOW, WRIST = 1, 3, 5
 
@@ -24,9 +24,9 @@ def zero(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 def dead(joint: int) -> Break:
     def broken(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-        found = tau.copy()
-        found[:, joint] = IDLE * rng.standard_normal(len(tau))
-        return found
+        effort = tau.copy()
+        effort[:, joint] = IDLE * rng.standard_normal(len(tau))
+        return effort
     return broken
 
 
@@ -35,16 +35,16 @@ def frozen(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def frozen_joint(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    found = tau.copy()
-    found[:, SHOULDER] = tau[0, SHOULDER]
-    return found
+    effort = tau.copy()
+    effort[:, SHOULDER] = tau[0, SHOULDER]
+    return effort
 
 
 def flipped(joint: int) -> Break:
     def broken(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-        found = tau.copy()
-        found[:, joint] *= -1.0
-        return found
+        effort = tau.copy()
+        effort[:, joint] *= -1.0
+        return effort
     return broken
 
 
@@ -57,9 +57,9 @@ def another_unit(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def one_gain(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    found = tau.copy()
-    found[:, SHOULDER] *= 0.5
-    return found
+    effort = tau.copy()
+    effort[:, SHOULDER] *= 0.5
+    return effort
 
 
 def saturated(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -73,8 +73,17 @@ def swapped(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 
 def external(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return effort less the gravity of a driver's own model, which is 3 % wrong."""
+    """Return effort minus the gravity of a driver's own model with an error of 3 %."""
     return 0.03 * tau + IDLE * rng.standard_normal(tau.shape)
+
+
+def intermittent_brake(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return effort with a brake that engages for half a second, every few seconds."""
+    effort, k = tau.copy(), int(rng.integers(5, 15))
+    while k < len(effort):
+        effort[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
+        k += int(rng.integers(20, 60))
+    return effort
 
 
 KINDS: Mapping[str, Break] = {
@@ -82,4 +91,4 @@ KINDS: Mapping[str, Break] = {
     'dead elbow': dead(ELBOW), 'frozen': frozen, 'frozen shoulder': frozen_joint,
     'flipped shoulder': flipped(SHOULDER), 'flipped elbow': flipped(ELBOW),
     'all flipped': all_flipped, 'another unit': another_unit, 'one gain': one_gain,
-    'saturated': saturated, 'swapped': swapped, 'gravity taken off': external}
+    'saturated': saturated, 'swapped': swapped, 'gravity subtracted': external}

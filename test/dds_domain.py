@@ -1,4 +1,4 @@
-"""A ROS domain that no other process of this machine is in."""
+"""ROS domain that no other process on this machine uses."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from contextlib import contextmanager
 import os
 import socket
 
-# Domains above 101 have ports that the kernel hands out to others. The last twenty are the
-# demo's (examples/demo.py).
+# Ports of domains above 101 may be assigned by the kernel to other processes. The last twenty
+# domains are for the demo (examples/demo.py).
 DOMAINS = range(1, 81)
-# DDS: ports of a domain begin at 7400 + 250 d; of its first participant, 10 and 11 later.
+# DDS: the ports of domain d are 7400 + 250 d, and 10 and 11 more for its first participant.
 BASE, GAIN, USED = 7400, 250, (0, 10, 11)
 
 
 def in_use(domain: int) -> bool:
-    """Return whether a participant of DDS is in the domain now."""
+    """Return whether a DDS participant uses the domain now."""
     for offset in USED:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
@@ -28,17 +28,17 @@ def in_use(domain: int) -> bool:
 @contextmanager
 def private_domain() -> Iterator[int]:
     """
-    Yield a domain, and keep it for this process as long as the context lasts.
+    Yield a domain, and reserve it for this process until the context ends.
 
-    What is held is a socket without a file: unique in the network that DDS uses as well, and
-    free again as soon as the process has ended, however it ends.
+    The reservation is an abstract socket: it is unique in the network namespace, and the kernel
+    releases it when the process ends.
     """
     start = os.getpid() * 37
     for step in range(len(DOMAINS)):
         domain = DOMAINS[(start + step) % len(DOMAINS)]
-        with socket.socket(socket.AF_UNIX) as held:
+        with socket.socket(socket.AF_UNIX) as reservation:
             try:
-                held.bind(f'\0gravity_comp_ros test domain {domain}')
+                reservation.bind(f'\0gravity_comp_ros test domain {domain}')
             except OSError:
                 continue
             if in_use(domain):

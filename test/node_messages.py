@@ -1,9 +1,31 @@
-"""Messages for the node without ROS around it."""
+"""Messages for `NodeCore` without ROS, and waiting for its fits."""
+
+import time
+
+from sensor_msgs.msg import JointState
 
 
-def heard(node, message, now, arrival=0.0):
-    """Give a message to a `NodeCore` as its node does; return what was read, and the torque."""
+def joint_state(names, t, q, qd=(), tau=()):
+    """Return a joint state with stamp t in s."""
+    message = JointState(name=list(names), position=[float(x) for x in q],
+                         velocity=[float(x) for x in qd], effort=[float(x) for x in tau])
+    message.header.stamp.sec = int(t)
+    message.header.stamp.nanosec = min(int(round((t - int(t)) * 1e9)), 999_999_999)
+    return message
+
+
+def send_message(node, message, now, arrival=0.0):
+    """Send a message to a `NodeCore` as its node does; return the reading and the torque."""
     reading, tau = node.message(message, now, arrival)
     if reading is not None:
         node.learn(reading, now)
     return reading, tau
+
+
+def until(node, condition, seconds=60.0):
+    """Call `tick` of a `NodeCore` until a condition is true."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, node.statuses(time.monotonic())
+        node.tick(time.monotonic())
+        time.sleep(0.002)

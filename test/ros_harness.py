@@ -1,4 +1,4 @@
-"""Real DDS for tests: the node as its own process, and a probe that talks to it."""
+"""Test harness over DDS: the node as a separate process, and a probe node as its counterpart."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import time
 from dds_domain import private_domain
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.srv import ChangeState, GetState
+from node_messages import joint_state
 import numpy as np
 from rcl_interfaces.srv import SetParameters
 import rclpy
@@ -34,23 +35,22 @@ ROOT = Path(__file__).resolve().parents[1]
 SERVICES = {'payload_changed': Trigger, 'refit': Trigger, 'rollback': Trigger,
             'save_model': Trigger, 'diagnose': Trigger, 'enable': SetBool,
             'set_parameters': SetParameters, 'change_state': ChangeState, 'get_state': GetState}
-# Tests kill nodes on purpose. What a killed process leaves behind in shared memory is opened by
-# whoever has its name next, and `destroy_node` crashed there, so tests talk over sockets. A range
-# of LOCALHOST would bring shared memory back, whatever transports are asked for. The demo, a test
-# as well, does not kill and has it.
+# Tests kill nodes on purpose. A later process of the same name opens the shared memory of a killed
+# one, and `destroy_node` crashed there, so tests use sockets. A range of LOCALHOST enables shared
+# memory, regardless of the configured transports. The demo kills no node and uses it.
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
 os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = str(ROOT / 'test' / 'udp_localhost.xml')
-# Many tests wait for the next report: at the usual rate for up to a second each time.
+# Many tests wait for the next report, which takes up to a second at the default rate.
 QUICK = {'diagnostics_rate': 20.0}
 PR_SET_PDEATHSIG = 1
 _libc = ctypes.CDLL(None)
 
 
 def _prepare_child() -> None:
-    """Make the kernel end this process when a test crashes; let Ctrl-C end it as at a terminal."""
+    """End this process with its parent, and restore the default action of Ctrl-C."""
     if sys.platform == 'linux':
         _libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    # A shell that starts tests in the background has them, and what they start, ignore it.
+    # A shell ignores SIGINT for background jobs and their children.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
@@ -58,15 +58,15 @@ def deadline(seconds: float) -> float:
     return time.monotonic() + seconds
 
 
-class _Told(dict[str, DiagnosticStatus]):
-    """The last status of each name; an empty one where none has come yet."""
+class _Statuses(dict[str, DiagnosticStatus]):
+    """The last status of each name; an empty one before the first."""
 
     def __missing__(self, name: str) -> DiagnosticStatus:
         return DiagnosticStatus()
 
 
 class NodeProcess:
-    """The executable, started as a user would, with parameters and in a domain."""
+    """The executable of the node, with parameters and in a domain."""
 
     def __init__(self, domain: int, parameters: dict[str, object] | None = None,
                  arguments: tuple[str, ...] = ()) -> None:
@@ -76,7 +76,7 @@ class NodeProcess:
             args += ['-p', f'{name}:={text}']
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1',
                        'PYTHONPATH': os.pathsep.join(p for p in [str(ROOT), *sys.path] if p)}
-        # A file, because a pipe that nobody empties would stop a node that logs much.
+        # A file, because a full pipe would block the node.
         self._output = tempfile.TemporaryFile('w+')  # noqa: SIM115
         self.process = subprocess.Popen(
             [sys.executable, '-m', 'gravity_comp_ros.node.main', '--ros-args', *args,
@@ -94,7 +94,7 @@ class NodeProcess:
         return code, self._output.read()
 
     def end(self) -> None:
-        """End the process: it is asked to, so that it says goodbye to DDS, and then made to."""
+        """Terminate the process, so that it leaves DDS; kill it if it does not end."""
         try:
             self.process.terminate()
             self.process.wait(5.0)
@@ -105,7 +105,7 @@ class NodeProcess:
 
 
 class Probe(Node):
-    """Another node in the same domain: publishes joint states, keeps what comes back."""
+    """Node in the same domain: publishes joint states, keeps the outputs of the node."""
 
     def __init__(self, context: Context, reliable: bool = True) -> None:
         super().__init__('probe', context=context, start_parameter_services=False)
@@ -116,32 +116,32 @@ class Probe(Node):
         self.commands: list[Float64MultiArray] = []
         self.predictions: list[JointState] = []
         self.residuals: list[JointState] = []
-        self.doubts: list[JointState] = []
-        self.status = _Told()
-        self._heard: list = []
+        self.extrapolations: list[JointState] = []
+        self.status = _Statuses()
+        self._outputs: list = []
         self.reports, self.node_time = 0, 0.0
         for kind, topic, into in ((JointState, 'gravity_torques', self.torques),
                                   (Float64MultiArray, 'commands', self.commands),
                                   (JointState, 'prediction', self.predictions),
                                   (JointState, 'residual', self.residuals),
-                                  (JointState, 'extrapolation', self.doubts)):
-            self._heard.append(
+                                  (JointState, 'extrapolation', self.extrapolations)):
+            self._outputs.append(
                 self.create_subscription(kind, f'/gravity_comp/{topic}', into.append, 1000))
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
-        # All at once, and the one that `until_node` asks last: see there.
-        self._asked = {name: self.create_client(kind, f'/gravity_comp/{name}',
-                                                qos_profile=QoSProfile(depth=1000))
-                       for name, kind in SERVICES.items()}
+        # The client that `until_node` uses must be the last.
+        self._service_clients = {
+            name: self.create_client(kind, f'/gravity_comp/{name}',
+                                     qos_profile=QoSProfile(depth=1000))
+            for name, kind in SERVICES.items()}
         self._pending: set[Future] = set()
         self.loop = SingleThreadedExecutor(context=context)
         self.loop.add_node(self)
 
     def end(self) -> None:
         """
-        Take everything apart, from the last that uses a thing to the thing itself.
+        Destroy pending calls, then clients and topics, then the node, then the context.
 
-        The probe has no thread of its own: this one spins it, and no longer does. What is under
-        way goes before the clients, clients and topics before the node, the node before ROS.
+        The probe has no thread of its own; it is no longer spun.
         """
         for future in list(self._pending):
             future.cancel()
@@ -150,8 +150,8 @@ class Probe(Node):
         self.loop.shutdown()
         for client in list(self.clients):
             self.destroy_client(client)
-        for heard in list(self.subscriptions):
-            self.destroy_subscription(heard)
+        for subscription in list(self.subscriptions):
+            self.destroy_subscription(subscription)
         for publisher in list(self.publishers):
             self.destroy_publisher(publisher)
         self.destroy_node()
@@ -165,41 +165,41 @@ class Probe(Node):
             self.status[status.name.removeprefix('gravity_comp: ')] = status
 
     def spin(self, seconds: float) -> None:
-        """Handle what comes for a while."""
+        """Handle callbacks for some seconds."""
         end = deadline(seconds)
-        while (left := end - time.monotonic()) > 0:
-            self.loop.spin_once(timeout_sec=left)
+        while (remaining := end - time.monotonic()) > 0:
+            self.loop.spin_once(timeout_sec=remaining)
 
     def until(self, condition: Callable[[], object], seconds: float = 60.0,
               what: str = 'it') -> None:
-        """Handle what comes until the condition holds; fail at the deadline."""
+        """Handle callbacks until the condition is true; fail at the deadline."""
         end = deadline(seconds)
         while not condition():
-            told = {name: status.message for name, status in self.status.items()}
+            messages = {name: status.message for name, status in self.status.items()}
             assert time.monotonic() < end, \
-                f'{what} did not happen within {seconds} s; diagnostics: {told}'
+                f'{what} did not happen within {seconds} s; diagnostics: {messages}'
             self.loop.spin_once(timeout_sec=0.05)
 
     def until_node(self, node: NodeProcess | None = None) -> None:
-        """Wait until the node listens to us and we to it."""
+        """Wait until the discovery of node and probe is complete in both directions."""
         def ended() -> bool:
             if node is not None and node.process.poll() is not None:
                 raise AssertionError(f'the node ended: {node.wait()}')
             return False
 
         self.until(lambda: not ended() and self.publisher.get_subscription_count() > 0
-                   and all(heard.get_publisher_count() > 0 for heard in self._heard),
+                   and all(output.get_publisher_count() > 0 for output in self._outputs),
                    60.0, 'the node')
-        # That we know the node does not mean that it knows us. Endpoints are announced in
-        # order, so one that was made later and is answered says that the others are known. An
-        # answer that was sent before the node knew us is lost: ask again.
+        # Discovery by the probe does not imply discovery by the node. Endpoints are announced in
+        # order, so a reply to the last client shows that all are known. A reply sent before
+        # discovery is lost: call again.
         self.until(lambda: self.answered('get_state', 2.0), 60.0, 'an answer of the node')
 
     def report(self, name: str, seconds: float = 60.0):
         """
-        Return the status of this name from the next report but one.
+        Return the status of this name from the second next report.
 
-        The next may have been on its way when what it is to say happened.
+        The next one may have been sent before the event of interest.
         """
         seen = self.reports
         self.until(lambda: self.reports > seen + 1, seconds, 'two reports')
@@ -211,15 +211,15 @@ class Probe(Node):
 
     def answered(self, name: str, seconds: float) -> bool:
         """Call a service and return whether it answered in time."""
-        future = self.ask(name)
+        future = self.call_async(name)
         end = deadline(seconds)
         while not future.done() and time.monotonic() < end:
             self.loop.spin_once(timeout_sec=0.05)
         return future.done()
 
-    def ask(self, name: str, request=None):
+    def call_async(self, name: str, request=None):
         """Call a service of the node and return the future."""
-        client = self._asked[name]
+        client = self._service_clients[name]
         self.until(client.service_is_ready, 60.0, f'service {name}')
         future = client.call_async(request or SERVICES[name].Request())
         self._pending.add(future)
@@ -228,24 +228,19 @@ class Probe(Node):
 
     def call(self, name: str, seconds: float = 60.0, request=None):
         """Call a service of the node and return its answer."""
-        future = self.ask(name, request)
+        future = self.call_async(name, request)
         self.until(future.done, seconds, f'an answer of {name}')
         return future.result()
 
     def enable(self, enabled: bool):
         return self.call('enable', request=SetBool.Request(data=enabled))
 
-    def send(self, names, t, q, qd=None, tau=None) -> None:
+    def send(self, names, t, q, qd=(), tau=()) -> None:
         """Publish one joint state."""
-        message = JointState(name=list(names), position=[float(x) for x in q])
-        message.velocity = [] if qd is None else [float(x) for x in qd]
-        message.effort = [] if tau is None else [float(x) for x in tau]
-        message.header.stamp.sec = int(t)
-        message.header.stamp.nanosec = min(int(round((t - int(t)) * 1e9)), 999999999)
-        self.publisher.publish(message)
+        self.publisher.publish(joint_state(names, t, q, qd, tau))
 
     def stream(self, samples, start: float = 0.0, period: float = 0.002) -> None:
-        """Publish samples in order, much faster than they were made, stamped t + start."""
+        """Publish samples in order with stamps t + start, faster than they were recorded."""
         due = time.monotonic()
         for k in range(len(samples)):
             self.send(samples.names, samples.t[k] + start, samples.q[k], samples.qd[k],
@@ -257,7 +252,7 @@ class Probe(Node):
 @contextmanager
 def running(parameters: dict[str, object] | None = None, arguments: tuple[str, ...] = (),
             wait: bool = True, reliable: bool = True) -> Iterator[tuple[NodeProcess, Probe]]:
-    """Run the node and a probe in a domain of their own; the node reports 20 times a second."""
+    """Run the node and a probe in a private domain; the node reports 20 times per second."""
     with private_domain() as domain:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=domain)
@@ -270,7 +265,7 @@ def running(parameters: dict[str, object] | None = None, arguments: tuple[str, .
         finally:
             node.end()
             probe.end()
-            # What is left of DDS in cycles goes now, not in the middle of the next test.
+            # Collect cycles with DDS objects now, not during the next test.
             del probe, context
             gc.collect()
 

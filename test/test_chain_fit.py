@@ -16,7 +16,7 @@ from gravity_comp_ros.simulation import arms, motions
 import numpy as np
 import pinocchio as pin
 import pytest
-from serial_arms import poses, samples_of, parallel_axis_arm
+from serial_arms import parallel_axis_arm, poses, samples_of
 from test_chain_model import random_chain
 
 pytestmark = pytest.mark.slow

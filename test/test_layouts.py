@@ -69,11 +69,11 @@ def test_plotted_topics_are_published_by_the_node(iiwa_model_file):
                   'max_torque': '[200.0]'}) as (_, probe):
         probe.stream(later.select(np.arange(20)))
         probe.until(lambda: probe.torques and probe.residuals and probe.predictions
-                    and probe.doubts, what='all topics')
+                    and probe.extrapolations, what='all topics')
         check({'/gravity_comp/gravity_torques': probe.torques[-1],
                '/gravity_comp/prediction': probe.predictions[-1],
                '/gravity_comp/residual': probe.residuals[-1],
-               '/gravity_comp/extrapolation': probe.doubts[-1]})
+               '/gravity_comp/extrapolation': probe.extrapolations[-1]})
 
 
 def test_layouts_are_up_to_date(tmp_path):

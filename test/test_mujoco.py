@@ -1,4 +1,4 @@
-"""An arm whose physics is MuJoCo's: damping, dry friction, a controller, then a load of 2 kg."""
+"""Fit and update of an arm in MuJoCo with damping, Coulomb friction, and a load of 2 kg."""
 
 from bench.closed_loop.arm import MujocoArm, SlowPath, urdf
 from bench.closed_loop.open_loop import box_poses, error, LOAD, record
@@ -13,14 +13,14 @@ BUILD = 'seven'
 @pytest.fixture(scope='module')
 def recordings():
     """Return 75 s without and 15 s with the load."""
-    path = SlowPath.drawn(7, 1)
+    path = SlowPath.random(7, 1)
     return (record(MujocoArm(BUILD, None, 1), path, 0.0, 75.0),
             record(MujocoArm(BUILD, LOAD, 101), path, 75.0, 15.0))
 
 
 @pytest.mark.parametrize('described', [False, True])
-def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, described,
-                                                                  tmp_path):
+def test_gravity_is_accurate_with_friction_before_and_after_a_load(recordings, described,
+                                                                   tmp_path):
     description = None
     if described:
         description = tmp_path / 'arm.urdf'
@@ -30,32 +30,32 @@ def test_gravity_is_right_beside_friction_before_and_after_a_load(recordings, de
     poses = box_poses(bare)
     assert error(model, MujocoArm(BUILD), poses) < 0.15
     assert not any('settled' in warning for warning in model.report.warnings)
-    # Friction of 1 N·m is neither predicted nor hidden.
+    # Friction of 1 N·m is in the residual, not in the prediction.
     assert gc.compare(model, gc.Recording(bare)).joints['joint_1'].rmse > 0.8
     updated = gc.update(model, gc.Recording(loaded), urdf=description)
     assert error(updated, MujocoArm(BUILD, LOAD), poses) < (0.15 if described else 0.4)
 
 
-def test_the_torque_of_motion_is_no_part_of_a_tool(tmp_path):
+def test_inertia_is_not_part_of_a_tool(tmp_path):
     description = tmp_path / 'arm.urdf'
     description.write_text(urdf(MujocoArm(BUILD).links))
-    path = SlowPath.drawn(7, 5)
+    path = SlowPath.random(7, 5)
     bare = record(MujocoArm(BUILD, None, 5), path, 0.0, 75.0)
     loaded = gc.Recording(record(MujocoArm(BUILD, LOAD, 105), path, 75.0, 15.0))
     model, arm, poses = gc.fit(gc.Recording(bare), urdf=description), MujocoArm(BUILD, LOAD), \
         box_poses(bare)
     assert error(gc.update(model, loaded), arm, poses) < 0.05
     gravity, slow = model.gravity, loaded.slow
-    held = update(gravity, slow, geometry=gravity.geometry, qdd=np.zeros_like(slow.q))
-    assert error(held.model, arm, poses) > 0.08
+    static = update(gravity, slow, geometry=gravity.geometry, qdd=np.zeros_like(slow.q))
+    assert error(static.model, arm, poses) > 0.08
 
 
-def test_a_short_motion_puts_no_gravity_into_friction_and_offset(recordings):
+def test_friction_and_offset_absorb_no_gravity_of_a_short_motion(recordings):
     bare = recordings[0]
     arm = MujocoArm(BUILD)
     short = bare.select(bare.t < 20.0)
     model = gc.fit(gc.Recording(short))
     wrong = model.predict(short.q[::50]) - arm.gravity(short.q[::50])
     assert any('has not settled' in warning for warning in model.report.warnings)
-    # Friction and damping that are taken for gravity make no more than their own size.
+    # Gravity absorbs friction and damping, so its error is at most their size.
     assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0

@@ -1,9 +1,9 @@
 """
-A campaign of faults against the running node: whatever comes, no wrong torque goes out.
+Campaign of faults against the running node: no fault causes a wrong torque.
 
-After every fault (`Range.fault`): each torque that was published is that of the model at a pose
-that was really sent, the node lives and answers the next good message, and the model file is what
-it was, or a whole new one. That diagnostics or an answer name the fault is asserted with each.
+After each fault (`FaultInjector.fault`) each published torque is that of the model at a pose that
+was sent, the node runs and answers the next valid message, and the model file is unchanged or a
+complete new one. Each test also asserts that diagnostics or a reply report the fault.
 """
 
 from contextlib import contextmanager, suppress
@@ -30,7 +30,7 @@ NAN, INF = float('nan'), float('inf')
 FAST = {'diagnostics_rate': 20.0, 'ramp_time': 0.0, 'max_torque_rate': '[]',
         'max_torque': '[176.0]', 'stale_after': 10.0, 'stale_action': 'hold',
         'auto_fit': False}
-# N·m; the model's own torque is compared, so only rounding is between them.
+# Rounding error of the published torque, N·m.
 BOUND = 1e-6
 
 
@@ -41,12 +41,12 @@ def recording():
 
 @pytest.fixture
 def model_file(iiwa_model_file, tmp_path):
-    """Return a model file that is this test's own to harm."""
+    """Return a copy of the model file for this test."""
     return Path(shutil.copy(iiwa_model_file, tmp_path / 'model.json'))
 
 
-class Range:
-    """Where faults are fired: keeps every pose that was sent, and checks every torque."""
+class FaultInjector:
+    """Sends faults, keeps the poses that were sent, and checks each torque."""
 
     def __init__(self, node, probe, recording, path):
         self.node, self.probe, self.recording, self.path = node, probe, recording, path
@@ -54,8 +54,8 @@ class Range:
         self.k, self.t = 0, 100000.0
         self.poses, self.last = {}, None
 
-    def good(self, **change):
-        """Send a good joint state, or one with parts replaced."""
+    def send_valid(self, **change):
+        """Send a valid joint state, or one with replaced fields."""
         self.k, self.t = (self.k + 1) % len(self.recording), self.t + 0.2
         pose = self.recording.q[self.k]
         message = JointState(name=NAMES, position=pose.tolist(),
@@ -67,36 +67,36 @@ class Range:
         t = change.get('t', self.t)
         message.header.stamp.sec = int(t)
         message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-        # A second message of the same stamp is a fault: no torque may be that of its pose.
+        # A second message with the same stamp is a fault, and its pose must not be used.
         self.poses.setdefault((message.header.stamp.sec, message.header.stamp.nanosec), pose)
         self.probe.publisher.publish(message)
         return message
 
     @contextmanager
     def fault(self, name):
-        """Check what holds after every fault, whatever it was."""
+        """Check the state of the node after a fault."""
         yield
         assert self.node.process.poll() is None, f'the node died of: {name}'
         self.answered(name)
         assert self.path.read_bytes() == self.bytes, f'the model file changed by: {name}'
 
     def answered(self, after='the start'):
-        """Send a good message until one is answered; check everything that came."""
+        """Send valid messages until one is answered; check all torques."""
         count = len(self.probe.torques)
         end = time.monotonic() + 60.0
         while len(self.probe.torques) == count:
-            assert time.monotonic() < end, f'no good message is answered after: {after}'
-            self.good()
+            assert time.monotonic() < end, f'no valid message is answered after: {after}'
+            self.send_valid()
             self.probe.spin(0.02)
         self.check()
 
     def check(self):
-        """Check every torque that was published since the last time."""
+        """Check each torque published since the last call."""
         for message in self.probe.torques:
             tau = np.array(message.effort)
             assert list(message.name) == NAMES and np.isfinite(tau).all()
             stamp = message.header.stamp.sec, message.header.stamp.nanosec
-            # On a busy machine ten seconds may pass without input: the last torque is held.
+            # On a busy machine input may be stale, and the last torque is held.
             pose = self.last = self.poses.get(stamp, self.last)
             assert np.abs(tau - self.model.predict_one(pose)).max() < BOUND
         self.probe.torques.clear()
@@ -110,10 +110,10 @@ class Range:
         return int(self.probe.values('input').get(f'count {reason}', 0))
 
 
-def mixed(field):
-    """Send a joint state with its joints in another order, and strangers among them."""
+def send_shuffled(field):
+    """Send a joint state with its joints in another order and with unknown joints."""
     order = [3, 0, 6, 1, 5, 2, 4]
-    message = field.good()
+    message = field.send_valid()
     pose = field.poses[(message.header.stamp.sec, message.header.stamp.nanosec)]
     field.t += 0.2
     field.poses[(int(field.t), int(round((field.t - int(field.t)) * 1e9)))] = pose
@@ -125,7 +125,7 @@ def mixed(field):
 
 
 def part(**change):
-    return lambda field: field.good(**change)
+    return lambda field: field.send_valid(**change)
 
 
 SEVEN = [0.1] * 7
@@ -144,7 +144,7 @@ INPUT_FAULTS = [
     ('all NaN', part(position=[NAN] * 7), 'position_not_finite'),
     ('an infinite position', part(position=[INF, *SEVEN[:6]]), 'position_not_finite'),
     ('minus infinity', part(position=[*SEVEN[:6], -INF]), 'position_not_finite'),
-    ('an encoder gone mad', part(position=[1e300, *SEVEN[:6]]), 'position_absurd'),
+    ('an encoder fault', part(position=[1e300, *SEVEN[:6]]), 'position_absurd'),
     ('many turns', part(position=[*SEVEN[:6], -1e6]), 'position_absurd'),
     ('no effort', part(effort=[]), 'no_effort'),
     ('efforts short', part(effort=[1.0]), 'wrong_size'),
@@ -154,13 +154,13 @@ INPUT_FAULTS = [
     ('velocities long', part(velocity=SEVEN * 2), 'wrong_size'),
     ('a NaN velocity', part(velocity=[NAN, *SEVEN[:6]]), 'velocity_not_finite'),
     ('an infinite velocity', part(velocity=[-INF] * 7), 'velocity_not_finite'),
-    ('positions alone, shuffled, among strangers', mixed, 'no_velocity'),
+    ('positions alone, shuffled, with unknown joints', send_shuffled, 'no_velocity'),
 ]
 
 
 def test_input_faults(recording, model_file):
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        field = Range(node, probe, recording, model_file)
+        field = FaultInjector(node, probe, recording, model_file)
         field.answered()
         for name, fire, reason in INPUT_FAULTS:
             before = field.count(reason)
@@ -176,7 +176,7 @@ def test_input_faults(recording, model_file):
                         f'naming {reason} after {name}')
         with field.fault('a burst'):
             for _ in range(80):
-                field.good()
+                field.send_valid()
             probe.until(lambda: len(probe.torques) >= 80, 60, 'the burst handled')
         assert probe.status['learning'].level != b'\x02'
         code, output = node.stop(timeout=60)
@@ -184,15 +184,15 @@ def test_input_faults(recording, model_file):
 
 
 def stamped(shift=None, exactly=None):
-    """Return a fault: a message whose stamp stands still, goes back, or says nothing."""
+    """Return a fault: a message with an equal, earlier or missing stamp."""
     def fire(field):
-        field.good(t=field.t + shift if exactly is None else exactly)
+        field.send_valid(t=field.t + shift if exactly is None else exactly)
         field.t -= 0.2
     return fire
 
 
-def leap(seconds):
-    """Return a fault: from now on the clock is another."""
+def jump(seconds):
+    """Return a fault: the clock jumps."""
     def fire(field):
         field.t += seconds
         field.answered()
@@ -204,18 +204,18 @@ CLOCK_FAULTS = [
     ('time goes back a little', stamped(-0.5), 'time_back'),
     ('time goes back a quarter of an hour', stamped(-900.0), 'time_back'),
     ('a stamp of zero among others', stamped(exactly=0.0), 'time_back'),
-    ('the clock is set back', leap(-500.0), 'clock_jump'),
-    ('the clock is set back by hours', leap(-9000.0), 'clock_jump'),
+    ('the clock is set back', jump(-500.0), 'clock_jump'),
+    ('the clock is set back by hours', jump(-9000.0), 'clock_jump'),
 ]
 
 
 @pytest.mark.parametrize('reliable', [True, False])
-def test_a_gap_is_named_and_torque_returns(reliable, recording, model_file):
-    """Input stops for longer than `stale_after`, whatever the publisher promises."""
+def test_a_gap_is_reported_and_torque_returns(reliable, recording, model_file):
+    """Input stops for longer than `stale_after`, with either reliability of the publisher."""
     options = {**FAST, 'model_file': model_file, 'stale_after': 0.3, 'stale_action': 'hold'}
     with running(options, reliable=reliable) as (node, probe):
-        field = Range(node, probe, recording, model_file)
-        field.good()
+        field = FaultInjector(node, probe, recording, model_file)
+        field.send_valid()
         probe.until(lambda: 'stale' in probe.status['input'].message, 60, 'the gap named')
         probe.until(lambda: probe.status['feed-forward'].level == b'\x02', 60)
         assert 'holding' in probe.status['feed-forward'].message
@@ -223,11 +223,11 @@ def test_a_gap_is_named_and_torque_returns(reliable, recording, model_file):
         for message in probe.torques:
             assert min(np.abs(np.array(message.effort) - tau).max() for tau in poses) < BOUND
         probe.torques.clear()
-        # What is published while input is stale carries its own stamp: let that pass.
+        # Torque on stale input has the present time as stamp and is not checked.
         end = time.monotonic() + 60.0
         while 'messages' not in probe.status['input'].message:
             assert time.monotonic() < end
-            field.good()
+            field.send_valid()
             probe.spin(0.02)
         assert node.process.poll() is None and model_file.read_bytes() == field.bytes
 
@@ -240,7 +240,7 @@ def test_a_simulated_clock_that_jumps(recording, model_file):
     options = {**FAST, 'model_file': model_file, 'use_sim_time': True, 'stale_after': 1.0,
                'stale_action': 'fade', 'hold_time': 0.5, 'fade_time': 2.0}
     with running(options) as (node, probe):
-        field = Range(node, probe, recording, model_file)
+        field = FaultInjector(node, probe, recording, model_file)
         clock = probe.create_publisher(Clock, '/clock', 10)
         probe.until(lambda: clock.get_subscription_count() > 0)
         for name, times in [('it starts', [100.0, 100.1]), *SIMULATED]:
@@ -251,10 +251,10 @@ def test_a_simulated_clock_that_jumps(recording, model_file):
                 seen = len(probe.torques)
 
                 def answered(message=message, seen=seen):
-                    # The first may be lost: the clock knows of the node before the node of it.
+                    # The first may be lost before discovery is complete in both directions.
                     clock.publish(message)
                     probe.spin(0.1)
-                    field.good()
+                    field.send_valid()
                     return len(probe.torques) > seen
 
                 probe.until(answered, 60, f'an answer after {name}')
@@ -270,28 +270,29 @@ WRONG_PARAMETERS = [
     ('stale_action', 'drop'), ('joints', ['a']), ('model_file', '/etc/passwd'),
     ('effects', ['gremlins']), ('compensate', ['inertia']), ('no_such_parameter', 1)]
 STORMS = ('refit', 'payload_changed', 'rollback', 'diagnose', 'save_model')
-# Many more than a queue of the default depth holds.
+# Many more than the default depth of a queue.
 CALLS = 60
 
 
-def test_calls_and_parameters_that_make_no_sense(recording, model_file):
+def test_invalid_calls_and_parameters(recording, model_file):
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        field = Range(node, probe, recording, model_file)
+        field = FaultInjector(node, probe, recording, model_file)
         field.answered()
         for name, value in WRONG_PARAMETERS:
             with field.fault(f'parameter {name} = {value}'):
                 result = set_parameter(probe, name, value)
                 assert not result.successful
-                # What rclpy itself refuses, it says in its own words.
+                # rclpy refuses some values with its own message.
                 assert any(word in result.reason
                            for word in (name, 'read-only', 'undeclared parameter')), result
         for name in ('refit', 'diagnose', 'rollback'):
-            with field.fault(f'{name} without anything to go by'):
+            with field.fault(f'{name} without data'):
                 answer = probe.call(name)
                 assert not answer.success and answer.message
         for name in STORMS:
             with field.fault(f'a storm of {name}'):
-                storm = [probe.ask(name) for _ in range(3 * CALLS if name == 'refit' else CALLS)]
+                count = 3 * CALLS if name == 'refit' else CALLS
+                storm = [probe.call_async(name) for _ in range(count)]
                 probe.until(lambda calls=storm: all(call.done() for call in calls), 60,
                             f'all answers of {name}')
                 assert all(call.result().message for call in storm)
@@ -303,9 +304,9 @@ PROCESS_FAULTS = ((signal.SIGKILL, 'died (signal 9)'), (signal.SIGSEGV, 'died (s
 
 def test_faults_of_the_fit_process(recording, model_file):
     with running({**FAST, 'model_file': model_file, 'fit_timeout': 2.0}) as (node, probe):
-        field = Range(node, probe, recording, model_file)
+        field = FaultInjector(node, probe, recording, model_file)
         for _ in range(200):
-            field.good()
+            field.send_valid()
             probe.spin(0.004)
         for number, words in PROCESS_FAULTS:
             probe.until(lambda: 'learning' in probe.status
@@ -314,7 +315,7 @@ def test_faults_of_the_fit_process(recording, model_file):
             pid = int(probe.values('learning')['fit process id'])
             with field.fault(f'the fit process {words}'):
                 os.kill(pid, signal.SIGSTOP)
-                waiting = probe.ask('refit')
+                waiting = probe.call_async('refit')
                 probe.until(lambda: probe.values('learning')['fit process'] == 'fitting', 60)
                 os.kill(pid, number)
                 os.kill(pid, signal.SIGCONT if number == signal.SIGSEGV else number)
@@ -322,12 +323,12 @@ def test_faults_of_the_fit_process(recording, model_file):
                 assert not waiting.result().success and words in waiting.result().message
                 probe.until(lambda text=words: text in probe.status['learning'].message, 60)
                 assert probe.status['learning'].level == b'\x02'
-        # Killed while idle, and once more before it has started again.
+        # Killed while idle, and again before it has restarted.
         for _ in range(2):
             with field.fault('the idle fit process is killed'):
                 old = probe.values('learning')['fit process id']
                 with suppress(ProcessLookupError):
-                    # The report may be of the one that was killed before.
+                    # The report may still have the id of the killed process.
                     if old:
                         os.kill(int(old), signal.SIGKILL)
                 probe.until(lambda was=old: probe.values('learning')['fit process id'] != was)
@@ -338,14 +339,14 @@ WRONG_FILES = [('half a file', lambda whole: whole[:len(whole) // 2]), ('nothing
                ('another format', lambda _: b'{"format": "a cake"}')]
 
 
-def test_a_harmed_model_file_is_named_and_left_alone(model_file, recording):
+def test_a_damaged_model_file_is_reported_and_not_changed(model_file, recording):
     whole = model_file.read_bytes()
     with running({**FAST, 'model_file': model_file}) as (node, probe):
-        for name, harm in WRONG_FILES:
+        for name, damage in WRONG_FILES:
             for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP):
                 assert changed_state(probe, transition), name
-            harmed = harm(whole)
-            model_file.write_bytes(harmed)
+            damaged = damage(whole)
+            model_file.write_bytes(damaged)
             for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
                 assert changed_state(probe, transition), name
             probe.until_node()
@@ -354,7 +355,7 @@ def test_a_harmed_model_file_is_named_and_left_alone(model_file, recording):
             probe.stream(recording.select(np.arange(20)))
             assert node.process.poll() is None and not probe.torques and not probe.commands, name
             assert not probe.call('save_model').success, name
-            assert model_file.read_bytes() == harmed, name
+            assert model_file.read_bytes() == damaged, name
 
 
 def changed_state(probe, transition):
@@ -375,18 +376,18 @@ def test_killed_while_saving_the_file_is_old_or_new(model_file, recording):
     for kill in range(KILLS):
         with running({**FAST, 'model_file': model_file}) as (node, probe):
             assert probe.report('model').level == b'\x00'
-            field = Range(node, probe, recording, model_file)
+            field = FaultInjector(node, probe, recording, model_file)
             field.answered()
             for _ in range(20):
-                probe.ask('save_model')
+                probe.call_async('save_model')
             probe.spin(0.002 * (1 + 3 * kill))
             node.process.kill()
         load_model(model_file)
-    folder_gone(model_file, recording)
+    missing_folder(model_file, recording)
 
 
-def folder_gone(path, recording):
-    """Save into a folder that is gone: that is told, and the file stays as it was."""
+def missing_folder(path, recording):
+    """Save into a missing folder: the error is reported, and the file is unchanged."""
     before = path.read_bytes()
     for left in path.parent.glob('.model.json.*'):
         left.unlink()
@@ -400,9 +401,9 @@ def folder_gone(path, recording):
     assert path.read_bytes() == before and len(list(path.parent.iterdir())) == 1
 
 
-def test_the_campaign_is_as_large_as_it_says():
-    # Besides those in tables: a burst, a gap from either publisher, three calls without
-    # anything to go by, two kills while idle, a foreign model, a folder that is gone.
+def test_the_campaign_has_at_least_seventy_faults():
+    # In addition to the tables: a burst, a gap with either publisher, three calls without data,
+    # two kills while idle, a model of another arm, a missing folder.
     counted = [*INPUT_FAULTS, *CLOCK_FAULTS, *SIMULATED, *WRONG_PARAMETERS, *STORMS,
                *PROCESS_FAULTS, *WRONG_FILES, *range(KILLS + 1 + 2 + 3 + 2 + 1 + 1)]
     assert len(counted) >= 70

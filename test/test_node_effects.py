@@ -1,4 +1,4 @@
-"""Effects in the node: fitted when asked for, kept after a tool change, sent when chosen."""
+"""Effects in the node: fitted on request, kept after a tool change, compensated if selected."""
 
 from dataclasses import replace
 import time
@@ -9,48 +9,43 @@ from gravity_comp_ros.models.model_file import save_model
 from gravity_comp_ros.node.diagnostics import OK, WARN
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import heard
+from node_messages import joint_state, send_message, until
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 FRICTION = 1.5
 MASS = np.array([5.0, 2.0])
-# What a payload makes of it: more on each joint, and not by one factor.
+# Factor of each joint with a payload; not the same on both.
 LOADED = np.array([1.5, 1.8])
 
 
 def motion(t):
-    """Return pose and speed of both joints, (M, 2) each: slow, to and fro."""
+    """Return pose and speed of both joints (M, 2) in slow motion with reversals."""
     q = np.stack([0.6 * np.sin(0.2 * t), 0.5 * np.cos(0.23 * t)], axis=-1)
     qd = np.stack([0.12 * np.cos(0.2 * t), -0.115 * np.sin(0.23 * t)], axis=-1)
     return q, qd
 
 
 def torque(q, qd, mass=1.0):
-    """Return gravity, and dry friction on the first joint."""
+    """Return gravity, with Coulomb friction on the first joint."""
     tau = mass * MASS * np.sin(q)
     tau[..., 0] += FRICTION * np.tanh(qd[..., 0] / 0.005)
     return tau
 
 
 def feed(node, start, n, mass=1.0):
-    """Send n slow joint states from time `start` on; return the time after them."""
+    """Send n slow joint states from time `start`; return the time after them, and the torque."""
     rng = np.random.default_rng(int(start))
     for k in range(n):
         t = start + 0.2 * k
         q, qd = motion(t)
         tau = torque(q, qd, mass) + 0.05 * rng.standard_normal(2)
-        found = send(node, t, q, qd, tau)
-    return start + 0.2 * n, found
+        result = send(node, t, q, qd, tau)
+    return start + 0.2 * n, result
 
 
-def send(node, t, q, qd, tau):
-    message = JointState(name=['a', 'b'], position=q.tolist(), velocity=qd.tolist(),
-                         effort=tau.tolist())
-    message.header.stamp.sec = int(t)
-    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-    return heard(node, message, t, 0.0)[1]
+def send(node, t, q, qd=(), tau=()):
+    return send_message(node, joint_state(['a', 'b'], t, q, qd, tau), t)[1]
 
 
 @pytest.fixture(scope='module')
@@ -75,14 +70,6 @@ def node(model_file):
     node.close()
 
 
-def until(node, condition):
-    end = time.monotonic() + 60.0
-    while not condition():
-        assert time.monotonic() < end, 'the fit process does not answer'
-        node.tick(time.monotonic())
-        time.sleep(0.002)
-
-
 def refit(node):
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
@@ -94,19 +81,19 @@ def change(node, **settings):
     node.set(replace(node.settings, **settings))
 
 
-def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
+def test_effects_are_fitted_on_request_and_compensated_if_selected(node):
     t, _ = feed(node, 1.0, 60)
     change(node, effects=('coulomb_friction:a',))
     success, text = refit(node)
-    assert not success and 'coulomb_friction:a takes 100: keep moving' in text
+    assert not success and 'coulomb_friction:a requires 100: keep moving' in text
     t, _ = feed(node, t, 190)
     success, text = refit(node)
     assert success, text
-    found = node.models.model.applied.effects[0]
-    assert found.target == 'coulomb_friction:a'
-    assert found.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
+    result = node.models.model.applied.effects[0]
+    assert result.target == 'coulomb_friction:a'
+    assert result.coefficients['F_c'].value == pytest.approx(FRICTION, rel=0.1)
 
-    # What is published stays gravity, until friction is chosen.
+    # The published torque is gravity until friction is selected.
     q, qd = np.array([0.3, 0.2]), np.array([0.1, 0.1])
     gravity = node.models.model.predict_one(q)
     np.testing.assert_allclose(send(node, t, q, qd, 0 * q), gravity)
@@ -115,10 +102,8 @@ def test_effects_are_fitted_on_request_and_sent_when_chosen(node):
     np.testing.assert_allclose(sent, [0.5 * FRICTION * np.tanh(0.1 / 0.02), 0.0], rtol=0.1)
     status = {s.name: s for s in node.statuses(t + 0.1)}['feed-forward']
     assert status.level == OK and status.values['compensated effects'] == 'coulomb_friction:a'
-    # Without a speed nobody knows which way friction points.
-    message_without = JointState(name=['a', 'b'], position=q.tolist())
-    message_without.header.stamp.sec = int(t + 2.0)
-    tau = heard(node, message_without, t + 2.0, 0.0)[1]
+    # Without a speed the direction of friction is unknown.
+    tau = send(node, t + 2.0, q)
     np.testing.assert_allclose(tau, gravity)
 
 
@@ -127,7 +112,7 @@ def test_effects_stay_when_the_payload_changes(node):
     change(node, effects=('coulomb_friction:a',))
     assert refit(node)[0]
     node.payload_changed(t)
-    # Sixteen seconds: the first joint passes through half of its range.
+    # In sixteen seconds the first joint moves over half of its range.
     t, _ = feed(node, t, 80, mass=LOADED)
     success, text = refit(node)
     assert success and 'change of the old model' in text, text
@@ -135,12 +120,12 @@ def test_effects_stay_when_the_payload_changes(node):
     assert [effect.target for effect in applied] == ['coulomb_friction:a']
     q = motion(np.array([3.0, 7.0, 11.0]))[0]
     np.testing.assert_allclose(node.models.model.predict(q), LOADED * MASS * np.sin(q), atol=0.5)
-    # The residual that diagnostics watch is that of gravity and effects.
+    # The residual in diagnostics includes the effects of the model.
     t, _ = feed(node, t, 20, mass=LOADED)
     assert all(s.level == OK for s in node.statuses(t) if s.name.startswith('joint'))
 
 
-def test_what_the_model_does_not_have_cannot_be_sent(node):
+def test_an_effect_that_the_model_does_not_have_is_not_compensated(node):
     change(node, compensate=('viscous_friction:b',))
     t, tau = feed(node, 1.0, 2)
     status = {s.name: s for s in node.statuses(t)}['feed-forward']
@@ -149,7 +134,7 @@ def test_what_the_model_does_not_have_cannot_be_sent(node):
     np.testing.assert_allclose(tau, node.models.model.predict_one(q))
 
 
-def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
+def test_a_per_joint_model_is_held_near_its_range(tmp_path):
     t = 0.2 * np.arange(400)
     q, qd = motion(t)
     tau = MASS * np.sin(q) + 0.05 * np.random.default_rng(0).standard_normal(q.shape)
@@ -161,9 +146,9 @@ def test_a_per_joint_model_is_not_trusted_beyond_its_range(tmp_path):
                     '/joint_states', 0.0)
     try:
         far = q.max(axis=0) + 1.0
-        found = send(node, 1.0, far, 0 * far, 0 * far)
+        result = send(node, 1.0, far, 0 * far, 0 * far)
         nearest = node.models.model.predict_one(q.max(axis=0) + 0.1)
-        np.testing.assert_allclose(found, nearest)
+        np.testing.assert_allclose(result, nearest)
         status = {s.name: s for s in node.statuses(1.0)}['feed-forward']
         assert status.level == WARN and 'outside the trained range' in status.message
     finally:

@@ -1,4 +1,4 @@
-"""An epoch: what is held out, when a fit is due, when it closes."""
+"""Epoch: held-out samples, due fits, closing."""
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node.epoch import Epoch, EpochOptions
@@ -18,41 +18,41 @@ def feed(epoch, n, start=0, step=0.05, still=False):
 def test_every_fourth_block_is_held_out():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 40)
-    np.testing.assert_allclose(epoch.held().q[:, 0],
+    np.testing.assert_allclose(epoch.held_out().q[:, 0],
                                0.05 * np.array([15, 16, 17, 18, 19, 35, 36, 37, 38, 39]))
     assert epoch.n_train == 30 and epoch.n_samples == 40
-    assert not set(epoch.held().t) & set(epoch.train().t)
+    assert not set(epoch.held_out().t) & set(epoch.train().t)
 
 
-def test_it_says_what_is_missing():
+def test_it_reports_what_is_missing_for_a_fit():
     epoch = Epoch(3, ['a', 'b'], OPTIONS)
-    assert 'no slow samples' in epoch.can_fit()
+    assert 'no slow samples' in epoch.missing_for_fit()
     feed(epoch, 10)
-    assert '10 samples to learn from and 0 to judge by' in epoch.can_fit()
+    assert '10 training and 0 held-out samples' in epoch.missing_for_fit()
     still = Epoch(3, ['a', 'b'], OPTIONS)
     feed(still, 20, step=0.002)
-    assert 'no joint has moved' in still.can_fit()
-    assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), little range yet '
+    assert 'no joint has moved' in still.missing_for_fit()
+    assert still.describe() == ('epoch 3 open, 20 of 60 samples (5 held out), too little range '
                                 'on a, b')
 
 
-def test_after_broken_effort_it_waits_for_more():
+def test_after_broken_effort_it_requires_more_samples():
     options = EpochOptions(capacity=200, min_samples=15, first_samples=45, full_samples=60)
     due = {}
-    for suspect in (False, True):
+    for broken in (False, True):
         epoch = Epoch(0, ['a', 'b'], options, has_base=True)
-        if suspect:
-            epoch.distrust()
+        if broken:
+            epoch.restart_after_broken_effort()
         for k in range(80):
             feed(epoch, 1, k)
             if epoch.fit_is_due():
-                due[suspect] = epoch.n_train
+                due[broken] = epoch.n_train
                 break
-            assert ('after broken effort' in epoch.can_fit()) == suspect
+            assert ('after broken effort' in epoch.missing_for_fit()) == broken
     assert due == {False: 15, True: 45}
 
 
-def test_fits_are_due_as_samples_grow_and_the_last_one_closes():
+def test_fits_are_due_as_samples_grow_and_the_last_closes_the_epoch():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     due = []
     for k in range(90):
@@ -66,7 +66,7 @@ def test_fits_are_due_as_samples_grow_and_the_last_one_closes():
     assert not epoch.is_open and epoch.fits == 6 and epoch.n_samples == 90
 
 
-def test_a_fit_lost_to_a_fault_does_not_close_the_epoch():
+def test_a_failed_fit_does_not_close_the_epoch():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 60)
     epoch.fit_started()
@@ -74,7 +74,7 @@ def test_a_fit_lost_to_a_fault_does_not_close_the_epoch():
     assert epoch.is_open and epoch.fits == 0 and epoch.fit_is_due()
 
 
-def test_a_joint_without_range_keeps_it_open():
+def test_a_joint_without_range_keeps_the_epoch_open():
     epoch = Epoch(0, ['a', 'b'], OPTIONS)
     feed(epoch, 80, still=True)
     epoch.fit_started()
@@ -82,13 +82,13 @@ def test_a_joint_without_range_keeps_it_open():
     assert epoch.is_open and epoch.lacking() == ('b',)
 
 
-def test_a_closed_epoch_collects_and_waits():
+def test_a_closed_epoch_collects_samples():
     epoch = Epoch(0, ['a', 'b'], OPTIONS, is_open=False)
     feed(epoch, 60)
-    assert epoch.n_samples == 60 and not epoch.fit_is_due() and epoch.can_fit() is None
+    assert epoch.n_samples == 60 and not epoch.fit_is_due() and epoch.missing_for_fit() is None
 
 
-def test_options_that_contradict_each_other():
+def test_contradicting_options_are_refused():
     with pytest.raises(OptionError, match='must not be above'):
         EpochOptions(capacity=50, full_samples=100)
     with pytest.raises(OptionError, match='at least 1'):

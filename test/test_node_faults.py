@@ -1,4 +1,4 @@
-"""A few faults of bench/node_faults against the running node; the campaign itself is there."""
+"""Some of the faults of bench/node_faults, injected into the running node."""
 
 from importlib import import_module
 import sys
@@ -10,24 +10,24 @@ from ros_harness import ROOT, running
 sys.path.insert(0, str(ROOT / 'bench' / 'node_faults'))
 pytest.importorskip('pinocchio')
 client, faults = import_module('client'), import_module('faults')
-FAULTS = {fault.name: fault for fault in faults.every_fault(1)}
+FAULTS = {fault.name: fault for fault in faults.all_faults(1)}
 
 
 @pytest.mark.parametrize('name', ['dead elbow, 60 samples, seed 0', 'no clock',
-                                  'no bound of the torque', '0.3 s without input, fade',
-                                  'a payload of 2 kg that the node is not told of'])
-def test_no_wrong_torque_goes_out(name, iiwa_model_file):
+                                  'no torque limits', '0.3 s without input, fade',
+                                  'an unannounced payload of 2 kg'])
+def test_no_fault_causes_a_wrong_torque(name, iiwa_model_file):
     fault = FAULTS[name]
     with running({**client.PARAMETERS, 'model_file': iiwa_model_file, **fault.parameters}) as (
             node, probe):
         player = client.Player(probe, load_model(iiwa_model_file))
         problem = fault.play(player)
-        player.judge(name, fault.ramps)
+        player.check(name, fault.ramps)
         assert node.process.poll() is None
     assert not problem and not player.wrong
 
 
-def test_the_campaign_is_as_large_as_it_says():
-    every = faults.every_fault(3)
-    assert len(every) >= 80
+def test_the_campaign_has_at_least_eighty_faults():
+    all_faults = faults.all_faults(3)
+    assert len(all_faults) >= 80
     assert len(faults.KINDS) >= 12 and len(faults.LENGTHS) == 3

@@ -1,10 +1,10 @@
-"""The published torque: no jumps, no limit broken, safe when input stops."""
+"""Published torque: no steps, within limits, watchdog for input that stops."""
 
 from dataclasses import replace
 
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.node import feedforward as ff
-from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, Source
+from gravity_comp_ros.node.feedforward import FeedForward, FeedForwardOptions, TorqueSource
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -15,11 +15,11 @@ FREE = FeedForwardOptions(ramp_time=1.0, max_torque_rate=(), extrapolation='trus
 
 
 def constant(torque):
-    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
+    return TorqueSource(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
 
 
 def linear():
-    return Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
+    return TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]))
 
 
 def started(options=FREE, torque=10.0):
@@ -39,16 +39,16 @@ def test_nothing_without_a_model():
 def test_a_first_model_ramps_from_zero():
     feed = FeedForward(1, FREE)
     feed.use(constant(10.0))
-    found = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
-    np.testing.assert_allclose(found, [*np.arange(11), 10, 10], atol=1e-9)
+    torques = [float(feed.update(0.1 * k, Q)[0]) for k in range(13)]
+    np.testing.assert_allclose(torques, [*np.arange(11), 10, 10], atol=1e-9)
     assert feed.state(1.2) == ff.ACTIVE
 
 
 def test_a_swap_blends_from_old_to_new():
     feed, t = started()
     feed.use(constant(20.0))
-    found = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
-    np.testing.assert_allclose(found, [*range(11, 21), 20], atol=1e-9)
+    torques = [float(feed.update(t + 0.1 * (k + 1), Q)[0]) for k in range(11)]
+    np.testing.assert_allclose(torques, [*range(11, 21), 20], atol=1e-9)
 
 
 def test_a_swap_within_a_swap_starts_from_the_present_torque():
@@ -62,7 +62,7 @@ def test_a_swap_within_a_swap_starts_from_the_present_torque():
 
 
 @pytest.mark.parametrize('change', [3.0, 14.0, -60.0])
-def test_a_swap_makes_small_steps_whatever_its_size_and_whatever_stalls(change):
+def test_a_swap_makes_small_steps_regardless_of_size_and_stalls(change):
     feed = FeedForward(1, FeedForwardOptions(max_torque_rate=()))
     feed.use(constant(10.0))
     t = 0.0
@@ -70,18 +70,18 @@ def test_a_swap_makes_small_steps_whatever_its_size_and_whatever_stalls(change):
         t += 0.004
         feed.update(t, Q)
     feed.use(constant(10.0 + change))
-    found = [10.0]
-    while abs(found[-1] - 10.0 - change) > 1e-9:
+    torques = [10.0]
+    while abs(torques[-1] - 10.0 - change) > 1e-9:
         # Every hundredth message is late by three periods.
-        t += 0.016 if len(found) % 100 == 0 else 0.004
-        found.append(float(feed.update(t, Q)[0]))
-        assert len(found) < 2500
-    assert np.abs(np.diff(found)).max() <= 0.05
-    assert 0.004 * len(found) < 1.1 * max(1.0, abs(change) / ff.SWAP_CHANGE)
+        t += 0.016 if len(torques) % 100 == 0 else 0.004
+        torques.append(float(feed.update(t, Q)[0]))
+        assert len(torques) < 2500
+    assert np.abs(np.diff(torques)).max() <= 0.05
+    assert 0.004 * len(torques) < 1.1 * max(1.0, abs(change) / ff.SWAP_CHANGE)
 
 
 def test_a_swap_within_a_swap_follows_the_pose():
-    """The arm moves while torque is blended: no torque of an earlier pose goes out."""
+    """The arm moves during the blend; no torque is that of an earlier pose."""
     feed = FeedForward(1, FREE)
     feed.use(linear())
     q = np.zeros(1)
@@ -89,15 +89,15 @@ def test_a_swap_within_a_swap_follows_the_pose():
         feed.update(0.1 * k, q)
     slopes = 10.0, 11.0, 12.0
     for swap, slope in enumerate(slopes[1:]):
-        feed.use(Source(lambda q, slope=slope: slope * q, np.array([-9.0]), np.array([9.0])))
+        feed.use(TorqueSource(lambda q, slope=slope: slope * q, np.array([-9.0]), np.array([9.0])))
         for k in range(4):
             q = q + 0.1
             tau = float(feed.update(2.6 + 0.1 * (4 * swap + k), q)[0])
-            # 0.1 for what the first swap has not made up for where the second one began.
+            # Tolerance of 0.1 for the unfinished first swap at the start of the second.
             assert 10.0 * q[0] - 0.1 <= tau <= 12.0 * q[0] + 0.1
 
 
-def test_a_share_of_a_change_is_used_and_goes_over_slowly():
+def test_a_share_of_a_change_is_used_and_blends_slowly():
     feed, t = started(torque=10.0)
     changed = replace(constant(20.0), before=constant(10.0).predict)
     feed.use(changed, np.array([0.5]))
@@ -107,28 +107,28 @@ def test_a_share_of_a_change_is_used_and_goes_over_slowly():
     t += 1.1
     feed.set_share(np.array([1.0]))
     assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(16.0)
-    # A swap begins from the share of that moment.
+    # A swap starts from the present share.
     feed.use(constant(0.0))
     assert float(feed.update(t + 0.1, Q)[0]) == pytest.approx(16.0)
 
 
-def test_stale_input_holds_then_fades_to_zero_then_falls_silent():
+def test_stale_input_holds_then_fades_to_zero_then_publishes_nothing():
     feed, t = started()
     assert feed.watch(t + 0.3) is None
     assert float(feed.watch(t + 0.31)[0]) == 10.0 and feed.state(t + 0.31) == ff.HOLDING
     assert float(feed.watch(t + 0.8)[0]) == 10.0
-    found = [float(feed.watch(t + 0.8 + 0.1 * k)[0]) for k in range(1, 21)]
-    np.testing.assert_allclose(found, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
+    torques = [float(feed.watch(t + 0.8 + 0.1 * k)[0]) for k in range(1, 21)]
+    np.testing.assert_allclose(torques, 10 - 0.5 * np.arange(1, 21), atol=1e-9)
     assert feed.state(t + 2.81) == ff.FADED
     assert feed.watch(t + 3.0) is None
 
 
-def test_stale_input_may_hold_for_ever():
+def test_stale_input_may_hold_forever():
     feed, t = started(replace(FREE, stale_action='hold'))
     assert float(feed.watch(t + 1e6)[0]) == 10.0
 
 
-def test_input_that_returns_ramps_up_from_where_torque_was():
+def test_returning_input_ramps_up_from_the_present_torque():
     feed, t = started()
     for k in range(1, 19):
         last = feed.watch(t + 0.1 * k)
@@ -137,11 +137,11 @@ def test_input_that_returns_ramps_up_from_where_torque_was():
     assert 0.0 < again - float(last[0]) <= 1.0 + 1e-9
 
 
-def test_disable_ramps_down_to_zero_then_is_silent():
+def test_disable_ramps_down_to_zero_then_publishes_nothing():
     feed, t = started()
     feed.enable(False)
-    found = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
-    np.testing.assert_allclose(found, 10.0 - np.arange(1, 11), atol=1e-9)
+    torques = [float(feed.update(t + 0.1 * k, Q)[0]) for k in range(1, 11)]
+    np.testing.assert_allclose(torques, 10.0 - np.arange(1, 11), atol=1e-9)
     assert feed.update(t + 1.1, Q) is None and feed.state(t + 1.1) == ff.DISABLED
     feed.enable(True)
     assert float(feed.update(t + 1.2, Q)[0]) == pytest.approx(1.0)
@@ -151,12 +151,12 @@ def test_torque_and_its_rate_are_limited():
     options = replace(FREE, ramp_time=0.0, max_torque=(5.0,), max_torque_rate=(20.0,))
     feed = FeedForward(1, options)
     feed.use(linear())
-    found = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
-             for k in range(14)]
-    assert found == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
+    torques = [float(feed.update(0.1 * k, np.array([1.0 if k < 8 else -1.0]))[0])
+               for k in range(14)]
+    assert torques == pytest.approx([0, 2, 4, 5, 5, 5, 5, 5, 3, 1, -1, -3, -5, -5])
 
 
-def test_a_limit_that_is_lowered_counts_at_once():
+def test_a_lowered_limit_applies_at_once():
     feed, t = started(replace(FREE, max_torque_rate=(1.0,)), torque=1.0)
     feed.set_options(replace(FREE, max_torque=(0.1,), max_torque_rate=(1.0,)))
     assert float(feed.update(t + 0.001, Q)[0]) == pytest.approx(0.1)
@@ -170,14 +170,14 @@ def test_poses_outside_the_trained_range(policy, expected):
     feed = FeedForward(1, options)
     feed.use(linear())
     feed.update(0.0, Q)
-    found = [float(feed.update(0.1 * k, np.array([q]))[0])
-             for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
-    assert found == pytest.approx(expected)
+    torques = [float(feed.update(0.1 * k, np.array([q]))[0])
+               for k, q in enumerate((1.0, 1.5, 2.0, 2.5), 1)]
+    assert torques == pytest.approx(expected)
 
 
-def test_a_model_that_fails_is_like_no_input():
+def test_a_torque_that_is_not_finite_counts_as_missing_input():
     feed, t = started()
-    feed.use(Source(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
+    feed.use(TorqueSource(lambda q: np.array([np.nan]), np.array([-1.0]), np.array([1.0])))
     assert feed.update(t + 0.1, Q) is None
     assert float(feed.watch(t + 0.5)[0]) == 10.0
     feed.use(constant(11.0))
@@ -186,7 +186,7 @@ def test_a_model_that_fails_is_like_no_input():
     assert float(tau[0]) == pytest.approx(11.0)
 
 
-def test_a_clock_that_jumps_gives_no_licence_to_jump():
+def test_a_clock_jump_causes_no_torque_step():
     feed = FeedForward(1, replace(FREE, max_torque_rate=(10.0,)))
     feed.use(constant(100.0))
     feed.update(0.0, Q)
@@ -211,7 +211,7 @@ steps = st.lists(st.tuples(
 
 @settings(max_examples=150, deadline=None)
 @given(steps, st.sampled_from(['hold', 'fade', 'trust']))
-def test_whatever_happens_limits_hold(script, policy):
+def test_no_sequence_of_events_exceeds_the_limits(script, policy):
     options = FeedForwardOptions(ramp_time=0.5, max_torque=(8.0,), max_torque_rate=(50.0,),
                                  extrapolation=policy, extrapolation_margin=0.5)
     feed, now, last, budget, seen = FeedForward(1, options), 0.0, 0.0, 0.0, 0.0
@@ -230,87 +230,83 @@ def test_whatever_happens_limits_hold(script, policy):
             feed.use(constant(20 * x))
         if tau is not None:
             assert abs(float(tau[0])) <= 8.0
-            # What a stall did not use is used by the messages that follow it.
+            # The time of a stall is spread over the messages that follow.
             assert abs(float(tau[0]) - last) <= 50.0 * budget + 1e-9
             budget -= abs(float(tau[0]) - last) / 50.0
             last = float(tau[0])
 
 
-def near(torque):
-    return Source(lambda q: np.full(1, float(torque)), np.array([-1.0]), np.array([1.0]))
-
-
-def test_effects_come_on_top_and_ramp_away_when_input_stops():
+def test_effects_are_added_and_ramp_to_zero_on_stale_input():
     feed, t = started(torque=10.0)
-    feed.use(near(10.0))
+    feed.use(constant(10.0))
     for k in range(12):
         tau = feed.update(t + 0.1 * (k + 1), Q, np.array([3.0]))
     assert tau == pytest.approx(13.0)
     t += 1.2
-    found = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
-    drop = np.concatenate(found)
+    torques = [feed.watch(t + 0.31 + 0.05 * k) for k in range(10)]
+    drop = np.concatenate(torques)
     assert drop[0] < 13.0 and (np.diff(drop) <= 1e-12).all() and drop[-1] >= 10.0
-    # Held gravity stays; of the effects about half is left after 0.45 s of a ramp of 1 s.
+    # Gravity is held; after 0.45 s of a ramp of 1 s about half of the effects remains.
     assert drop[-1] < 11.6
 
 
-def test_effects_end_beyond_the_margin_and_never_break_limits():
+def test_effects_end_beyond_the_margin_and_stay_within_limits():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque=(11.0,),
                                   extrapolation_margin=0.5))
-    feed.use(near(10.0))
+    feed.use(constant(10.0))
     assert feed.update(0.0, Q, np.array([3.0])) == pytest.approx(11.0)
     assert feed.update(0.1, Q + 1.4, np.array([-3.0])) == pytest.approx(7.0)
     assert feed.update(0.2, Q + 1.6, np.array([-3.0])) == pytest.approx(10.0)
     assert feed.update(0.3, Q, np.array([np.nan])) == pytest.approx(10.0)
 
 
-def test_a_clock_that_is_set_back_does_not_blind_the_watchdog():
+def test_the_watchdog_works_after_the_clock_was_set_back():
     feed, t = started()
     assert feed.watch(t - 1000.0) is None
     assert feed.watch(t - 999.0) is not None and feed.state(t - 999.0) in (ff.HOLDING, ff.FADING)
 
 
-def test_a_model_that_reaches_no_further_is_held_there():
+def test_the_reach_of_a_model_bounds_the_margin():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation='hold',
                                   extrapolation_margin=1.0))
-    feed.use(Source(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
+    feed.use(TorqueSource(lambda q: 10.0 * q, np.array([-1.0]), np.array([1.0]), reach=0.1))
     assert feed.margin == pytest.approx(0.1)
     assert feed.update(0.0, Q + 1.05) == pytest.approx(10.5)
     assert feed.update(0.1, Q + 1.9) == pytest.approx(11.0)
 
 
 @pytest.mark.parametrize('pause', [0.25, 0.35, 5.0, 100.0])
-def test_torque_that_starts_again_ramps_from_zero(pause):
-    """After a pause and a fade the first message carries no more torque than its period gives."""
+def test_returning_torque_ramps_from_its_present_value(pause):
+    """After a pause and a fade the step of the first message is that of one period."""
     feed = FeedForward(1, replace(FREE, ramp_time=1.0, fade_time=0.1, hold_time=0.0,
                                   max_torque_rate=(1000.0,)))
     feed.use(constant(10.0))
     for k in range(1, 1500):
         feed.update(0.001 * k, Q)
-    t, held = 1.5, 10.0
+    t, last = 1.5, 10.0
     for k in range(int(pause / 0.02)):
-        found = feed.watch(t + 0.02 * k)
-        held = held if found is None else float(found[0])
+        tau = feed.watch(t + 0.02 * k)
+        last = last if tau is None else float(tau[0])
     first = float(feed.update(t + pause, Q)[0])
-    assert (held == 0.0) == (pause > 1.0) and abs(first - held) <= 0.05
+    assert (last == 0.0) == (pause > 1.0) and abs(first - last) <= 0.05
     t += pause
     steps = np.diff([first, *(float(feed.update(t + 0.001 * k, Q)[0]) for k in range(1, 1100))])
     assert np.abs(steps).max() <= 0.02 + 1e-9
 
 
 @pytest.mark.parametrize('stall', [0.05, 0.25, 0.29])
-def test_a_stall_while_the_arm_moves_gives_no_licence_to_jump(stall):
+def test_a_stall_of_a_moving_arm_causes_no_torque_step(stall):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque_rate=(500.0,)))
     feed.use(linear())
     for k in range(500):
         last = feed.update(0.004 * k, np.zeros(1))
-    found = [float(last[0]), *(float(feed.update(2.0 + stall + 0.004 * k, np.full(1, 3.0))[0])
-                               for k in range(100))]
-    assert np.abs(np.diff(found)).max() <= 2 * 500.0 * 0.004 + 1e-9
-    assert found[-1] == pytest.approx(30.0)
+    torques = [float(last[0]), *(float(feed.update(2.0 + stall + 0.004 * k, np.full(1, 3.0))[0])
+                                 for k in range(100))]
+    assert np.abs(np.diff(torques)).max() <= 2 * 500.0 * 0.004 + 1e-9
+    assert torques[-1] == pytest.approx(30.0)
 
 
-def test_a_burst_after_a_pause_does_not_slow_the_torque_down_for_long():
+def test_a_burst_after_a_pause_delays_the_torque_only_briefly():
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, max_torque_rate=(500.0,)))
     feed.use(linear())
     for k in range(100):
@@ -322,11 +318,11 @@ def test_a_burst_after_a_pause_does_not_slow_the_torque_down_for_long():
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(-3, 3), st.integers(-5, 5), st.sampled_from(['hold', 'fade', 'trust']))
-def test_torque_has_a_period_of_one_turn(q, turns, policy):
+def test_torque_has_a_period_of_one_revolution(q, revolutions, policy):
     feed = FeedForward(1, replace(FREE, ramp_time=0.0, extrapolation=policy))
-    feed.use(Source(lambda q: 10.0 * np.sin(q), np.array([-1.0]), np.array([2.0])))
+    feed.use(TorqueSource(lambda q: 10.0 * np.sin(q), np.array([-1.0]), np.array([2.0])))
     here = feed.update(0.0, np.array([q]))
-    there = feed.update(0.1, np.array([q + 2 * np.pi * turns]))
+    there = feed.update(0.1, np.array([q + 2 * np.pi * revolutions]))
     if -1.0 <= q <= 2.0:
         np.testing.assert_allclose(there, 10.0 * np.sin(q), atol=1e-9)
     np.testing.assert_allclose(there, here, atol=1e-9)

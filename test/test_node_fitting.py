@@ -1,4 +1,4 @@
-"""The fit process, a real one: it is kept warm, and its death, hang or failure is noticed."""
+"""Fit process: it stays running; its death, hang or failure is detected."""
 
 from contextlib import contextmanager
 import os
@@ -11,10 +11,10 @@ import time
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Job, Outcome, Question
+from gravity_comp_ros.node.fit_job import run_fit
+from gravity_comp_ros.node.fit_messages import DiagnosisJob, FitJob, FitResult
 from gravity_comp_ros.node.fit_process import BUSY, DOWN, Failure, FitProcess, READY
-from gravity_comp_ros.node.fit_worker import ask
+from gravity_comp_ros.node.fit_worker import run_diagnosis
 from living import lives
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
-    """Two links whose torque is known: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
+    """Return samples of two links: tau_1 = 5 m sin q1, tau_2 = 2 m sin q2."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1.5, 1.5, (n, 2))
     tau = mass * np.array([5.0, 2.0]) * np.sin(q) + noise * rng.standard_normal((n, 2))
@@ -32,8 +32,8 @@ def pendulum(n=80, seed=0, mass=1.0, noise=0.01):
 
 
 def job(number=1, old=None, mass=1.0, train=None):
-    return Job(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
-               'potential')
+    return FitJob(number, 0, train or pendulum(mass=mass), pendulum(20, 1, mass), old, old,
+                  'potential')
 
 
 @contextmanager
@@ -47,7 +47,7 @@ def process(timeout=30.0, **options):
 
 
 def wait(fits, condition, seconds=30.0):
-    """Poll until the condition holds; return the events on the way."""
+    """Poll until the condition is true; return the events."""
     events, end = [], time.monotonic() + seconds
     while not condition(events):
         assert time.monotonic() < end, f'state {fits.state}: {fits.last_failure}'
@@ -60,7 +60,7 @@ def ready(fits):
     return wait(fits, lambda _: fits.state == READY)
 
 
-def test_it_fits_and_stays_warm():
+def test_it_fits_and_stays_running():
     with process() as fits:
         ready(fits)
         pid = fits.pid
@@ -68,7 +68,7 @@ def test_it_fits_and_stays_warm():
             assert fits.submit(job(number), time.monotonic()) and fits.state == BUSY
             assert not fits.submit(job(9), time.monotonic())
             outcome, = wait(fits, lambda events: events)
-            assert isinstance(outcome, Outcome) and outcome.number == number
+            assert isinstance(outcome, FitResult) and outcome.number == number
             assert outcome.verdict.better
             np.testing.assert_allclose(outcome.model.predict_one(np.array([1.0, -0.5])),
                                        [5 * np.sin(1.0), 2 * np.sin(-0.5)], atol=0.03)
@@ -82,15 +82,15 @@ def test_the_result_is_that_of_a_fit_in_this_process():
         fits.submit(job(), time.monotonic())
         outcome, = wait(fits, lambda events: events)
     q = np.random.default_rng(3).uniform(-1, 1, (20, 2))
-    np.testing.assert_allclose(outcome.model.predict(q), work(job()).model.predict(q),
+    np.testing.assert_allclose(outcome.model.predict(q), run_fit(job()).model.predict(q),
                                atol=1e-9)
 
 
-def test_a_killed_process_is_noticed_and_replaced():
+def test_a_killed_process_is_reported_and_restarted():
     with process() as fits:
         ready(fits)
         first = fits.pid
-        # Stopped first: on a busy machine the job might end before the signal comes.
+        # Stopped first, because on a busy machine the job might end before the signal.
         os.kill(first, signal.SIGSTOP)
         fits.submit(job(4), time.monotonic())
         os.kill(first, signal.SIGKILL)
@@ -104,7 +104,7 @@ def test_a_killed_process_is_noticed_and_replaced():
         assert outcome.number == 5
 
 
-def test_a_hanging_process_is_noticed_and_replaced():
+def test_a_hanging_process_is_reported_and_restarted():
     with process(timeout=0.3) as fits:
         ready(fits)
         first = fits.pid
@@ -116,7 +116,7 @@ def test_a_hanging_process_is_noticed_and_replaced():
         assert fits.pid != first
 
 
-def test_a_fit_that_fails_is_told_and_costs_no_process():
+def test_a_failed_fit_is_reported_and_the_process_stays():
     still = JointSamples.single_run(['a', 'b'], np.arange(20), np.zeros((20, 2)),
                                     np.zeros((20, 2)), np.ones((20, 2)))
     with process() as fits:
@@ -131,7 +131,7 @@ def test_a_fit_that_fails_is_told_and_costs_no_process():
 @pytest.mark.parametrize('command, reason', [
     ((sys.executable, '-c', 'raise SystemExit(3)'), 'exit code 3'),
     (('/no/such/program',), 'cannot be started')])
-def test_a_process_that_does_not_start_is_not_started_without_end(command, reason):
+def test_a_process_that_does_not_start_is_restarted_with_a_delay(command, reason):
     fits = FitProcess(1.0, command)
     now = time.monotonic()
     fits.start(now)
@@ -147,7 +147,6 @@ def test_a_process_that_does_not_start_is_not_started_without_end(command, reaso
 
 
 def test_it_ends_with_the_process_that_started_it(tmp_path):
-    import subprocess
     code = ('import time\nfrom gravity_comp_ros.node.fit_process import FitProcess\n'
             'fits = FitProcess(9.0); fits.start(0.0)\n'
             'while fits.state != "ready": fits.poll(0.0); time.sleep(0.01)\n'
@@ -163,10 +162,10 @@ def test_it_ends_with_the_process_that_started_it(tmp_path):
         time.sleep(0.005)
 
 
-def test_few_samples_change_the_old_model_rather_than_start_again():
-    old = work(job()).model
+def test_few_samples_give_a_change_of_the_old_model():
+    old = run_fit(job()).model
     few = pendulum(30, 5, mass=1.5)
-    outcome = work(job(2, old, 1.5, few))
+    outcome = run_fit(job(2, old, 1.5, few))
     assert outcome.how == 'change of the old model' and outcome.verdict.better
     assert outcome.model.energy is not None
     q = np.random.default_rng(3).uniform(-1, 1, (50, 2))
@@ -174,9 +173,9 @@ def test_few_samples_change_the_old_model_rather_than_start_again():
     assert np.abs(outcome.model.predict(q) - truth).max() < 0.1
     assert outcome.model.coverage.q_min[0] <= old.coverage.q_min[0]
     gradient = [outcome.model.energy.gradient(2, k) for k in range(2)]
-    for found, torque in zip(gradient, outcome.model.torques):
-        np.testing.assert_array_equal(found.indices, torque.indices)
-        np.testing.assert_allclose(found.weights, torque.weights)
+    for expansion, torque in zip(gradient, outcome.model.torques):
+        np.testing.assert_array_equal(expansion.indices, torque.indices)
+        np.testing.assert_allclose(expansion.weights, torque.weights)
 
 
 PRIORITY = """
@@ -198,7 +197,7 @@ fits.stop()
 """
 
 
-def test_it_does_not_take_the_priority_of_control():
+def test_it_does_not_inherit_real_time_priority():
     done = subprocess.run([sys.executable, '-c', PRIORITY], cwd=ROOT, capture_output=True,
                           text=True, timeout=120)
     if done.returncode == 77:
@@ -206,14 +205,14 @@ def test_it_does_not_take_the_priority_of_control():
     assert done.stdout.split() == ['ready', 'True', 'True', '10'], done
 
 
-def test_a_diagnosis_says_which_motion_settles_what_is_open():
-    # Where a joint moves one way alone, friction and an offset are the same.
+def test_a_diagnosis_names_the_motion_that_resolves_open_findings():
+    # On a joint that moves in one direction only, friction and offset are collinear.
     samples = two_links(1, one_way=True)
-    told = ask(Question(7, samples, fit(samples, FitOptions('potential')).model))
-    assert told.number == 7 and 'torque_offset:shoulder (untestable)' in told.text
-    found = re.search(r'to settle what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
-                      told.text)
-    assert found and 2 <= int(found[1]) <= 20, told.text
-    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', found[2])
+    result = run_diagnosis(DiagnosisJob(7, samples, fit(samples, FitOptions('potential')).model))
+    assert result.number == 7 and 'torque_offset:shoulder (untestable)' in result.text
+    match = re.search(r'to resolve what is open, move for (\d+) s: (.*?) \(`gravity_comp plan`',
+                      result.text)
+    assert match and 2 <= int(match[1]) <= 20, result.text
+    assert re.search(r'\d to [\d.]+ s: shoulder .*coulomb_friction:shoulder', match[2])
     # Without a model no motion is planned.
-    assert 'to settle' not in ask(Question(8, samples, None)).text
+    assert 'to resolve' not in run_diagnosis(DiagnosisJob(8, samples, None)).text

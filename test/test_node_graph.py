@@ -1,4 +1,4 @@
-"""What the node says of the nodes and topics around it, and what it logs, over DDS."""
+"""Status of the ROS graph, and log of the node, over DDS."""
 
 from broken_effort import KINDS
 from gravity_comp_ros.recordings.bag import read_bag
@@ -17,7 +17,7 @@ BAGS = ROOT / 'bags'
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
 
-class Heard:
+class NodeLog:
     """The log of the node."""
 
     def __init__(self, probe):
@@ -26,13 +26,13 @@ class Heard:
                                   LATCHED)
 
     def until(self, *words, level=Log.INFO):
-        """Wait for a line of this level that has all these words."""
+        """Wait for a line of this level with all these words."""
         self.probe.until(lambda: any(level == at and all(word in text for word in words)
                                      for at, text in self.lines),
                          60, f'a line of the log with {words}, got {self.lines}')
 
 
-def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
+def test_the_log_has_events_and_reasons(iiwa_model_file, tmp_path):
     folder = tmp_path / 'models'
     folder.mkdir()
     path = folder / 'model.json'
@@ -42,10 +42,10 @@ def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
                'diagnostics_rate': 20.0, 'max_torqe': '[9.0]', 'formulation': 'chain',
                'stale_after': 3.0}
     with running(options) as (_, probe):
-        log = Heard(probe)
+        log = NodeLog(probe)
         log.until('parameter max_torqe', 'did you mean max_torque?', level=Log.WARN)
         log.until('arm of 7 joints', 'iiwa_joint_7', 'chain model', 'formulation of fits: chain',
-                  'bound of the torque: none set')
+                  'torque limits: none set')
         latch = probe.create_publisher(String, 'robot_description', LATCHED)
         latch.publish(String(data=(BAGS / 'iiwa7.urdf').read_text()))
         log.until('robot description', 'axes used', 'effort limits 176')
@@ -64,17 +64,17 @@ def test_the_log_says_what_happened_and_why(iiwa_model_file, tmp_path):
         for k in range(60):
             probe.send(broken.names, broken.t[k], broken.q[k], broken.qd[k], tau[k])
             probe.spin(0.004)
-        log.until('the old model stays: ', 'unit or sign', 'N·m', level=Log.WARN)
+        log.until('the old model stays in use: ', 'unit or sign', 'N·m', level=Log.WARN)
         log.until('learning: broken effort', level=Log.WARN)
         log.until('input: input is stale', level=Log.WARN)
 
 
-def test_a_second_node_a_second_driver_and_a_gripper_are_noticed(iiwa_model_file):
+def test_a_second_node_a_second_driver_and_a_gripper_are_detected(iiwa_model_file):
     samples = read_bag(BAGS / 'eq17_later.mcap').samples
     options = {'diagnostics_rate': 10.0, 'max_torque': '[176.0]', 'stale_after': 10.0,
                'first_samples': 400}
     with running(options) as (_, probe):
-        # A gripper speaks first, and goes on between the messages of the arm.
+        # A gripper publishes first, and continues between the messages of the arm.
         for k in range(40):
             t = 10.0 + samples.t[k]
             probe.send(['finger'], t - 0.05, [0.01], [0.0], [1.0])

@@ -1,4 +1,4 @@
-"""The launch file, as far as it can be told without launch: what it starts exists."""
+"""Launch file and example configurations, checked without the launch package."""
 
 import ast
 from pathlib import Path
@@ -27,7 +27,7 @@ def test_it_starts_the_executable_that_is_installed():
         ROOT / 'setup.py').read_text()
 
 
-def test_every_argument_that_is_used_is_declared():
+def test_all_arguments_are_declared():
     declared = {call.args[0].value for call in calls('DeclareLaunchArgument')}
     used = {call.args[0].value for call in calls('LaunchConfiguration')}
     assert declared == used == {
@@ -40,7 +40,7 @@ def test_the_default_parameters_are_in_the_package():
     assert (ROOT / Path(*parts)).is_file()
 
 
-def test_without_ros_it_says_so_in_one_line():
+def test_without_ros_it_ends_with_one_line():
     done = subprocess.run(
         [sys.executable, '-c', 'import sys; sys.modules["rclpy"] = None; '
          'from gravity_comp_ros.node.main import main; sys.exit(main([]))'],
@@ -53,9 +53,9 @@ def test_without_ros_it_says_so_in_one_line():
 def test_examples_of_parameters_are_accepted():
     import yaml
     from gravity_comp_ros.node.parameters import BY_NAME, Parameters
-    found = sorted((ROOT / 'config').glob('gravity_comp*.yaml'))
-    assert found
-    for path in found:
+    paths = sorted((ROOT / 'config').glob('gravity_comp*.yaml'))
+    assert paths
+    for path in paths:
         chosen = yaml.safe_load(path.read_text())['/**']['ros__parameters']
         values = Parameters(**{k: BY_NAME[k].parse(v) for k, v in chosen.items()})
         assert values.max_torque and values.joints, path.name
@@ -71,10 +71,10 @@ for name in sys.argv[2:]:
 """
 
 
-def test_ros_itself_reads_the_examples():
+def test_ros_reads_the_examples():
     import yaml
     for path in sorted((ROOT / 'config').glob('*.yaml')):
-        # The parser of ROS takes no aliases, and no list of mixed types.
+        # The parser of ROS accepts no aliases and no lists of mixed types.
         nodes = [name.replace('/**', 'any') for name in yaml.safe_load(path.read_text())]
         done = subprocess.run([sys.executable, '-c', READ, path, *nodes], cwd=ROOT,
                               capture_output=True, text=True, timeout=120)

@@ -1,25 +1,21 @@
-"""Joint states of every kind become vectors, or a fault with a name."""
+"""Conversion of joint states to vectors, and the name of each fault."""
 
-from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import OptionError
-from gravity_comp_ros.node.messages import Reader, RISING_TO_BELIEVE
+from gravity_comp_ros.node.messages import JointStateReader, STAMPS_TO_ACCEPT_CLOCK
 from hypothesis import example, given, settings, strategies as st
+from node_messages import joint_state as message
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 NAN, INF = float('nan'), float('inf')
 
 
 def joint_state(t=1.0, names=('a', 'b'), q=(0.1, 0.2), qd=(0.0, 0.0), tau=(1.0, 2.0)):
-    message = JointState(name=list(names), position=list(q), velocity=list(qd),
-                         effort=list(tau))
-    message.header.stamp = Time(sec=int(t), nanosec=round((t - int(t)) * 1e9))
-    return message
+    return message(names, t, q, qd, tau)
 
 
 def reader(**options):
-    return Reader(('a', 'b'), **options)
+    return JointStateReader(('a', 'b'), **options)
 
 
 def test_order_of_the_message_does_not_matter():
@@ -37,7 +33,7 @@ def test_order_may_change_from_message_to_message():
     np.testing.assert_array_equal(first.q, second.q)
 
 
-def test_scale_turns_units_and_sign():
+def test_scale_converts_units_and_sign():
     reading = reader(effort_scale=(-2.0, 0.5)).read(joint_state(), 0.0)
     np.testing.assert_array_equal(reading.tau, [-2.0, 1.0])
     with pytest.raises(OptionError, match='3 values for 2'):
@@ -72,7 +68,7 @@ def test_a_message_without_a_usable_pose_is_dropped(change, reason):
     ({'qd': (0.0, 0.0, 0.0)}, 'wrong_size', 'qd'),
     ({'qd': ()}, 'no_velocity', 'qd'),
 ])
-def test_a_pose_without_the_rest_still_serves_the_feed_forward(change, reason, lost):
+def test_a_pose_without_velocity_or_effort_is_used(change, reason, lost):
     ours = reader()
     reading = ours.read(joint_state(**change), 0.0)
     np.testing.assert_array_equal(reading.q, [0.1, 0.2])
@@ -80,13 +76,13 @@ def test_a_pose_without_the_rest_still_serves_the_feed_forward(change, reason, l
 
 
 def test_velocity_is_the_slope_where_the_message_has_none():
-    ours, found = reader(), []
+    ours, results = reader(), []
     for k in range(30):
         t = 1.0 + 0.01 * k
         reading = ours.read(joint_state(t, q=(0.05 * t, -0.1 * t), qd=()), 0.0)
-        found.append(reading.qd)
-    assert found[5] is None
-    np.testing.assert_allclose(found[-1], [0.05, -0.1], atol=1e-9)
+        results.append(reading.qd)
+    assert results[5] is None
+    np.testing.assert_allclose(results[-1], [0.05, -0.1], atol=1e-9)
 
 
 def test_after_a_gap_the_slope_is_unknown():
@@ -96,7 +92,7 @@ def test_after_a_gap_the_slope_is_unknown():
     assert ours.read(joint_state(9.0, q=(1.0, 1.0), qd=()), 0.0).qd is None
 
 
-def test_time_that_stands_still_or_goes_back_is_dropped():
+def test_messages_with_equal_or_earlier_stamps_are_dropped():
     ours = reader()
     assert ours.read(joint_state(5.0), 0.0) is not None
     assert ours.read(joint_state(5.0), 0.0) is None
@@ -105,22 +101,22 @@ def test_time_that_stands_still_or_goes_back_is_dropped():
     assert ours.counts == {'time_still': 1, 'time_back': 1}
 
 
-def test_a_clock_that_was_set_back_is_believed_after_a_while():
+def test_a_clock_that_was_set_back_is_accepted_after_some_messages():
     ours = reader()
     ours.read(joint_state(100.0), 0.0)
-    readings = [ours.read(joint_state(1.0 + k), 0.0) for k in range(RISING_TO_BELIEVE + 1)]
-    assert [r is None for r in readings] == [True] * (RISING_TO_BELIEVE - 1) + [False, False]
+    readings = [ours.read(joint_state(1.0 + k), 0.0) for k in range(STAMPS_TO_ACCEPT_CLOCK + 1)]
+    assert [r is None for r in readings] == [True] * (STAMPS_TO_ACCEPT_CLOCK - 1) + [False, False]
     assert readings[-2].new_run and not readings[-1].new_run
     assert ours.counts['clock_jump'] == 1
 
 
-def test_a_stamp_that_stands_still_in_the_past_is_never_believed():
+def test_a_constant_earlier_stamp_is_never_accepted():
     ours = reader()
     ours.read(joint_state(100.0), 0.0)
     assert all(ours.read(joint_state(7.0), 0.0) is None for _ in range(50))
 
 
-def test_without_a_stamp_the_time_of_arrival_counts():
+def test_without_a_stamp_the_time_of_arrival_is_used():
     ours = reader()
     assert ours.read(joint_state(0.0), 17.5).t == 17.5
     assert ours.counts == {'no_stamp': 1}
@@ -138,13 +134,13 @@ values = st.floats(allow_nan=True, allow_infinity=True, width=64)
 names = st.lists(st.sampled_from(['a', 'b', 'c', '']), max_size=5)
 
 
-# What is counted of a message that is taken; it may be counted of one that is dropped as well.
-REMARKS = {'no_stamp', 'stamp_lost', 'clock_jump', 'no_velocity', 'no_effort'}
+# Reasons that are counted for used messages (and possibly for dropped ones).
+NOT_DROPPED = {'no_stamp', 'stamp_lost', 'clock_jump', 'no_velocity', 'no_effort'}
 
 
 def dropped(ours):
-    """Return how many messages the reader has counted as dropped."""
-    return sum(count for reason, count in ours.counts.items() if reason not in REMARKS)
+    """Return the number of messages counted as dropped."""
+    return sum(count for reason, count in ours.counts.items() if reason not in NOT_DROPPED)
 
 
 @settings(max_examples=150, deadline=None)
@@ -166,39 +162,39 @@ def test_no_message_can_break_the_reader(messages):
         last = reading.t
 
 
-def alone(t, q=0.0, qd=0.0):
+def one_joint(t, q=0.0, qd=0.0):
     return joint_state(t, ('a',), (q,), (qd,), (1.0,))
 
 
-def test_angles_in_degrees_are_no_poses_but_turns_of_a_continuous_joint_are():
-    ours = Reader(['a', 'b'], continuous=['b'])
+def test_angles_in_degrees_are_dropped_except_for_continuous_joints():
+    ours = JointStateReader(['a', 'b'], continuous=['b'])
     assert ours.read(joint_state(1.0, q=(90.0, 0.0)), 0.0) is None
     assert ours.counts['position_absurd'] == 1
     assert ours.read(joint_state(2.0, q=(9.4, 90.0)), 0.0) is not None
     with pytest.raises(OptionError, match='continuous_joints: c'):
-        Reader(['a', 'b'], continuous=['c'])
+        JointStateReader(['a', 'b'], continuous=['c'])
 
 
 def test_a_velocity_that_positions_contradict_is_replaced():
-    ours = Reader(['a'])
+    ours = JointStateReader(['a'])
     for k in range(60):
-        found = ours.read(alone(1.0 + 0.01 * k, 0.002 * k), 0.0)
-    assert found.qd == pytest.approx(0.2) and ours.counts['velocity_wrong'] > 40
-    right = Reader(['a'])
+        reading = ours.read(one_joint(1.0 + 0.01 * k, 0.002 * k), 0.0)
+    assert reading.qd == pytest.approx(0.2) and ours.counts['velocity_wrong'] > 40
+    right = JointStateReader(['a'])
     for k in range(200):
         t = 1.0 + 0.01 * k
-        found = right.read(alone(t, np.sin(3 * t), 3 * np.cos(3 * t)), 0.0)
-        assert found.qd == pytest.approx(3 * np.cos(3 * t))
+        reading = right.read(one_joint(t, np.sin(3 * t), 3 * np.cos(3 * t)), 0.0)
+        assert reading.qd == pytest.approx(3 * np.cos(3 * t))
     assert not right.counts['velocity_wrong']
 
 
-def test_stamps_that_become_zero_are_replaced_by_the_time_of_arrival():
-    ours = Reader(['a'])
+def test_lost_stamps_are_replaced_by_the_time_of_arrival():
+    ours = JointStateReader(['a'])
     for k in range(10):
-        ours.read(alone(100.0 + 0.1 * k), 5000.0 + 0.1 * k)
-    found = [ours.read(alone(0.0), 5001.0 + 0.1 * k) for k in range(10)]
-    assert [each is None for each in found] == [True] * 4 + [False] * 6
-    assert found[4].new_run and found[5].t == pytest.approx(5001.5)
+        ours.read(one_joint(100.0 + 0.1 * k), 5000.0 + 0.1 * k)
+    results = [ours.read(one_joint(0.0), 5001.0 + 0.1 * k) for k in range(10)]
+    assert [each is None for each in results] == [True] * 4 + [False] * 6
+    assert results[4].new_run and results[5].t == pytest.approx(5001.5)
     assert ours.counts['stamp_lost'] == 1
-    again = ours.read(alone(102.0), 5003.0)
+    again = ours.read(one_joint(102.0), 5003.0)
     assert again.t == 102.0 and again.new_run

@@ -1,4 +1,4 @@
-"""One table: what it accepts, what it refuses and why, and that the documentation is of today."""
+"""Parameter table: accepted and refused values, and its documentation."""
 
 from pathlib import Path
 import subprocess
@@ -46,7 +46,7 @@ def test_bad_values_are_refused_with_the_reason(name, value, why):
         BY_NAME[name].parse(value)
 
 
-def test_every_formulation_is_one_that_can_be_fitted():
+def test_all_formulations_can_be_fitted():
     for formulation in BY_NAME['formulation'].choices:
         assert FitOptions(formulation=formulation).formulation == formulation
 
@@ -55,7 +55,7 @@ def test_an_empty_list_in_yaml_is_an_empty_list():
     assert BY_NAME['max_torque'].parse(None) == () == BY_NAME['joints'].parse([])
 
 
-def test_whole_numbers_stand_for_doubles():
+def test_integers_are_accepted_for_doubles():
     assert BY_NAME['max_torque'].parse([1, 2.5]) == (1.0, 2.5)
     assert isinstance(BY_NAME['max_speed'].parse(1), float)
 
@@ -64,7 +64,7 @@ def test_whole_numbers_stand_for_doubles():
     ({'joints': ('a', 'b'), 'max_torque': (1.0, 2.0, 3.0)}, 'max_torque: 3 values for 2'),
     ({'joints': tuple('abcdefghijk')}, 'at most 10'), ({'effort_scale': (0.0,)}, 'would erase'),
     ({'min_samples': 600}, 'more than full_samples'), ({'capacity': 100}, 'more than capacity')])
-def test_values_that_contradict_each_other_are_refused(change, why):
+def test_contradicting_values_are_refused(change, why):
     with pytest.raises(OptionError, match=why):
         Parameters(**change)
 
@@ -77,7 +77,7 @@ def test_the_example_configuration_is_accepted():
     assert controllers['gravity_controller']['ros__parameters']['joints'] == given['joints']
 
 
-def test_off_is_what_yaml_makes_of_it():
+def test_off_is_accepted_as_yaml_reads_it():
     assert BY_NAME['robot_description'].parse(False) == 'off'
     assert BY_NAME['robot_description'].parse('off') == 'off'
     for name, value in (('robot_description', True), ('model_file', False)):

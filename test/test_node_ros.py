@@ -1,4 +1,4 @@
-"""The node as its own process on real DDS: it learns, publishes, answers and ends."""
+"""Node as a separate process over DDS: learning, publishing, services, shutdown."""
 
 from pathlib import Path
 import signal
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 BAGS = ROOT / 'bags'
 UNLIMITED = {'ramp_time': 0.0, 'max_torque_rate': '[]', 'extrapolation': 'trust'}
-# s; later than all that is learned from.
+# Stamp offset after all training samples, s.
 LATER = 50000.0
 PATIENT = {'stale_after': 10.0, 'unlimited_torque': True}
 
@@ -35,7 +35,7 @@ def part(samples, start, stop):
 
 
 def answers(messages):
-    """Return the messages with the stamp of a recording, not of this very moment."""
+    """Return the messages with the stamp of a recording, not of the present time."""
     return [message for message in messages if message.header.stamp.sec < 1e6]
 
 
@@ -45,14 +45,14 @@ def stamp(message):
 
 
 def published(samples, messages, offset=0.0):
-    """Return the rows of samples that messages answer, matched by stamp, and their efforts."""
+    """Return the rows of samples with the stamps of messages, and the efforts of these."""
     stamps = {round(t + offset, 6): k for k, t in enumerate(samples.t)}
     rows = [stamps[round(stamp(m), 6)] for m in messages]
     return rows, matrix(messages)
 
 
 def learn_all(probe, samples):
-    """Send samples until the node has as many as it learns from, and has learned."""
+    """Send samples until the node has all of them and its fits have ended."""
     probe.stream(samples)
     wanted, start = len(samples), 0.0
 
@@ -62,7 +62,7 @@ def learn_all(probe, samples):
         values = probe.values('learning')
         missing = wanted - int(values['samples'])
         if missing > 0:
-            # Some were lost on the way, on a busy machine.
+            # On a busy machine some messages are lost.
             start += 200.0
             probe.stream(part(samples, 0, missing), start)
         return missing <= 0 and values['fit process'] == 'ready'
@@ -83,8 +83,8 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
         probe.commands.clear()
         later = bags['eq17_later']
         probe.stream(later, start=LATER)
-        # While the fits took longer than `stale_after`, torque was published without input. And
-        # joint states may be lost on a busy machine: the node takes them as best effort.
+        # During fits longer than `stale_after` torque is published without input. On a busy
+        # machine joint states may be lost, because the input is best effort.
         probe.until(lambda: len(answers(probe.torques)) == len(probe.predictions)
                     == len(probe.residuals) > 0.7 * len(later)
                     and len(probe.torques) == len(probe.commands), 60, 'torque for every message')
@@ -98,13 +98,13 @@ def test_node_and_commands_give_the_same_torques(bags, tmp_path):
     rows, residuals = published(later, probe.residuals, LATER)
     np.testing.assert_allclose(residuals, later.tau[rows] - model.predict(later.q[rows]),
                                atol=1e-9)
-    # 0.1 N·m of it is noise, and some is the inertia that a gravity model leaves out.
+    # 0.1 N·m of it is noise; the rest includes inertia, which the model does not include.
     assert np.sqrt(np.mean(residuals ** 2, axis=0)).max() < 0.2
     assert list(probe.torques[0].name) == list(later.names)
 
 
 def replay_command(model: Path, folder: Path) -> np.ndarray:
-    """Return what `gravity_comp replay` says about the same bag."""
+    """Return the prediction of `gravity_comp replay` for the same bag."""
     out = folder / 'out.mcap'
     done = subprocess.run(
         [sys.executable, '-m', 'gravity_comp_ros.cli', 'replay', BAGS / 'eq17_later.mcap',
@@ -127,7 +127,7 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
         probe.spin(0.6)
         probe.stream(part(loaded, 20, 170), period=0.01)
         probe.until(lambda: 'change of the old model' in probe.status['model'].message, 60)
-        first, second = probe.ask('refit'), probe.ask('refit')
+        first, second = probe.call_async('refit'), probe.call_async('refit')
         probe.until(lambda: first.done() and second.done(), 60)
         texts = sorted(f.result().message for f in (first, second))
         assert any('is running already' in text for text in texts), texts
@@ -140,13 +140,13 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
         assert probe.report('learning') and 'closed' in probe.values('learning')['epoch']
         for _ in range(12):
             last = probe.call('rollback')
-        assert not last.success and 'no earlier model' in last.message
-    # A swap of models makes no step that an arm would feel, at 250 Hz or at what was reached.
+        assert not last.success and 'no model of an earlier payload' in last.message
+    # A swap of models makes small steps at 250 Hz or the rate that was reached.
     assert np.abs(torques[-1] - torques[0]).max() > 5.0
     steps, gaps = np.abs(np.diff(torques, axis=0)).max(axis=1), np.diff(stamps)
     moving = (steps > 0.0) & (gaps < 0.006)
     assert moving.sum() > 100 and np.median(steps[moving]) <= 0.05 * slower
-    # Messages come late or in pairs; over a tenth of a second that evens out.
+    # Messages may be late or in pairs; over 0.1 s this averages out.
     change = np.abs(torques[25:] - torques[:-25]).max(axis=1)
     assert (change <= 1.25 * 0.05 * slower * (stamps[25:] - stamps[:-25]) / 0.004).all()
     worst = np.sqrt(np.mean(stale ** 2, axis=0)).max()
@@ -156,38 +156,38 @@ def test_a_changed_payload_is_learned_in_seconds_and_rolled_back(bags, iiwa_mode
 
 def rolled_back_at_rest(probe, samples):
     """
-    Call rollback of an arm at rest; return the answer, the torques and their stamps.
+    Call rollback with the arm at rest; return the reply, the torques and their stamps.
 
-    And how much slower than at 250 Hz the messages went out.
+    The last result is the factor by which messages were slower than 250 Hz.
     """
     assert set_parameter(probe, 'ramp_time', 1.0).successful
     probe.torques.clear()
     begun = due = time.monotonic()
     for k in range(5000):
         if k == 100:
-            asked = probe.ask('rollback')
+            rollback = probe.call_async('rollback')
         probe.send(samples.names, samples.t[-1] + 1.0 + 0.004 * k, samples.q[250],
                    0.0 * samples.qd[250])
         due += 0.004
         probe.spin(max(1e-4, due - time.monotonic()))
-        # On a busy machine messages are late, and a swap takes no larger steps for it.
+        # On a busy machine messages are late, and the swap takes longer.
         if k > 500 and np.abs(np.subtract(probe.torques[-1].effort,
                                           probe.torques[0].effort)).max() > 5.0:
             break
     slower = max(1.0, (time.monotonic() - begun) / (k + 1) / 0.004)
-    probe.until(asked.done)
-    heard = answers(probe.torques)
-    torques = matrix(heard)
-    stamps = np.array([stamp(m) for m in heard])
-    return asked.result(), torques, stamps, slower
+    probe.until(rollback.done)
+    replies = answers(probe.torques)
+    torques = matrix(replies)
+    stamps = np.array([stamp(m) for m in replies])
+    return rollback.result(), torques, stamps, slower
 
 
-def test_a_worse_model_is_not_taken(bags, iiwa_model_file):
+def test_a_worse_model_is_not_accepted(bags, iiwa_model_file):
     good = bags['eq17_unloaded']
     rng = np.random.default_rng(1)
     with running({**UNLIMITED, **PATIENT, 'model_file': iiwa_model_file}) as (_, probe):
         for k in range(80):
-            # Effort as the model says, but learned from with ten times the noise.
+            # Training samples with 3 N·m of noise, held-out samples without.
             tau = good.tau[k] + (rng.normal(0, 3.0, 7) if (k // 5) % 4 != 3 else 0.0)
             probe.send(good.names, good.t[k], good.q[k], good.qd[k], tau)
             probe.spin(0.004)
@@ -199,7 +199,7 @@ def test_a_worse_model_is_not_taken(bags, iiwa_model_file):
         assert 'old model kept' in probe.status['learning'].message
 
 
-def test_a_dead_fit_process_is_replaced_and_the_model_stays(bags, iiwa_model_file):
+def test_a_dead_fit_process_is_restarted_and_the_model_stays(bags, iiwa_model_file):
     import os
     good = bags['eq17_later']
     with running({**PATIENT, 'model_file': iiwa_model_file, 'max_torque': '[200.0]',
@@ -209,7 +209,7 @@ def test_a_dead_fit_process_is_replaced_and_the_model_stays(bags, iiwa_model_fil
         probe.until(lambda: probe.values('learning')['fit process'] == 'ready', 60)
         pid = int(probe.values('learning')['fit process id'])
         os.kill(pid, signal.SIGSTOP)
-        waiting = probe.ask('refit')
+        waiting = probe.call_async('refit')
         probe.until(lambda: probe.report('learning')
                     and probe.values('learning')['fit process'] == 'fitting', 60)
         os.kill(pid, signal.SIGKILL)
@@ -227,29 +227,29 @@ def test_a_dead_fit_process_is_replaced_and_the_model_stays(bags, iiwa_model_fil
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
-def test_signals_end_it_cleanly_and_at_once(number, iiwa_model_file, bags):
-    """It ends sooner than it starts, on a machine that is as busy; a thread waited for is not."""
-    sooner = []
-    # The machine may become busier in between: three tries.
-    while len(sooner) < 3 and not any(sooner):
+def test_signals_end_it_cleanly_without_delay(number, iiwa_model_file, bags):
+    """Shutdown is shorter than startup under the same load: it waits for no thread."""
+    is_shorter = []
+    # Three tries, because the load may change.
+    while len(is_shorter) < 3 and not any(is_shorter):
         begin = time.monotonic()
         with running({'model_file': iiwa_model_file}) as (node, probe):
             ready = time.monotonic()
             probe.stream(part(bags['eq17_later'], 0, 30))
             stop = time.monotonic()
             code, output = node.stop(number, timeout=60)
-            sooner.append(time.monotonic() - stop < ready - begin)
+            is_shorter.append(time.monotonic() - stop < ready - begin)
         assert code == 0 and 'Traceback' not in output, output
-    assert any(sooner)
+    assert any(is_shorter)
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGINT])
-def test_signals_while_it_starts_end_it_without_a_trace(number, iiwa_model_file):
+def test_signals_during_startup_end_it_without_a_traceback(number, iiwa_model_file):
     for after in (0.3, 0.8, 1.3, 1.6):
         with running({'model_file': iiwa_model_file}, wait=False) as (node, probe):
             probe.spin(after)
             code, output = node.stop(number, timeout=60)
-        # Before Python has got as far as to handle it, a signal ends it as any program.
+        # Before Python handles signals, the default action ends the process.
         assert code in (0, -number), output
         assert 'Traceback' not in output or 'gravity_comp_ros' not in output, output
 
@@ -281,7 +281,7 @@ def test_bad_parameters_at_the_start_end_it_with_one_line(parameters, why):
     assert len(output.strip().splitlines()) == 1
 
 
-def test_a_damaged_model_file_is_told_and_nothing_is_published(tmp_path, iiwa_model_file, bags):
+def test_a_damaged_model_file_is_reported_without_torque(tmp_path, iiwa_model_file, bags):
     path = tmp_path / 'half.json'
     path.write_bytes(iiwa_model_file.read_bytes()[:500])
     with running({**PATIENT, 'model_file': path}) as (_, probe):
@@ -334,7 +334,7 @@ def test_stale_input_holds_then_fades(iiwa_model_file, bags):
         probe.stream(part(later, 0, 20))
         probe.until(lambda: len(probe.torques) >= 20, 60)
         probe.until(lambda: not np.any(probe.torques[-1].effort), 60, 'zero torque')
-        # A busy machine may pause among the joint states too.
+        # On a busy machine input may be stale between joint states as well.
         last = answers(probe.torques)[-1]
         held = np.array(last.effort)
         fade = matrix(probe.torques[probe.torques.index(last):])
@@ -396,7 +396,7 @@ def test_simulated_time_drives_the_ramp(iiwa_model_file, bags):
         message = Clock()
         for k in range(12):
             message.clock.sec = 100 + k
-            # The topic of a clock may lose messages, and a service may be faster.
+            # /clock is best effort and asynchronous.
             while probe.node_time != 100 + k:
                 clock.publish(message)
                 probe.report('model')
@@ -407,12 +407,12 @@ def test_simulated_time_drives_the_ramp(iiwa_model_file, bags):
     np.testing.assert_allclose(torques[11], truth[11], rtol=1e-9)
 
 
-def test_diagnose_names_what_the_model_lacks(iiwa_model_file, bags):
+def test_diagnose_names_the_missing_effect(iiwa_model_file, bags):
     later = bags['eq17_later']
     with running({**PATIENT, 'model_file': iiwa_model_file, 'auto_fit': False}) as (_, probe):
         answer = probe.call('diagnose')
         assert not answer.success and answer.message
-        # Dry friction of 2 N·m on the fourth joint, which the node does not have.
+        # Coulomb friction of 2 N·m on the fourth joint, which the model does not include.
         tau = later.tau + 2.0 * np.sign(later.qd) * (np.arange(7) == 3)
         for k in range(300):
             probe.send(later.names, later.t[k], later.q[k], later.qd[k], tau[k])
@@ -431,20 +431,20 @@ def test_rates_and_publishers(reliable, iiwa_model_file, bags):
                'stale_after': 10.0}
     with running(options, reliable=reliable) as (_, probe):
         for rate, first in ((10, 1000.0), (1000, 2000.0)):
-            # A best-effort queue runs over on a busy machine: more is sent until enough came.
-            start, enough, k, found = time.monotonic(), 0.5 * max(15, rate), 0, {}
-            while len(found) <= enough or k < 2 * enough:
-                assert time.monotonic() < start + 60, f'{len(found)} answers to {k}'
+            # A best-effort queue overflows on a busy machine: send until enough are answered.
+            start, enough, k, result = time.monotonic(), 0.5 * max(15, rate), 0, {}
+            while len(result) <= enough or k < 2 * enough:
+                assert time.monotonic() < start + 60, f'{len(result)} answers to {k}'
                 row = k % len(later)
                 probe.send(later.names, first + k / rate, later.q[row], later.qd[row],
                            later.tau[row])
                 k += 1
                 probe.spin(max(1e-4, start + k / rate - time.monotonic()))
-                # Late answers to the slower messages are none to these.
-                found.update((t, message) for message in probe.torques
-                             if (t := stamp(message)) >= first)
+                # Without late answers to the slower messages.
+                result.update((t, message) for message in probe.torques
+                              if (t := stamp(message)) >= first)
                 probe.torques.clear()
             assert probe.report('input').level in (b'\x00', b'\x01')
-            for t, message in found.items():
+            for t, message in result.items():
                 row = round((t - first) * rate) % len(later)
                 assert np.abs(message.effort - model.predict_one(later.q[row])).max() < 1e-6

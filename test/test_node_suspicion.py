@@ -1,4 +1,4 @@
-"""A payload that the node was not told of is suspected; friction and a touch are not."""
+"""Unannounced payloads are suspected; friction, contacts and broken effort are not."""
 
 from dataclasses import replace
 from importlib import import_module
@@ -10,13 +10,13 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.models.nuisance import COULOMB, NuisanceTerm, NuisanceTerms, OFFSET, VISCOUS
 from gravity_comp_ros.node.diagnostics import OK, WARN
-from gravity_comp_ros.node.fit_messages import Look
-from gravity_comp_ros.node.fit_worker import look
+from gravity_comp_ros.node.fit_messages import PayloadJob
+from gravity_comp_ros.node.fit_worker import run_payload_test
 from gravity_comp_ros.node.live_friction import (
-    friction_of_both, LiveFriction, residual_noise, usual_residual)
+    expected_residual, interleaved_nuisance, LiveFriction, residual_noise)
 from gravity_comp_ros.node.payload import PayloadFinding
-from gravity_comp_ros.node.payload_watch import FEWEST, MOST, PayloadWatch, PERIOD
-from gravity_comp_ros.node.unsure_change import UnsureChange
+from gravity_comp_ros.node.payload_watch import MAX_WINDOW, MIN_WINDOW, PayloadWatch, PERIOD
+from gravity_comp_ros.node.uncertain_change import UncertainChange
 from hypothesis import given, settings, strategies as st
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def geometry():
 
 
 def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 5.0):
-    """Return what an arm with friction measures in some seconds of slow motion."""
+    """Return the samples of an arm with friction in some seconds of slow motion."""
     motion = bench.eq17(seconds, 5.0, start)
     arm = ARM if mass == 0.0 else bench.with_payload(ARM, bench.Payload(mass, (0.08, -0.05, 0.1)))
     tau = gravity_torque(arm, motion.q)
@@ -53,7 +53,7 @@ def window(mass=0.0, friction=1.0, force=None, start=170.0, seed=0, seconds=N / 
 
 
 def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
-    """Return slow motion against a force (3,) on the last link, N, steady or not."""
+    """Return slow motion with a constant or varying force (3,) on the last link, N."""
     samples = window(start=start, seed=seed, seconds=seconds)
     data = ARM.model.createData()
     size = 1.0 + varies * np.sin(2.0 * np.pi * (samples.t - samples.t[0]) / 5.0)
@@ -63,53 +63,53 @@ def pushed(force, start=170.0, seed=0, varies=0.0, seconds=N / 5.0):
 
 
 def finding(model, samples, geometry=None):
-    return look(Look(1, samples, model, geometry=geometry)).finding
+    return run_payload_test(PayloadJob(1, samples, model, geometry=geometry)).finding
 
 
 @pytest.mark.parametrize('known', [False, True])
 @pytest.mark.parametrize('mass', [1.0, 3.0])
-def test_a_payload_is_found_and_its_mass_is_said(mass, known, model, geometry):
-    found = finding(model, window(mass), geometry if known else None)
-    assert found.is_payload and not found.is_other and 'another payload' in found.text
-    assert float(found.values['log evidence']) > 20.0
+def test_a_payload_is_found_with_its_mass(mass, known, model, geometry):
+    result = finding(model, window(mass), geometry if known else None)
+    assert result.is_payload and not result.is_other and 'another payload' in result.text
+    assert float(result.values['log evidence']) > 20.0
     if known:
-        assert float(found.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
+        assert float(result.values['mass [kg]']) == pytest.approx(mass, abs=0.3)
 
 
 @pytest.mark.parametrize('change', [
     {}, {'friction': 0.5}, {'friction': 1.6}, {'force': (slice(20, 34), 15.0)},
     {'force': (slice(0, 25), np.array([0, 20.0, 0, -9.0, 0, 2.0, 0]))}],
     ids=['nothing', 'less friction', 'more friction', 'a touch', 'a longer touch'])
-def test_friction_and_a_touch_are_no_payload(change, model, geometry):
+def test_friction_and_contacts_are_no_payload(change, model, geometry):
     for axes in (None, geometry):
         assert not finding(model, window(**change), axes).is_payload
 
 
 @pytest.mark.parametrize('force, known', [((10.0, 0.0, 0.0), False), ((0.0, 3.0, 10.0), True)])
-def test_a_push_that_lasts_is_no_payload_and_said(force, known, model, geometry):
-    found = finding(model, pushed(force), geometry if known else None)
-    assert not found.is_payload and found.is_other, found.text
-    assert 'pushes or pulls the last link, and not only downwards' in found.text
+def test_a_lasting_push_is_reported_and_no_payload(force, known, model, geometry):
+    result = finding(model, pushed(force), geometry if known else None)
+    assert not result.is_payload and result.is_other, result.text
+    assert 'pushes or pulls the last link, not only downwards' in result.text
 
 
 @pytest.mark.parametrize('known', [False, True])
-def test_a_steady_force_straight_down_is_a_weight_and_one_that_varies_is_not(known, model,
-                                                                             geometry):
+def test_a_constant_force_downwards_is_a_payload_and_a_varying_one_is_not(known, model,
+                                                                          geometry):
     axes = geometry if known else None
     assert finding(model, pushed((0.0, 0.0, 20.0), seconds=16.0), axes).is_payload
     varying = finding(model, pushed((0.0, 0.0, 20.0), varies=0.1, seconds=16.0), axes)
     assert not varying.is_payload and varying.is_other, varying.text
-    assert 'with a force that varies' in varying.text
+    assert 'a varying force acts' in varying.text
 
 
-def test_broken_effort_is_no_payload_and_said(model):
+def test_broken_effort_is_no_payload(model):
     samples = window()
     tau = samples.tau.copy()
     tau[:, 1] *= -1.0
-    found = finding(model, replace(samples, tau=tau))
-    assert not found.is_payload
-    if found.is_other:
-        assert 'as no payload changes it' in found.text
+    result = finding(model, replace(samples, tau=tau))
+    assert not result.is_payload
+    if result.is_other:
+        assert 'no payload explains' in result.text
 
 
 def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
@@ -126,8 +126,8 @@ def test_friction_of_the_model_is_subtracted_and_kept_at_rest(model):
     still = live.torque(q + 0.01, 0.0 * qd)
     np.testing.assert_allclose(still[1:4], [2.0, 0.0, -0.7], atol=1e-9)
     assert live.torque(q, -qd)[1] == pytest.approx(-2.0)
-    usual = usual_residual(replace(model, nuisance=nuisance))
-    np.testing.assert_allclose(usual[1:3], [np.hypot(0.1, 0.6), 0.1])
+    expected = expected_residual(replace(model, nuisance=nuisance))
+    np.testing.assert_allclose(expected[1:3], [np.hypot(0.1, 0.6), 0.1])
     assert residual_noise(model).max() < 0.3 * model.noise.max()
 
 
@@ -137,44 +137,45 @@ def offered(watch, ratios, start=0.0, step=0.01):
         watch.offer(t, np.full(2, step * t / 0.2), np.zeros(2), np.zeros(2), np.full(2, ratio))
 
 
-def test_the_watch_asks_only_where_the_residual_stays():
+def test_a_test_is_due_only_for_a_lasting_residual():
     watch = PayloadWatch(('a', 'b'), 16.0)
-    offered(watch, [-9.0] * (FEWEST - 1))
+    offered(watch, [-9.0] * (MIN_WINDOW - 1))
     assert not watch.is_due()
     offered(watch, [-9.0], 100.0)
-    assert watch.is_due() and len(watch.window()) == FEWEST and not watch.is_due()
-    touched = PayloadWatch(('a', 'b'), 16.0)
-    offered(touched, [1.0] * FEWEST + [30.0] * (FEWEST // 3) + [1.0] * FEWEST)
-    assert not touched.is_due()
+    assert watch.is_due() and len(watch.window()) == MIN_WINDOW and not watch.is_due()
+    short_contact = PayloadWatch(('a', 'b'), 16.0)
+    offered(short_contact, [1.0] * MIN_WINDOW + [30.0] * (MIN_WINDOW // 3) + [1.0] * MIN_WINDOW)
+    assert not short_contact.is_due()
     resting = PayloadWatch(('a', 'b'), 16.0)
-    offered(resting, [9.0] * 5 * FEWEST, step=0.0)
+    offered(resting, [9.0] * 5 * MIN_WINDOW, step=0.0)
     assert not resting.is_due()
 
 
 @settings(deadline=None)
 @given(st.floats(0.0, 60.0), st.floats(3.0, 40.0), st.floats(1.0, 100.0))
-def test_only_a_change_that_has_lasted_is_a_payload(lasting, lasts, rate):
-    """Whatever the rate of the samples, and although every look finds a payload."""
-    watch, said = PayloadWatch(('a',), lasting), []
+def test_only_a_lasting_change_is_a_payload(lasting, lasts, rate):
+    """At any sample rate, although each test finds a payload."""
+    watch, suspected = PayloadWatch(('a',), lasting), []
     finding = PayloadFinding(True, False, 'a payload')
     for t in np.arange(0.0, lasts + 10.0, 1.0 / rate):
         ratio = 9.0 if t <= lasts else 1.0
         watch.offer(t, np.array([0.1 * t]), np.zeros(1), np.zeros(1), np.array([ratio]))
         if watch.is_due():
             window = watch.window()
-            assert FEWEST <= len(window) <= MOST and np.diff(window.t).min() > 0.85 * PERIOD
-            if watch.found(finding, window.t[0]) is not None:
-                said.append(t)
-    assert len(said) <= 1 and all(t >= lasting for t in said)
+            assert MIN_WINDOW <= len(window) <= MAX_WINDOW
+            assert np.diff(window.t).min() > 0.85 * PERIOD
+            if watch.add_finding(finding, window.t[0]) is not None:
+                suspected.append(t)
+    assert len(suspected) <= 1 and all(t >= lasting for t in suspected)
     if lasts < lasting:
-        assert not said
-    # The longest pause of two samples at this rate, and the samples from look to look.
-    elif lasts > max(lasting, FEWEST * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
-        assert said
+        assert not suspected
+    # The longest time between two samples at this rate, and the samples between two tests.
+    elif lasts > max(lasting, MIN_WINDOW * (PERIOD + 1.0 / rate)) + 15.0 * (PERIOD + 1.0 / rate):
+        assert suspected
 
 
 @given(st.floats(0.0, 50.0), st.floats(0.0, 3.0))
-def test_an_uncertain_change_is_used_in_part(change, std):
+def test_a_share_of_an_uncertain_change_is_used(change, std):
     class Model:
         def __init__(self, torque):
             self.torque = torque
@@ -185,9 +186,9 @@ def test_an_uncertain_change_is_used_in_part(change, std):
         def predict_std(self, q):
             return np.full((1, 2), std)
 
-    unsure = UnsureChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
-                          np.ones(2))
-    here, far = unsure.share(np.full(2, 0.5)), unsure.share(np.full(2, 1.5))
+    uncertain = UncertainChange(Model(np.array([change, 0.0])), Model(np.zeros(2)), np.zeros(2),
+                                np.ones(2))
+    here, far = uncertain.share(np.full(2, 0.5)), uncertain.share(np.full(2, 1.5))
     assert ((here >= 0.0) & (here <= 1.0)).all() and (far <= here).all()
     if 1e-3 < change <= 2.0 * std:
         assert here[0] == 0.0
@@ -195,7 +196,7 @@ def test_an_uncertain_change_is_used_in_part(change, std):
         assert here[0] >= 0.99
 
 
-def playing(model, **settings):
+def core_with(model, **settings):
     """Return the core of a node with a model in use."""
     core = bench.Core(model, False)
     core.live.set(replace(core.live.settings, **settings))
@@ -203,12 +204,12 @@ def playing(model, **settings):
 
 
 def play(core, samples, until):
-    """Play samples to the core until something holds; messages come at 10 Hz."""
+    """Send samples at 10 Hz until a condition is true."""
     for k in range(len(samples)):
         for j in range(2):
             t = samples.t[k] + 0.1 * j
             q = samples.q[k] + 0.1 * j * samples.qd[k]
-            core.hear(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
+            core.send(bench.Sample(t, q, samples.qd[k], 0.0 * q), samples.tau[k])
         core.live.tick(t, time.monotonic())
         while core.live.learner.fits.state != 'ready':
             time.sleep(0.002)
@@ -219,7 +220,7 @@ def play(core, samples, until):
 
 @pytest.mark.parametrize('action', ['report', 'learn'])
 def test_the_node_reports_a_payload_or_learns_it(action, model):
-    core = playing(model, on_suspected_payload=action, settle_time=0.0)
+    core = core_with(model, on_suspected_payload=action, settle_time=0.0)
     live = core.live
     try:
         play(core, window(seed=1), lambda: live.learner.events)
@@ -227,15 +228,15 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
         play(core, window(2.0, start=190.0, seconds=22.0), lambda: live.learner.events)
         event = live.learner.events.popleft()
         assert 'another payload is suspected' in event.text and event.since > 185.0
-        assert any('another payload' in text for _, text in live.news)
+        assert any('another payload' in text for _, text in live.log_lines)
         status = {each.name: each for each in live.statuses(212.0)}['payload']
         if action == 'learn':
             assert live.arm.epoch.number == 1 and live.arm.epoch.is_open
-            assert 'opened by itself' in live.arm.epoch.describe() and status.level == OK
+            assert 'opened automatically' in live.arm.epoch.describe() and status.level == OK
         else:
             assert live.arm.epoch.number == 0 and status.level == WARN
             play(core, window(2.0, start=212.0), lambda: live.learner.events)
-            assert not live.learner.events, 'said once'
+            assert not live.learner.events, 'suspected once'
             play(core, window(start=222.0), lambda: False)
             status = {each.name: each for each in live.statuses(232.0)}['payload']
             assert status.level == OK
@@ -243,17 +244,17 @@ def test_the_node_reports_a_payload_or_learns_it(action, model):
         live.close()
 
 
-def test_friction_that_holds_is_taken_from_the_whole_way(model):
-    """Of every fourth second alone the way of a joint is not known."""
+def test_static_friction_follows_from_the_whole_path(model):
+    """The path of a joint does not follow from every fourth second alone."""
     t = 0.2 * np.arange(200)
     q = np.stack([0.4 * np.sin(0.2 * t + k) for k in range(7)], axis=1)
     qd = np.stack([0.08 * np.cos(0.2 * t + k) for k in range(7)], axis=1)
     nuisance = NuisanceTerms(tuple(NuisanceTerm(COULOMB, name, 1.0, 0.1) for name in ARM.joints),
                              np.full(7, 0.002), np.full(7, 1e-4), np.full(7, 0.1))
     every = JointSamples.single_run(ARM.joints, t, q, qd, np.zeros_like(q))
-    held = np.arange(200) // 5 % 4 == 3
-    friction = friction_of_both(replace(model, nuisance=nuisance), every.select(~held),
-                                every.select(held))
-    for part, here in zip(friction, (~held, held)):
+    held_out = np.arange(200) // 5 % 4 == 3
+    friction = interleaved_nuisance(replace(model, nuisance=nuisance), every.select(~held_out),
+                                    every.select(held_out))
+    for part, here in zip(friction, (~held_out, held_out)):
         fast = np.abs(qd[here]) > 0.03
         np.testing.assert_allclose(part[1:][fast[1:]], np.sign(qd[here])[1:][fast[1:]], atol=1e-3)

@@ -1,4 +1,4 @@
-"""Gravity in the effort of a trajectory: by name, within the trained range, or not at all."""
+"""Gravity in the effort of a trajectory, by joint name and within the trained range."""
 
 from gravity_comp_ros.errors import DataError, ModelMismatchError
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
@@ -37,8 +37,8 @@ def test_each_point_gets_the_torque_of_its_pose_by_name(model):
     (['a', 'b'], [(0.0, float('nan'))], {}, DataError, 'no finite position'),
     (['a', 'b'], [(0.9, 0.0)], {'max_torque': (5.0,)}, DataError, 'more than allowed'),
 ])
-def test_what_cannot_be_told_is_refused_and_nothing_changes(model, names, poses, options, error,
-                                                            words):
+def test_an_invalid_trajectory_is_refused_and_unchanged(model, names, poses, options, error,
+                                                        words):
     plan = trajectory(names, *poses)
     with pytest.raises(error, match=words):
         fill_effort(plan, model, **options)

@@ -1,8 +1,7 @@
 """
-Arms in MuJoCo: rigid bodies with damping and dry friction, and a controller that moves them.
+Arms in MuJoCo: rigid bodies with damping and Coulomb friction, and a position controller.
 
-Nothing here shares code with the package's own simulation: the physics is MuJoCo's, and the arms
-are described by URDFs of their own, which the package can be given as well.
+This code is independent of the package's own simulation. Each arm has a URDF.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ FloatArray = NDArray[np.float64]
 
 STEP = 0.001
 GRAVITY = 9.81
-# What sensors add: N·m, rad/s.
+# Standard deviation of the noise of effort, N·m, and speed, rad/s.
 EFFORT_NOISE, SPEED_NOISE = 0.1, 0.001
 
 
 @dataclass(frozen=True)
 class Link:
-    """A link: its joint's place in the link before, mass, centre, and the joint's friction."""
+    """A link: pose of its joint in the previous link, mass, centre, friction of the joint."""
 
     xyz: tuple[float, float, float]
     rpy: tuple[float, float, float]
@@ -61,7 +60,7 @@ class Load:
 
 
 def urdf(links: tuple[Link, ...], load: Load | None = None) -> str:
-    """Return the description of an arm, with a load welded to its last link if there is one."""
+    """Return the URDF of an arm, with a load fixed to its last link if there is one."""
     parts = ['<robot name="arm"><link name="base"/>']
     for k, link in enumerate(links):
         parent = f'link_{k}' if k else 'base'
@@ -91,10 +90,10 @@ def _text(values: tuple[float, ...]) -> str:
 
 class MujocoArm:
     """
-    An arm that is moved by torque; `seed` is that of its sensors' noise.
+    An arm with torque input; `seed` is that of the sensor noise.
 
-    Its base is turned by `mount` degrees, 90 for a wall and 180 for a ceiling, about a line
-    between x and y; its description is not.
+    Its base is rotated by `mount` degrees (90 on a wall, 180 on a ceiling) about an axis in the
+    xy plane. The URDF is not rotated.
     """
 
     def __init__(self, build: str, load: Load | None = None, seed: int = 0,
@@ -103,9 +102,9 @@ class MujocoArm:
         self.joints = tuple(f'joint_{k + 1}' for k in range(len(self.links)))
         self.model = mujoco.MjModel.from_xml_string(urdf(self.links, load))
         self.model.opt.timestep = STEP
-        turn = np.radians(mount)
+        angle = np.radians(mount)
         self.model.opt.gravity[:] = GRAVITY * np.array(
-            [-0.8 * np.sin(turn), 0.6 * np.sin(turn), -np.cos(turn)])
+            [-0.8 * np.sin(angle), 0.6 * np.sin(angle), -np.cos(angle)])
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
         self.model.dof_armature[:] = 0.1
@@ -113,7 +112,7 @@ class MujocoArm:
         self.rng = np.random.default_rng([seed, len(self.links)])
 
     def place(self, q: FloatArray) -> None:
-        """Put the arm at rest at a pose (N,) in rad."""
+        """Set the arm at rest at a pose (N,) in rad."""
         self.data.qpos[:], self.data.qvel[:] = q, 0.0
         self.data.qacc_warmstart[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
@@ -126,31 +125,31 @@ class MujocoArm:
     def qd(self) -> FloatArray:
         return np.array(self.data.qvel)
 
-    def sensed(self, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, speed and effort (N,) each as sensors give them."""
+    def measured(self, tau: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return measured position, speed and effort (N,)."""
         n = len(self.joints)
         return (self.q, self.qd + SPEED_NOISE * self.rng.normal(size=n),
                 tau + EFFORT_NOISE * self.rng.normal(size=n))
 
     def step(self, tau: FloatArray) -> None:
-        """Go on by `STEP` s with torques (N,) in N·m."""
+        """Simulate `STEP` s with torques (N,) in N·m."""
         self.data.qfrc_applied[:] = tau
         mujoco.mj_step(self.model, self.data)
 
     def gravity(self, q: FloatArray) -> FloatArray:
         """Return the true gravity torque (M, N) in N·m at poses (M, N)."""
         data = mujoco.MjData(self.model)
-        found = []
+        torques = []
         for pose in np.atleast_2d(q):
             data.qpos[:], data.qvel[:] = pose, 0.0
             mujoco.mj_forward(self.model, data)
-            found.append(np.array(data.qfrc_bias))
-        return np.array(found)
+            torques.append(np.array(data.qfrc_bias))
+        return np.array(torques)
 
 
 @dataclass(frozen=True)
 class SlowPath:
-    """A slow sine a joint, 0.5 to 0.7 rad about a centre, at most 0.13 rad/s."""
+    """A slow sine per joint, amplitude 0.5 to 0.7 rad, at most 0.13 rad/s."""
 
     amplitude: FloatArray
     omega: FloatArray
@@ -158,8 +157,8 @@ class SlowPath:
     centre: FloatArray
 
     @classmethod
-    def drawn(cls, n_joints: int, seed: int) -> SlowPath:
-        """Draw the path of a seed."""
+    def random(cls, n_joints: int, seed: int) -> SlowPath:
+        """Return the random path of a seed."""
         rng = np.random.default_rng([seed, 4])
         amplitude = rng.uniform(0.5, 0.7, n_joints)
         return cls(amplitude, rng.uniform(0.6, 1.0, n_joints) * 0.13 / amplitude,

@@ -1,20 +1,21 @@
 """
-Let an arm in MuJoCo stand on the torques of the running node, over DDS, and measure how it drifts.
+Drift of an arm in MuJoCo that the torque of the running node supports, over DDS.
 
     OPENBLAS_NUM_THREADS=1 python3 -m bench.closed_loop.closed_loop [--seeds 3] [--described]
 
-A controller moves the arm slowly for 75 s, without a load, while the node learns it. Then 2 kg
-hang on the flange: `~/payload_changed`, and slow motion for 15 s, and on to 75 s. At each of these
-stages the arm is put at rest at poses drawn from the box that the motion spanned, and
-`~/gravity_torques` alone supports it for 5 s. Drift is the largest turn of any joint, in degrees.
-With `--mount` the arm is on a wall (90 degrees) or a ceiling (180), its description is upright.
-The node runs with its default parameters but for `unlimited_torque`. Its torque is an arm's only
-support, so friction of 1 N·m a joint helps, and a wrong torque above that moves the arm.
+A controller moves the arm slowly for 75 s without a load, while the node learns. Then 2 kg are
+attached to the flange, `~/payload_changed` is called, and the arm moves slowly for 15 s and for 75
+s. After each stage the arm is set at rest at random poses within the range of the motion, and
+`~/gravity_torques` alone supports it for 5 s. Drift is the largest rotation of any joint in
+degrees. With `--mount` the arm is on a wall (90 degrees) or a ceiling (180) and its URDF is
+upright. The node has its default parameters except `unlimited_torque`. Friction of 1 N·m per joint
+holds the arm, so only a larger torque error moves it.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 import sys
 import time
@@ -25,16 +26,17 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'test'))
 RATE = 100.0
-STANDS = 5.0
+# Time for which the node's torque alone supports the arm, s.
+SUPPORTED = 5.0
 LOAD = Load(2.0)
 
 
 class Rig:
-    """An arm, its sensors on `joint_states`, and whoever moves it: a controller or the node."""
+    """An arm with its joint states, moved by a controller or supported by the node."""
 
     def __init__(self, probe, build: str, seed: int, mount: float = 0.0) -> None:
         self.probe, self.build, self.seed, self.mount = probe, build, seed, mount
-        self.path = SlowPath.drawn(len(BUILDS[build]), seed)
+        self.path = SlowPath.random(len(BUILDS[build]), seed)
         self.arm = MujocoArm(build, None, seed, mount)
         self.control = Controller(len(self.arm.joints))
         self.stamp, self.begun = 0.0, time.monotonic()
@@ -42,40 +44,35 @@ class Rig:
         self.high = -self.low
         self.supplied = np.zeros(len(self.arm.joints))
 
-    def hang(self, load: Load) -> None:
-        """Put a load on the flange, the arm held by its controller."""
+    def attach(self, load: Load) -> None:
+        """Attach a load to the flange."""
         q = self.arm.q
         self.arm = MujocoArm(self.build, load, self.seed + 100, self.mount)
         self.arm.place(q)
 
     def move(self, start: float, duration: float) -> None:
-        """Follow the slow path from `start` on, in real time."""
+        """Follow the slow path from time `start`, in real time."""
         self._approach(self.path.at(start)[0])
         for k in range(round(duration * RATE)):
-            for step in range(round(1.0 / (RATE * STEP))):
-                q, qd = self.path.at(start + k / RATE + step * STEP)
-                tau = self.control.torque(self.arm, q, qd)
-                self.arm.step(tau)
-            self.low, self.high = np.minimum(self.low, self.arm.q), np.maximum(self.high,
-                                                                               self.arm.q)
-            self._send(tau)
+            self._simulate(lambda step, t=start + k / RATE: self.control.torque(
+                self.arm, *self.path.at(t + step * STEP)))
+            self.low = np.minimum(self.low, self.arm.q)
+            self.high = np.maximum(self.high, self.arm.q)
 
-    def stand(self, q: np.ndarray) -> float:
-        """Return the drift in degrees of an arm that the node's torque alone supports."""
+    def drift(self, q: np.ndarray) -> float:
+        """Return the drift in degrees from pose q with the node's torque as only support."""
         self._approach(q)
         drift, first = 0.0, self.arm.q
-        for k in range(round(STANDS * RATE)):
+        for k in range(round(SUPPORTED * RATE)):
             tau = self.node_torque()
-            for _ in range(round(1.0 / (RATE * STEP))):
-                self.arm.step(tau)
-            self._send(tau)
+            self._simulate(lambda _, tau=tau: tau)
             drift = max(drift, float(np.abs(self.arm.q - first).max()))
             if drift > 2.0:
                 break
         return float(np.degrees(drift))
 
     def node_torque(self) -> np.ndarray:
-        """Return the last torque that the node published."""
+        """Return the last published torque."""
         torques = self.probe.torques
         if torques:
             self.supplied = np.array(torques[-1].effort)
@@ -83,24 +80,25 @@ class Rig:
         return self.supplied
 
     def _approach(self, q: np.ndarray) -> None:
-        """Go to a pose slowly enough to be safe, too fast to be learned from, and settle."""
+        """Move to a pose, faster than the gate accepts for learning, and come to rest."""
         start = self.arm.q
         steps = max(50, round(float(np.abs(q - start).max()) / 0.4 * RATE))
         for k in range(steps + 50):
             share = min(1.0, k / steps)
             share = share * share * (3.0 - 2.0 * share)
-            for _ in range(round(1.0 / (RATE * STEP))):
-                tau = self.control.torque(self.arm, start + share * (q - start), 0.0 * q)
-                self.arm.step(tau)
-            self._send(tau)
+            goal = start + share * (q - start)
+            self._simulate(lambda _, goal=goal: self.control.torque(self.arm, goal, 0.0 * q))
 
-    def _send(self, tau: np.ndarray) -> None:
-        """Publish what the sensors say, and wait until it is due."""
+    def _simulate(self, torque: Callable[[int], np.ndarray]) -> None:
+        """Simulate until the next message with a torque per step, publish it, and wait."""
+        for step in range(round(1.0 / (RATE * STEP))):
+            tau = torque(step)
+            self.arm.step(tau)
         self.stamp += 1.0 / RATE
-        position, speed, effort = self.arm.sensed(tau)
+        position, speed, effort = self.arm.measured(tau)
         self.probe.send(self.arm.joints, 1000.0 + self.stamp, position, speed, effort)
-        left = self.begun + self.stamp - time.monotonic()
-        self.probe.spin(max(left, 1e-3))
+        remaining = self.begun + self.stamp - time.monotonic()
+        self.probe.spin(max(remaining, 1e-3))
 
 
 def measure(build: str, seed: int, described: bool, poses: int,
@@ -110,34 +108,34 @@ def measure(build: str, seed: int, described: bool, poses: int,
     parameters: dict[str, object] = {'unlimited_torque': True}
     if described:
         parameters['robot_description'] = "'" + urdf(BUILDS[build]).replace('\n', '') + "'"
-    found: dict[str, list[float]] = {}
+    drifts: dict[str, list[float]] = {}
     with running(parameters) as (_, probe):
         rig = Rig(probe, build, seed, mount)
         rng = np.random.default_rng([seed, 9])
 
         def stage(name: str) -> None:
-            drawn = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
+            start = rng.uniform(rig.low, rig.high, (poses, len(rig.low)))
             before = probe.status['model'].message
-            found[name] = [rig.stand(q) for q in drawn]
-            size = np.sqrt((rig.arm.gravity(drawn) ** 2).mean())
-            print(f'  {build} {seed} {name}: drift {np.round(found[name], 2)} degrees, gravity '
+            drifts[name] = [rig.drift(q) for q in start]
+            size = np.sqrt((rig.arm.gravity(start) ** 2).mean())
+            print(f'  {build} {seed} {name}: drift {np.round(drifts[name], 2)} degrees, gravity '
                   f'{size:.1f} N·m; {before[:90]}; '
                   f'{probe.status["learning"].message[:150]} '
                   f'{probe.values("learning").get("last fit", "")[:300]}', flush=True)
 
         rig.move(0.0, 75.0)
         stage('no load')
-        rig.hang(LOAD)
+        rig.attach(LOAD)
         assert probe.call('payload_changed').success
         rig.move(75.0, 15.0)
         stage('2 kg, 15 s')
         rig.move(90.0, 60.0)
         stage('2 kg, 75 s')
-    return found
+    return drifts
 
 
 def main() -> None:
-    """Measure and print medians and worst of each stage."""
+    """Print median and maximum drift of each stage."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seeds', type=int, default=3)
     parser.add_argument('--poses', type=int, default=5)

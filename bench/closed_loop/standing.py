@@ -1,17 +1,16 @@
 """
-An arm in MuJoCo that stands on the torque of the running node, while faults are fired.
+Faults of the input of the running node, whose torque supports an arm in MuJoCo.
 
     python3 -m bench.closed_loop.standing [--only TEXT] [--axes]
 
-The node is a process of its own, and simulation and node talk over DDS in lock-step: a joint state
-every 20 ms of simulated time, `/clock`, and the torque that answers it. Each fault of the effort
-begins with `~/payload_changed`: the arm moves slowly for 30 s under its position controller with
-the node's torque added, and what its sensors report is broken. Then the controller is switched
-off, and the arm stands on the torque of the node alone for 4 s. Faults of the input come while it
-stands. The arm stays where no joint moves by more than 0.05 rad. A fault passes where the arm
-stays, or where a status warned before it moved, and where no model of broken effort is in use at
-the end. Beside broken effort, real payloads of 1 and 3 kg
-must be learned, for the arm to stay.
+The node is a separate process. Simulation and node communicate over DDS in lock-step: every 20 ms
+of simulated time a joint state, `/clock`, and the torque in reply. Each fault of the effort begins
+with `~/payload_changed`: the arm moves slowly for 30 s under its position controller plus the
+node's torque, with broken effort. Then the controller is switched off, and the torque of the node
+alone supports the arm for 4 s. Faults of the input begin while it is supported. The arm is at rest
+if no joint moves by more than 0.05 rad. A fault passes if the arm stays at rest or a status warned
+before it moved, and no model of broken effort is in use at the end. Real payloads of 1 and 3 kg
+must be learned, and the arm must stay at rest.
 """
 
 from __future__ import annotations
@@ -33,61 +32,66 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / 'test'), str(ROOT / 'bench' / 'node_faults')]
-EVERY = 20
-STAYS = 0.05
-MOVING, STANDING = 30.0, 4.0
+# Simulation steps per joint state.
+STEPS = 20
+# Maximum motion of a joint of an arm at rest, rad.
+MAX_MOTION = 0.05
+# Time of motion for learning, and of support by the node alone, s.
+MOVING, SUPPORTED = 30.0, 4.0
 WARN = 1
 WATCHED = ('learning', 'input', 'feed-forward', 'clock', 'model')
 Spoil = Callable[[FloatArray], FloatArray]
 
 
 class Rig:
-    """The simulated arm, its controller, and the node that answers it."""
+    """The simulated arm, its controller, and its communication with the node."""
 
     def __init__(self, probe, clock, build: str, seed: int) -> None:
         from rosgraph_msgs.msg import Clock
         self.probe, self._clock, self._tick = probe, clock, Clock()
         self.build, self.seed = build, seed
         self.t = 100.0
-        self.path = SlowPath.drawn(len(SEVEN), seed)
+        self.path = SlowPath.random(len(SEVEN), seed)
         self.control = Controller(len(SEVEN))
         self.feed = np.zeros(len(SEVEN))
         self.rng = np.random.default_rng(seed)
         self.warned: tuple[float, str] | None = None
-        self.taken = False
+        self.accepted = False
         self.carry(None, 75.0)
 
     def carry(self, load: Load | None, at: float) -> None:
-        """Take another arm, with this load, at a moment of the path."""
+        """Replace the arm by one with this load, at a time of the path."""
         self.arm = MujocoArm(self.build, load, self.seed + 7)
         self.begun = at
         self.arm.place(self.path.at(at)[0])
 
     def watch(self) -> None:
-        """Begin to look for warnings."""
+        """Start to record warnings."""
         self.probe.status.clear()
-        self.warned, self.taken = None, False
+        self.warned, self.accepted = None, False
 
     def goal(self, moves: bool) -> tuple[FloatArray, FloatArray]:
         q, qd = self.path.at(self.begun)
         return (q, qd) if moves else (q, 0.0 * qd)
 
-    def run(self, seconds: float, moves: bool, held: bool, spoil: Spoil | None = None,
+    def run(self, seconds: float, moves: bool, controlled: bool, spoil: Spoil | None = None,
             send: Callable[..., None] | None = None) -> float:
         """
-        Go on for some seconds; return by how much the arm left its pose at the start, rad.
+        Simulate some seconds; return the largest distance of a joint from its start, rad.
 
-        :param moves: along the path; :param held: by its controller.
-        :param spoil: of the effort. :param send: instead of a joint state as it should be.
+        :param moves: whether the arm follows the path.
+        :param controlled: whether the controller is on.
+        :param spoil: returns the reported effort from the measured one.
+        :param send: sends the joint state; None for an unchanged one.
         """
-        start, most = self.arm.q, 0.0
-        for _ in range(round(seconds / (EVERY * STEP))):
+        start, distance = self.arm.q, 0.0
+        for _ in range(round(seconds / (STEPS * STEP))):
             self._exchange(spoil, send)
-            for _ in range(EVERY):
+            for _ in range(STEPS):
                 if moves:
                     self.begun += STEP
                 tau = self.feed.copy()
-                if held:
+                if controlled:
                     tau += self.control.torque(self.arm, *self.goal(moves))
                 self.tau = tau
                 self.arm.step(tau)
@@ -95,18 +99,18 @@ class Rig:
             if moves:
                 self._wait_for_fits()
             if not moves:
-                most = max(most, float(np.abs(self.arm.q - start).max()))
-                if most > STAYS and not held:
+                distance = max(distance, float(np.abs(self.arm.q - start).max()))
+                if distance > MAX_MOTION and not controlled:
                     break
-        return most
+        return distance
 
     def _exchange(self, spoil: Spoil | None, send: Callable[..., None] | None) -> None:
-        """Send the state of the arm, and take the torque that answers."""
+        """Send the state of the arm, and receive the torque in reply."""
         probe = self.probe
         self._tick.clock.sec = int(self.t)
         self._tick.clock.nanosec = min(int((self.t % 1.0) * 1e9), 999_999_999)
         self._clock.publish(self._tick)
-        q, qd, tau = self.arm.sensed(getattr(self, 'tau', self.feed))
+        q, qd, tau = self.arm.measured(getattr(self, 'tau', self.feed))
         tau = tau if spoil is None else spoil(tau)
         count = len(probe.torques)
         if send is None:
@@ -119,17 +123,17 @@ class Rig:
         if probe.torques:
             self.feed = np.array(probe.torques[-1].effort)
             del probe.torques[:-1], probe.commands[:-1]
-        self._look()
+        self._record_warnings()
 
     def _wait_for_fits(self) -> None:
-        """Let no simulated time pass while a fit runs, so that a busy machine changes nothing."""
+        """Wait for a running fit, so that its duration in simulated time is 0."""
         end = time.monotonic() + 60.0
         while self.probe.values('learning').get('fit process') == 'fitting' \
                 and time.monotonic() < end:
             self.probe.spin(0.01)
 
-    def _look(self) -> None:
-        self.taken = self.taken or ' in epoch ' in self.probe.status['model'].message
+    def _record_warnings(self) -> None:
+        self.accepted = self.accepted or ' in epoch ' in self.probe.status['model'].message
         if self.warned is None:
             for name in WATCHED:
                 status = self.probe.status[name]
@@ -137,8 +141,8 @@ class Rig:
                     self.warned = self.t, f'{name}: {status.message}'
                     return
 
-    def settle(self, spoil: Spoil | None) -> None:
-        """Stand still, held by the controller, until no fit runs; then until warnings are out."""
+    def finish_fits(self, spoil: Spoil | None) -> None:
+        """Rest under the controller until no fit runs and warnings have been published."""
         quiet, end = 0, time.monotonic() + 60.0
         while quiet < 20 and time.monotonic() < end:
             self.run(0.05, False, True, spoil)
@@ -148,7 +152,7 @@ class Rig:
 
 
 def spoiled(kind: Callable, rig: Rig) -> Spoil:
-    """Return broken effort sample by sample: a frozen sensor repeats the first of them."""
+    """Return broken effort sample by sample; a frozen sensor repeats the first sample."""
     path = np.array([rig.path.at(t)[0] for t in np.arange(75.0, 75.0 + MOVING, 0.5)])
     torque = rig.arm.gravity(path)
     largest = torque[np.argmax(np.abs(torque).max(axis=1))]
@@ -162,25 +166,25 @@ def spoiled(kind: Callable, rig: Rig) -> Spoil:
 
 
 def effort_fault(rig: Rig, kind: Callable | None, load: Load | None = None) -> tuple[float, str]:
-    """Learn from broken or true effort, then stand; return the movement and what is in use."""
+    """Learn from broken or true effort; return the motion under support, and the model in use."""
     rig.carry(load, 75.0)
     rig.run(3.0, False, True)
     rig.watch()
     spoil = None if kind is None else spoiled(kind, rig)
     rig.probe.call('payload_changed')
     rig.run(MOVING, True, True, spoil)
-    rig.settle(spoil)
-    moved = rig.run(STANDING, False, False, spoil)
+    rig.finish_fits(spoil)
+    moved = rig.run(SUPPORTED, False, False, spoil)
     return moved, str(rig.probe.status['model'].message)
 
 
 def input_fault(rig: Rig, send: Callable[..., None]) -> tuple[float, str]:
-    """Let the arm stand on the torque, then fire a fault of the input."""
+    """Inject a fault of the input while the node supports the arm; return as `effort_fault`."""
     rig.carry(None, 80.0)
     rig.run(3.0, False, True)
     rig.run(1.0, False, False)
     rig.watch()
-    return rig.run(STANDING, False, False, None, send), str(rig.probe.status['model'].message)
+    return rig.run(SUPPORTED, False, False, None, send), str(rig.probe.status['model'].message)
 
 
 def nothing(probe, names, t, q, qd, tau) -> None:
@@ -190,10 +194,10 @@ def nothing(probe, names, t, q, qd, tau) -> None:
 def changed(**change: object) -> Callable[..., None]:
     """Return a sender that replaces parts of each message: `q`, `qd`, `tau`, `t`, `names`."""
     def send(probe, names, t, q, qd, tau) -> None:
-        every = {'names': names, 't': t, 'q': q, 'qd': qd, 'tau': tau}
-        for name, how in change.items():
-            every[name] = how(every[name])  # type: ignore[operator]
-        probe.send(**every)
+        fields = {'names': names, 't': t, 'q': q, 'qd': qd, 'tau': tau}
+        for name, function in change.items():
+            fields[name] = function(fields[name])  # type: ignore[operator]
+        probe.send(**fields)
     return send
 
 
@@ -210,20 +214,20 @@ INPUT = {
 
 
 def faults() -> dict[str, Callable[[Rig], tuple[float, str]]]:
-    """Return every fault by name; the first are no faults and show that it learns."""
+    """Return all faults by name; the first ones are real payloads, which must be learned."""
     from broken_effort import KINDS
-    found: dict[str, Callable[[Rig], tuple[float, str]]] = {
+    result: dict[str, Callable[[Rig], tuple[float, str]]] = {
         f'real payload of {mass:g} kg': lambda rig, mass=mass: effort_fault(  # type: ignore[misc]
             rig, None, Load(mass)) for mass in (1.0, 3.0)}
     for name, kind in KINDS.items():
-        found[name] = lambda rig, kind=kind: effort_fault(rig, kind)  # type: ignore[misc]
+        result[name] = lambda rig, kind=kind: effort_fault(rig, kind)  # type: ignore[misc]
     for name, send in INPUT.items():
-        found[name] = lambda rig, send=send: input_fault(rig, send)  # type: ignore[misc]
-    return found
+        result[name] = lambda rig, send=send: input_fault(rig, send)  # type: ignore[misc]
+    return result
 
 
-def fire(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
-    """Fire one fault at a node of its own; return whether it passed."""
+def run_fault(name: str, play: Callable, path: Path, description: str | None, seed: int) -> bool:
+    """Inject one fault into a new node; return whether it passed."""
     from client import describe
     from ros_harness import running
     from rosgraph_msgs.msg import Clock
@@ -239,13 +243,13 @@ def fire(name: str, play: Callable, path: Path, description: str | None, seed: i
         rig = Rig(probe, clock, 'seven', seed)
         moved, model = play(rig)
         alive = node.process.poll() is None
-    stays = moved <= STAYS
+    stays = moved <= MAX_MOTION
     is_real = name.startswith('real')
     passed = alive and (stays or (rig.warned is not None and not is_real))
     in_use = ' in epoch ' in model
     passed = passed and in_use == is_real
-    if rig.taken and not in_use:
-        model = f'a model was taken for a while; {model}'
+    if rig.accepted and not in_use:
+        model = f'a model was in use temporarily; {model}'
     warned = '' if rig.warned is None else f'; warned: {rig.warned[1][:110]}'
     print(f'{"ok    " if passed else "FAILED"} {time.monotonic() - begun:5.1f} s  {name}: '
           f'{"stays" if stays else "moves"}, {moved:.4f} rad; {model[:60]}{warned}', flush=True)
@@ -253,7 +257,7 @@ def fire(name: str, play: Callable, path: Path, description: str | None, seed: i
 
 
 def main() -> int:
-    """Fire every fault and print a line each."""
+    """Inject all faults, and print a line each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--only', default='')
     parser.add_argument('--axes', action='store_true', help='the axes are known (URDF)')
@@ -262,12 +266,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / 'model.json'
         bare = MujocoArm('seven', None, args.seed)
-        samples = slow_samples(record(bare, SlowPath.drawn(len(SEVEN), args.seed), 0.0, 75.0))
+        samples = slow_samples(record(bare, SlowPath.random(len(SEVEN), args.seed), 0.0, 75.0))
         save_model(path, fit(samples.samples, FitOptions(formulation='auto')).model)
-        every = {name: play for name, play in faults().items() if args.only in name}
-        failed = [name for name, play in every.items() if not fire(
+        selected = {name: play for name, play in faults().items() if args.only in name}
+        failed = [name for name, play in selected.items() if not run_fault(
             name, play, path, urdf(SEVEN) if args.axes else None, args.seed)]
-    print(f'{len(every)} faults, {len(failed)} failures {failed or ""}')
+    print(f'{len(selected)} faults, {len(failed)} failures {failed or ""}')
     return 1 if failed else 0
 
 

@@ -1,9 +1,9 @@
 """
-A client that plays an arm to the running node, and judges every torque that it publishes.
+Client that simulates an arm for the running node, and checks each published torque.
 
 The arm is a simulated iiwa with a payload. Its poses are stamped 0.2 s apart and sent faster, so
 that a minute of slow motion takes a second. Each published torque is compared with the true torque
-of the pose that it answers.
+at the pose of its stamp.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / 'test'))
 ARM = iiwa7()
+# Time between messages, and between their stamps, s.
 PERIOD, STEP = 0.006, 0.2
 NOISE = 0.1
-# Hz; joint states of an arm that is led by hand.
-LED = 50.0
-# N·m by which a torque may be further from the truth than the model before.
-WRONG = 1.0
-# The motion is played faster than it is, and so must torque follow.
+# Rate of joint states of an arm that is guided by hand, Hz.
+GUIDED_RATE = 50.0
+# Torque error allowed in addition to that of the old model, N·m.
+ALLOWED_ERROR = 1.0
+# Rate limit of the torque, N·m/s, for motion that is sent faster than its stamps.
 RATE = 10000.0
-# A pose 0.2 s further on changes no torque by more than this, N·m.
-JUMP = 20.0
+# Maximum torque change between two poses, N·m.
+MAX_STEP = 20.0
 PARAMETERS: dict[str, object] = {
     'ramp_time': 0.1, 'max_torque': '[176.0]', 'max_torque_rate': f'[{RATE}]',
     'stale_after': 10.0, 'stale_action': 'hold', 'settle_time': 0.0, 'diagnostics_rate': 20.0,
@@ -41,7 +42,7 @@ Spoil = Callable[[FloatArray, np.random.Generator], FloatArray]
 
 
 def describe(probe, text: str) -> None:
-    """Publish a robot description, once and for those who come later."""
+    """Publish a robot description, latched."""
     from rclpy.qos import DurabilityPolicy, QoSProfile
     from std_msgs.msg import String
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -52,12 +53,12 @@ def describe(probe, text: str) -> None:
 
 
 def healthy(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return the effort as it is."""
+    """Return the unchanged effort."""
     return tau
 
 
 class Player:
-    """Moves the arm, sends what its sensors say, and keeps what the node publishes."""
+    """Moves the arm, sends its measurements, and checks the torques of the node."""
 
     def __init__(self, probe, model: GravityModel, payload: Payload | None = None,
                  seed: int = 0) -> None:
@@ -66,20 +67,20 @@ class Player:
         self.t = 1000.0 + 100.0 * seed
         self.poses: dict[tuple[int, int], FloatArray] = {}
         self.wrong: list[str] = []
-        self.judged = 0
+        self.checked = 0
         self.carry(payload)
 
     def carry(self, payload: Payload | None) -> None:
-        """Put a payload on the last link, or none."""
+        """Attach a payload to the last link, or remove it."""
         self.arm = ARM if payload is None else with_payload(ARM, payload)
 
     def move(self, n: int, spoil: Spoil = healthy, period: float = PERIOD, **change) -> None:
         """
         Send n joint states of slow motion.
 
-        :param spoil: what is reported instead of the true torque.
-        :param change: fields of every message that are replaced: `velocity`, `turn` (rad added
-            to all positions), `scale` (of positions), `stamp`.
+        :param spoil: returns the reported effort from the true torque.
+        :param change: replaced fields of each message: `velocity`, `offset` (rad added to all
+            positions), `scale` (of positions), `stamp`.
         """
         part = eq17(n * STEP, 1.0 / STEP, self.t)
         tau = gravity_torque(self.arm, part.q) + NOISE * self.rng.standard_normal(part.q.shape)
@@ -89,7 +90,7 @@ class Player:
             t = self.t + STEP * k
             q = part.q[k]
             self.poses[int(t), round((t - int(t)) * 1e9)] = q
-            sent = q * change.get('scale', 1.0) + change.get('turn', 0.0)
+            sent = q * change.get('scale', 1.0) + change.get('offset', 0.0)
             self.probe.send(ARM.joints, change.get('stamp', t), sent,
                             change.get('velocity', part.qd[k]), effort[k])
             due += period
@@ -97,13 +98,13 @@ class Player:
         self.t += STEP * n
 
     def error(self) -> float:
-        """Return how far the last torque is from the truth of the last pose, N·m."""
+        """Return the error of the last torque at the last pose, N·m."""
         pose = list(self.poses.values())[-1]
         truth = gravity_torque(self.arm, pose[None])[0]
         return float(np.abs(np.array(self.probe.torques[-1].effort) - truth).max())
 
-    def listen_for_payloads(self) -> list[str]:
-        """Return a list that every payload suspected from now on is added to, as a sentence."""
+    def suspected_payloads(self) -> list[str]:
+        """Return a list to which the text of each suspected payload is added from now on."""
         from diagnostic_msgs.msg import DiagnosticArray
         events: list[str] = []
         self.probe.create_subscription(
@@ -113,15 +114,15 @@ class Player:
         return events
 
     def jump(self, t: float) -> None:
-        """Go to another part of the motion; what is published on the way is not judged."""
+        """Go to another part of the motion; torques published on the way are not checked."""
         self.t = t
         self.move(30)
         self.probe.spin(0.3)
         self.probe.torques.clear()
 
-    def lead(self, seconds: float) -> None:
-        """Lead the arm by hand, as fast as it is: its effort is what the node published last."""
-        part = eq17(seconds, LED, self.t)
+    def guide(self, seconds: float) -> None:
+        """Guide the arm by hand in real time: its effort is the last published torque."""
+        part = eq17(seconds, GUIDED_RATE, self.t)
         due = time.monotonic()
         for k, t in enumerate(part.t):
             self.poses[int(t), round((t - int(t)) * 1e9)] = part.q[k]
@@ -129,12 +130,12 @@ class Player:
             effort = np.array(torques[-1].effort) if torques else np.zeros(7)
             self.probe.send(ARM.joints, t, part.q[k], part.qd[k],
                             effort + 0.02 * self.rng.standard_normal(7))
-            due += 1.0 / LED
+            due += 1.0 / GUIDED_RATE
             self.probe.spin(max(1e-4, due - time.monotonic()))
         self.t += seconds
 
-    def settle(self, seconds: float = 60.0) -> None:
-        """Wait until no fit runs and none is due, and what was sent has been answered."""
+    def finish_fits(self, seconds: float = 60.0) -> None:
+        """Wait until no fit runs or is due, and all messages have been answered."""
         self.probe.spin(0.1)
         quiet = 0
         end = time.monotonic() + seconds
@@ -143,13 +144,13 @@ class Player:
             state = self.probe.values('learning').get('fit process')
             quiet = quiet + 1 if state == 'ready' else 0
 
-    def judge(self, what: str, ramps: bool = False) -> None:
+    def check(self, what: str, ramps: bool = False) -> None:
         """
-        Judge every torque that came since the last call.
+        Check each torque since the last call.
 
-        It must be no further from the truth than the model that the node began with, and 1 N·m.
+        Its error must not exceed that of the initial model by more than `ALLOWED_ERROR`.
 
-        :param ramps: torque may be on its way up from zero, or down to it.
+        :param ramps: torque may ramp from or to zero.
         """
         last: FloatArray | None = None
         for message in self.probe.torques:
@@ -160,22 +161,22 @@ class Player:
                 self.wrong.append(f'{what}: {tau} is no torque')
             if pose is None:
                 continue
-            self.judged += 1
+            self.checked += 1
             truth = gravity_torque(self.arm, pose[None])[0]
-            allowed = WRONG + np.abs(self.model.predict_one(pose) - truth)
-            # Torque that ramps lies between none and that of a right model.
+            allowed = ALLOWED_ERROR + np.abs(self.model.predict_one(pose) - truth)
+            # A ramping torque is between zero and the true torque.
             error = np.abs(tau - truth) if not ramps else np.maximum(
                 np.abs(tau) - np.abs(truth), -np.sign(truth) * tau)
             if (error > allowed).any():
                 k = int(np.argmax(error - allowed))
                 self.wrong.append(f'{what}: {ARM.joints[k]} {tau[k]:.2f} N·m, truth '
                                   f'{truth[k]:.2f}, allowed {allowed[k]:.2f}')
-            if last is not None and np.abs(tau - last).max() > JUMP:
+            if last is not None and np.abs(tau - last).max() > MAX_STEP:
                 self.wrong.append(f'{what}: a step of {np.abs(tau - last).max():.1f} N·m')
             last = tau
         self.probe.torques.clear()
         self.probe.commands.clear()
 
     def model_in_use(self) -> str:
-        """Return what the status says of the model."""
+        """Return the message of the status `model`."""
         return str(self.probe.report('model').message)

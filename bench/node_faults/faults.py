@@ -1,4 +1,4 @@
-"""Faults by name: what the arm does, and what the node must say."""
+"""Faults by name: the input of the node, and its required reaction."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import time
 
-from broken_effort import Break, KINDS
+from broken_effort import Break, intermittent_brake, KINDS
 from client import healthy, Player
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.simulation.arms import Payload
@@ -19,10 +19,9 @@ MASSES = (0.3, 0.5, 1.0, 2.0, 3.0, 5.0)
 @dataclass(frozen=True)
 class Fault:
     """
-    One fault: `play` does it and returns what is wrong with the node's answer, empty if nothing.
+    One fault: `play` injects it and returns the error in the node's reaction, empty if none.
 
-    `parameters` are those of the node beside the usual ones; faults with the same ones share a
-    process.
+    `parameters` are additional parameters of the node; faults with equal ones share a process.
     """
 
     name: str
@@ -41,16 +40,16 @@ def broken(kind: str, n: int, seed: int) -> Fault:
         player.probe.call('payload_changed')
         for part in np.diff([0, *(m for m in (60, 120, 220, 320) if m <= n)]):
             player.move(int(part), KINDS[kind])
-            player.settle()
-        # A wrong model that was taken would speak up now, with effort that is right again.
+            player.finish_fits()
+        # A wrong model in use would show now, with correct effort.
         player.move(20)
-        player.settle()
+        player.finish_fits()
         after = player.model_in_use()
-        return '' if before == after or 'epoch' not in after else f'model taken: {after}'
+        return '' if before == after or 'epoch' not in after else f'model accepted: {after}'
     return Fault(f'{kind}, {n} samples, seed {seed}', play, {})
 
 
-def drawn(seed: int, is_off_axis: bool) -> Payload:
+def random_payload(seed: int, is_off_axis: bool) -> Payload:
     """Return a payload of 0.3 to 5 kg."""
     rng = np.random.default_rng(seed)
     side = rng.uniform(-0.15, 0.15, 2) if is_off_axis else (0.0, 0.0)
@@ -59,7 +58,7 @@ def drawn(seed: int, is_off_axis: bool) -> Payload:
 
 def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
     """Return a real payload, which must be learned within 20 s of motion."""
-    payload = drawn(seed, is_off_axis)
+    payload = random_payload(seed, is_off_axis)
     centre = ', '.join(f'{x:.2f}' for x in payload.com)
 
     def play(player: Player) -> str:
@@ -70,86 +69,77 @@ def real(seed: int, is_off_axis: bool, spoil: Break = healthy) -> Fault:
         before = player.model_in_use()
         for _ in range(2):
             player.move(50, spoil)
-            player.settle()
+            player.finish_fits()
         after = player.model_in_use()
-        told = player.probe.status['learning'].message
+        message = player.probe.status['learning'].message
         if after == before:
-            return f'no model: {told}'
-        if spoil is not healthy and 'outliers' not in told:
-            return f'nothing about outliers: {told}'
+            return f'no model: {message}'
+        if spoil is not healthy and 'outliers' not in message:
+            return f'outliers are not reported: {message}'
         return ''
-    what = 'real payload' if spoil is healthy else 'brakes now and then, payload'
+    what = 'real payload' if spoil is healthy else 'intermittent brake, payload'
     return Fault(f'{what} of {payload.mass:g} kg at {centre} m, seed {seed}', play, {})
 
 
-def brakes(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return effort with a brake that grips for half a second, every few seconds."""
-    found, k = tau.copy(), int(rng.integers(5, 15))
-    while k < len(found):
-        found[k:k + 3, int(rng.integers(0, 5))] += rng.choice([-1.0, 1.0]) * 10.0
-        k += int(rng.integers(20, 60))
-    return found
-
-
-def touches(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
+def contacts(tau: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return effort with a push of up to three seconds, about every half minute."""
-    found, k = tau.copy(), int(rng.integers(20, 60))
-    while k < len(found):
-        found[k:k + int(rng.integers(2, 16))] += rng.uniform(1.0, 10.0) * rng.standard_normal(7)
+    effort, k = tau.copy(), int(rng.integers(20, 60))
+    while k < len(effort):
+        effort[k:k + int(rng.integers(2, 16))] += rng.uniform(1.0, 10.0) * rng.standard_normal(7)
         k += int(rng.integers(100, 200))
-    return found
+    return effort
 
 
-def untold(mass: float) -> Fault:
-    """Return a payload that the node is not told of: it must be suspected, and nothing learned."""
+def unannounced(mass: float) -> Fault:
+    """Return an unannounced payload, which must be suspected and not learned."""
     def play(player: Player) -> str:
-        events = player.listen_for_payloads()
+        events = player.suspected_payloads()
         player.jump(7000.0)
         before = player.model_in_use()
-        player.move(80, touches)
-        player.settle()
+        player.move(80, contacts)
+        player.finish_fits()
         if events:
             return f'false alarm: {events[0]}'
         player.carry(Payload(mass, (0.05, 0.0, 0.1)))
         for k in range(15):
             player.move(10)
-            player.settle()
+            player.finish_fits()
             if events:
                 print(f'       {mass:g} kg suspected after {2 * k + 2} s of motion')
                 break
         if player.model_in_use() != before:
-            return 'a model was taken'
+            return 'a model was accepted'
         return '' if events and 'another payload' in events[0] else 'not suspected'
-    return Fault(f'a payload of {mass:g} kg that the node is not told of', play, {})
+    return Fault(f'an unannounced payload of {mass:g} kg', play, {})
 
 
-def touched(minutes: float) -> Fault:
-    """Return motion with touches, in which no payload is to be suspected."""
+def contacts_only(minutes: float) -> Fault:
+    """Return motion with contacts, in which no payload must be suspected."""
     def play(player: Player) -> str:
-        events = player.listen_for_payloads()
+        events = player.suspected_payloads()
         player.jump(9000.0)
         player.rng = np.random.default_rng(9)
         for _ in range(round(minutes)):
-            player.move(300, touches)
-            player.settle()
+            player.move(300, contacts)
+            player.finish_fits()
         return f'{len(events)} false alarms, {events[0]}' if events else ''
-    return Fault(f'{minutes:g} minutes of motion with touches', play, {})
+    return Fault(f'{minutes:g} minutes of motion with contacts', play, {})
 
 
 def lost_stamps() -> Fault:
-    """Return stamps that become 0: the poses go on, and so must the torque."""
+    """Return stamps that become 0; the torque must follow the poses."""
     def play(player: Player) -> str:
         player.jump(5500.0)
         player.move(40)
         player.move(60, stamp=0.0)
         end = time.monotonic() + 20.0
         while player.error() > 1.0 and time.monotonic() < end:
-            # What was sent is still under way on a busy machine.
+            # On a busy machine messages are still in transit.
             player.probe.spin(0.05)
         text = player.probe.report('input').message
         if (error := player.error()) > 1.0:
-            return f'{error:.1f} N·m off'
-        # A report may have been made before the messages were read.
+            return f'error of {error:.1f} N·m'
+        # A report may precede the handling of the messages.
         while 'stamp_lost' not in str(player.probe.values('input')):
             if time.monotonic() > end:
                 return f"input: {text} {player.probe.values('input')}"
@@ -159,23 +149,23 @@ def lost_stamps() -> Fault:
 
 
 def pause(seconds: float, action: str) -> Fault:
-    """Return input that stops, and comes again while the arm is elsewhere."""
+    """Return input that stops, and returns with the arm at another pose."""
     def play(player: Player) -> str:
         player.jump(6000.0)
         player.move(60)
         player.probe.spin(seconds)
         before = np.array(player.probe.torques[-1].effort)
-        # Elsewhere, for a minute that is played as fast as the others.
+        # Another pose, with 20 s of motion between.
         player.t += 20.0
         count = len(player.probe.torques)
         player.move(100)
         steps = np.abs(np.diff([before, *(message.effort for message in
                                           player.probe.torques[count:])], axis=0))
-        # Torque is on its way to another pose: only its steps are judged.
+        # Torque lags the pose, so only its steps are checked.
         player.probe.torques.clear()
-        # At 500 N·m/s, with messages that are up to 15 ms apart on a busy machine.
-        most = 500.0 * 2.0 * 0.015
-        return '' if steps.max() <= most else f'a step of {steps.max():.1f} N·m'
+        # Twice the step at 500 N·m/s and up to 15 ms between messages on a busy machine.
+        allowed = 500.0 * 2.0 * 0.015
+        return '' if steps.max() <= allowed else f'a step of {steps.max():.1f} N·m'
     return Fault(f'{seconds:g} s without input, {action}', play,
                  {'stale_after': 0.2, 'stale_action': action, 'hold_time': 0.1, 'fade_time': 0.2,
                   'max_torque_rate': '[500.0]', 'ramp_time': 0.5}, ramps=True)
@@ -183,9 +173,9 @@ def pause(seconds: float, action: str) -> Fault:
 
 def silent(name: str, expected: str, status: str, parameters: Mapping[str, object],
            **change) -> Fault:
-    """Return messages that are not to be answered by torque."""
+    """Return messages on which no torque must be published."""
     def play(player: Player) -> str:
-        player.settle()
+        player.finish_fits()
         player.probe.torques.clear()
         player.move(40, **change)
         player.probe.report(status)
@@ -197,23 +187,23 @@ def silent(name: str, expected: str, status: str, parameters: Mapping[str, objec
 
 
 def answered(name: str, expected: str, **change) -> Fault:
-    """Return messages that differ from the usual ones, and are answered all the same."""
+    """Return unusual messages on which torque must be published."""
     def play(player: Player) -> str:
-        # The torque lags the pose after a jump between two parts of the motion.
+        # After a jump between two parts of the motion the torque lags the pose.
         player.jump(5000.0)
         player.move(60, **change)
-        player.settle()
+        player.finish_fits()
         count = len(player.probe.torques)
         text = ' '.join(status.message for status in player.probe.status.values())
         text += str(player.probe.values('input'))
         if count < 30:
             return f'{count} of 60 answered'
-        return '' if expected in text else f'nothing about {expected}: {text}'
+        return '' if expected in text else f'{expected} is not reported: {text}'
     return Fault(name, play, {})
 
 
 def floating(seed: int) -> Fault:
-    """Return an arm that floats on the published torque, led by hand, after a payload change."""
+    """Return an arm that floats on the published torque and is guided by hand."""
     def play(player: Player) -> str:
         player.carry(Payload(2.0))
         player.jump(3000.0 + 77.0 * seed)
@@ -221,32 +211,32 @@ def floating(seed: int) -> Fault:
         player.move(5)
         player.probe.call('payload_changed')
         for _ in range(3):
-            player.lead(10.0)
-            player.settle()
+            player.guide(10.0)
+            player.finish_fits()
         after = player.model_in_use()
         text = player.probe.report('learning').message
         if after != before:
-            return f'model taken: {after}'
+            return f'model accepted: {after}'
         return '' if 'published' in text else f'status learning: {text}'
-    return Fault(f'led by hand on the published torque, seed {seed}', play, {})
+    return Fault(f'guided by hand on the published torque, seed {seed}', play, {})
 
 
-def every_fault(seeds: int) -> list[Fault]:
-    """Return the campaign."""
+def all_faults(seeds: int) -> list[Fault]:
+    """Return all faults of the campaign."""
     return [
         *(broken(kind, n, seed) for kind in KINDS for n in LENGTHS for seed in range(seeds)),
         *(real(seed, is_off_axis) for seed in range(10) for is_off_axis in (False, True)),
-        *(real(seed, True, brakes) for seed in range(4)),
-        *(untold(mass) for mass in (0.5, 1.0, 2.0)), touched(10.0),
+        *(real(seed, True, intermittent_brake) for seed in range(4)),
+        *(unannounced(mass) for mass in (0.5, 1.0, 2.0)), contacts_only(10.0),
         *(floating(seed) for seed in range(3)),
         *(pause(seconds, action) for seconds in (0.15, 0.3, 1.0, 3.0)
           for action in ('hold', 'fade')),
         silent('angles in degrees', 'position_absurd', 'input', {}, scale=180.0 / np.pi),
         silent('no clock', 'use_sim_time', 'clock', {'use_sim_time': True}),
-        silent('no bound of the torque', 'max_torque', 'feed-forward',
+        silent('no torque limits', 'max_torque', 'feed-forward',
                {'max_torque': '[]', 'robot_description': 'off'}),
-        answered('all joints turned once', '', turn=2.0 * np.pi),
-        answered('all joints turned back', '', turn=-2.0 * np.pi),
+        answered('all joints one revolution further', '', offset=2.0 * np.pi),
+        answered('all joints one revolution back', '', offset=-2.0 * np.pi),
         lost_stamps(),
         answered('velocity 0 while the arm moves', 'velocity_wrong', velocity=np.zeros(7)),
     ]

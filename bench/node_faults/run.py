@@ -1,16 +1,15 @@
 #!/usr/bin/env python3
 """
-Faults fired at the running node over DDS, each published torque judged against the truth.
+Faults injected into the running node over DDS; each published torque is compared with the truth.
 
     python3 bench/node_faults/run.py [--seeds 1] [--only TEXT] [--axes]
 
-With one seed these are 42 recordings of broken effort (14 kinds, 3 lengths), 20 real payloads (ten
-seeds, on and off the axis), 4 with a brake that grips now and then, 3 that the node is not told
-of, ten minutes of touches, 3 arms led by hand and 15 faults of input, clock and pauses; with three
-seeds 126 of the first. `--axes` gives the node
-the URDF of the arm. A fault fails where a torque is over 1 N·m further from the truth than the
-model before, where a step breaks the rate, where a model of broken effort is in use at its end, or
-where the node does not say what is wrong.
+With one seed these are 42 recordings of broken effort (14 kinds, 3 lengths; 126 with three seeds),
+20 real payloads (ten seeds, on and off the axis), 4 with an intermittent brake, 3 unannounced
+ones, ten minutes of contacts, 3 arms guided by hand, and 15 faults of input, clock and pauses.
+`--axes` publishes the URDF of the arm. A fault fails if a torque error exceeds that of the old
+model by more than 1 N·m, a step exceeds the rate limit, a model of broken effort is in use at the
+end, or the node does not report the fault.
 """
 
 from __future__ import annotations
@@ -32,8 +31,8 @@ ROOT = HERE.parents[1]
 sys.path[:0] = [str(HERE), str(ROOT / 'test')]
 
 
-def fire(faults: list[Any], path: Path, description: str) -> list[str]:
-    """Fire faults at one process; return what went wrong."""
+def run_faults(faults: list[Any], path: Path, description: str) -> list[str]:
+    """Inject faults into one process; return the failures."""
     from client import describe, PARAMETERS, Player
     from ros_harness import running
     failed = []
@@ -45,36 +44,36 @@ def fire(faults: list[Any], path: Path, description: str) -> list[str]:
             start = time.monotonic()
             player = Player(probe, load_model(path))
             problem = fault.play(player)
-            player.judge(fault.name, fault.ramps)
+            player.check(fault.name, fault.ramps)
             if node.process.poll() is not None:
                 problem = 'the node died'
             lines = [*([problem] if problem else []), *player.wrong[:3]]
             print(f'{"FAILED" if lines else "ok    "} {time.monotonic() - start:5.1f} s '
-                  f'{player.judged:5} torques  {fault.name} {" | ".join(lines)}', flush=True)
+                  f'{player.checked:5} torques  {fault.name} {" | ".join(lines)}', flush=True)
             failed += [f'{fault.name}: {line}' for line in lines]
-            back_to_start(probe, player)
+            restore(probe, player)
     return failed
 
 
-def back_to_start(probe, player) -> None:
-    """Go back to the model that the node began with, and let its torque take over."""
+def restore(probe, player) -> None:
+    """Restore the initial model, and wait until its torque is published."""
     while probe.call('rollback').success:
         pass
     player.carry(None)
     player.move(30)
-    # What is learned of the bare arm is learned before the next fault begins.
-    player.settle()
+    # Fits of the bare arm must end before the next fault.
+    player.finish_fits()
     probe.torques.clear()
 
 
 def main() -> int:
-    from faults import every_fault
+    from faults import all_faults
     parser = argparse.ArgumentParser(description=__doc__.split('\n')[1])
     parser.add_argument('--seeds', type=int, default=1)
     parser.add_argument('--only', default='')
     parser.add_argument('--axes', action='store_true')
     args = parser.parse_args()
-    faults = [fault for fault in every_fault(args.seeds) if args.only in fault.name]
+    faults = [fault for fault in all_faults(args.seeds) if args.only in fault.name]
     description = (ROOT / 'bags' / 'iiwa7.urdf').read_text() if args.axes else ''
     failed: list[str] = []
     with tempfile.TemporaryDirectory() as folder:
@@ -83,7 +82,7 @@ def main() -> int:
         save_model(path, fit(bare, FitOptions(formulation='chain')).model)
         for _, group in groupby(faults, key=lambda fault: sorted(
                 (name, str(value)) for name, value in fault.parameters.items())):
-            failed += fire(list(group), path, description)
+            failed += run_faults(list(group), path, description)
     print(f'{len(faults)} faults, {len(failed)} failures')
     return 1 if failed else 0
 

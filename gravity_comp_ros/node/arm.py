@@ -1,4 +1,4 @@
-"""What the node knows of one arm, once its joints are known, and what it does with a reading."""
+"""State of one arm in the node: model in use, samples, feed-forward, figures of diagnostics."""
 
 from __future__ import annotations
 
@@ -16,55 +16,54 @@ from gravity_comp_ros.node.effects_in_use import EffectsInUse
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
-from gravity_comp_ros.node.live_friction import LiveFriction, residual_noise, usual_residual
+from gravity_comp_ros.node.live_friction import expected_residual, LiveFriction, residual_noise
 from gravity_comp_ros.node.messages import (
-    Reader, Reading, TIME_BACK, TIME_STILL, WholeReading)
+    CompleteReading, JointStateReader, Reading, TIME_BACK, TIME_STILL)
 from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
-from gravity_comp_ros.node.payload_watch import CALM, PayloadWatch
-from gravity_comp_ros.node.self_confirmation import SentTorque
-from gravity_comp_ros.node.source import Source
-from gravity_comp_ros.node.unsure_change import UnsureChange
+from gravity_comp_ros.node.payload_watch import MAX_ACCELERATION, PayloadWatch
+from gravity_comp_ros.node.self_confirmation import SentTorqueHistory
+from gravity_comp_ros.node.torque_source import TorqueSource
+from gravity_comp_ros.node.uncertain_change import UncertainChange
 import numpy as np
 
-# rad. Torques that share no energy are fitted joint by joint, and go astray at once where nothing
-# was learned: by hundreds of N·m, a radian away.
+# Largest extrapolation of a per_joint model, rad. Such torques share no energy; a radian outside
+# the trained range their errors are hundreds of N·m.
 PER_JOINT_REACH = 0.1
-# Seconds between two looks at how much of a change is used: each takes a millisecond.
+# Time between two evaluations of the share of an uncertain change, s. Each takes a millisecond.
 SHARE_PERIOD = 0.2
 
 
 class Arm:
-    """The state that exists once the joints are known."""
+    """The state that exists once the joint names are known."""
 
     def __init__(self, joints: tuple[str, ...], settings: Parameters,
                  is_open: bool, has_base: bool) -> None:
         self.joints = joints
         self._settings = settings
-        self.reader = Reader(joints, settings.effort_scale,
-                             settings.continuous_joints)
+        self.reader = JointStateReader(joints, settings.effort_scale, settings.continuous_joints)
         self.described: ArmDescription | None = None
         self._allowed = settings.enabled
         self.is_interleaved = False
         self.gate = Gate(len(joints), gate_options(settings))
         self.gate_counts: Counter[str] = Counter()
         self.health = EffortHealth()
-        self.sent = SentTorque(len(joints))
+        self.sent = SentTorqueHistory(len(joints))
         self._watch: ModelWatch | None = None
         self.feed = FeedForward(len(joints), feedforward_options(settings))
         self.epoch = Epoch(0, joints, epoch_options(settings), is_open, has_base)
         self.payload = PayloadWatch(joints, settings.suspect_after)
         self._friction: LiveFriction | None = None
-        # Squared residuals since the last report: as they are, and beside friction.
+        # Sums of squared residuals since the last report: with and without friction and offset.
         self._squares = np.zeros((2, len(joints)))
         self.n_residual = 0
         self.learn_from = 0.0
         self.last_seen: float | None = None
         self.pose: FloatArray | None = None
         self._model: GravityModel | None = None
-        self._source: Source | None = None
-        self._change: UnsureChange | None = None
+        self._source: TorqueSource | None = None
+        self._change: UncertainChange | None = None
         self._share_at = -np.inf
         self._effects = EffectsInUse(None, settings)
         self._reported: Counter[str] = Counter()
@@ -73,9 +72,9 @@ class Arm:
         self._limit()
 
     def describe(self, described: ArmDescription) -> None:
-        """Use what a robot description says."""
+        """Use axes, continuous joints and effort limits of a robot description."""
         self.described = described
-        self.reader.allow_turns(described.continuous)
+        self.reader.allow_continuous(described.continuous)
         self._limit()
 
     def enable(self, enabled: bool) -> None:
@@ -90,7 +89,7 @@ class Arm:
 
     @property
     def is_limited(self) -> bool:
-        """Whether there is a bound for the torque, or a parameter says that none is needed."""
+        """Whether there is a torque limit, or `unlimited_torque` is set."""
         return bool(self.feed.options.max_torque) or self._settings.unlimited_torque
 
     def _limit(self) -> None:
@@ -100,8 +99,7 @@ class Arm:
         self.feed.set_options(options)
         self.feed.enable(self._allowed and self.is_limited)
 
-    def _bound(self) -> str:
-        """Return where the bound of the torque is from, in a word."""
+    def _limit_source(self) -> str:
         if self._settings.max_torque:
             return 'set'
         if self.feed.options.max_torque:
@@ -117,20 +115,20 @@ class Arm:
         self._effects = EffectsInUse(self._model, self._settings)
 
     def use(self, model: GravityModel, before: GravityModel | None, learned: int,
-            change: UnsureChange | None = None) -> None:
+            change: UncertainChange | None = None) -> None:
         """
-        Go over to another model.
+        Take another model into use.
 
-        :param before: the model to go back to if this one turns out wrong.
-        :param learned: the number of samples that it was learned from; 0 for a known one.
-        :param change: from the payload before, where few samples show it.
+        :param before: the model to roll back to if this one is wrong.
+        :param learned: the number of its training samples; 0 for a model from a file.
+        :param change: change from the previous payload where it was learned from few samples.
         """
         self._model = model
         self._watch = ModelWatch(model, before, learned)
         self._friction = LiveFriction(model)
         self.payload.forget()
         self.health.restart()
-        self._source, self._change = source_of(model), change
+        self._source, self._change = torque_source(model), change
         self._effects = EffectsInUse(self._model, self._settings)
         if change is None or self.pose is None:
             self.feed.use(self._source)
@@ -143,8 +141,8 @@ class Arm:
         effects = self._effects.compensation(self._model, reading)
         return self._published(now, self.feed.update(now, reading.q, effects))
 
-    def look_at_change(self, now: float) -> None:
-        """Find how much of a change is used at the present pose, a few times a second."""
+    def update_change_share(self, now: float) -> None:
+        """Evaluate the share of an uncertain change at the present pose, every `SHARE_PERIOD`."""
         if self._change is None or self._source is None or self.pose is None or (
                 0.0 <= now - self._share_at < SHARE_PERIOD):
             return
@@ -152,7 +150,7 @@ class Arm:
         self.feed.set_share(self._change.share(self._source.nearest(self.pose)))
 
     def watch(self, now: float) -> FloatArray | None:
-        """Return the torque (N,) in N·m to publish although no input came, None for nothing."""
+        """Return the torque (N,) in N·m to publish without input, None for nothing."""
         return self._published(now, self.feed.watch(now))
 
     def _published(self, now: float, tau: FloatArray | None) -> FloatArray | None:
@@ -160,73 +158,74 @@ class Arm:
             self.sent.published(now, tau)
         return tau
 
-    def compared(self, reading: WholeReading, predicted: FloatArray) -> None:
-        """Note how well the model in use predicts a slow sample."""
+    def record_residual(self, reading: CompleteReading, predicted: FloatArray) -> None:
+        """Record the residual of a slow sample for diagnostics, model watch and payload watch."""
         q, qd, tau, model = reading.q, reading.qd, reading.tau, self._model
         error = tau - predicted
-        beside = error if self._friction is None else error - self._friction.torque(q, qd)
-        self._squares += np.square([error, beside])
+        without_friction = error if self._friction is None else (
+            error - self._friction.torque(q, qd))
+        self._squares += np.square([error, without_friction])
         self.n_residual += 1
         if model is None or self._watch is None or self.distance(q).any():
             return
         gravity = model.predict_one(q)
-        self._watch.offer(q, gravity + beside, gravity)
+        self._watch.offer(q, gravity + without_friction, gravity)
         acceleration = reading.acceleration()
-        if acceleration is not None and float(np.abs(acceleration).max()) < CALM:
-            self.payload.offer(reading.t, q, qd, tau, beside / residual_noise(model))
+        if acceleration is not None and float(np.abs(acceleration).max()) < MAX_ACCELERATION:
+            self.payload.offer(reading.t, q, qd, tau, without_friction / residual_noise(model))
 
     def objection(self) -> str | None:
-        """Return why the model before should come back, None if it should not."""
+        """Return why the previous model should come back, None if it should not."""
         return None if self._watch is None else self._watch.objection()
 
     @property
     def is_confirmed(self) -> bool:
-        """Whether the model in use has predicted as many samples as it was learned from."""
+        """Whether the model in use has predicted as many samples as it was trained on."""
         return self._watch is None or self._watch.is_confirmed
 
-    def lack(self) -> str | None:
+    def missing_for_fit(self) -> str | None:
         """Return what is missing for a fit, None if nothing is."""
-        lack = self.epoch.can_fit()
+        missing = self.epoch.missing_for_fit()
         faults = {reason: self.gate_counts[reason] for reason in (OFF, FROZEN)
                   if self.gate_counts[reason]}
-        if lack is None or not faults:
-            return lack
+        if missing is None or not faults:
+            return missing
         named = ', '.join(f'{count} {reason}' for reason, count in faults.items())
-        return f'{lack} (left out: {named})'
+        return f'{missing} (left out: {named})'
 
-    def leave_out(self, fault: str) -> None:
-        """Count a sample whose effort is none; samples before a frozen one may be broken too."""
+    def count_broken_effort(self, fault: str) -> None:
+        """Count a sample with broken effort; frozen effort invalidates earlier samples too."""
         self.gate_counts[fault] += 1
         if fault == FROZEN and self.epoch.n_samples:
             names = ', '.join(self.joints[k] for k in self.health.frozen)
             self.epoch.restart()
             self.epoch.note = ('its samples were dropped: the arm moves and the effort of '
-                               f'{names} repeats itself')
+                               f'{names} is constant')
 
-    def fresh_faults(self) -> str:
-        """Return why samples were left out since the last call, in words; empty if none were."""
-        fresh = self.gate_counts - self._reported_gate
+    def new_faults(self) -> str:
+        """Return the counts of broken effort since the last call, in words; empty if none."""
+        new = self.gate_counts - self._reported_gate
         self._reported_gate = self.gate_counts.copy()
-        return ', '.join(f'{reason} {fresh[reason]}' for reason in (OFF, FROZEN) if fresh[reason])
+        return ', '.join(f'{reason} {new[reason]}' for reason in (OFF, FROZEN) if new[reason])
 
     def distance(self, q: FloatArray) -> FloatArray:
-        """Return how far a pose is outside the trained range (N,), rad; a turn is no distance."""
+        """Return the distance outside the trained range (N,), rad, modulo whole revolutions."""
         if self._model is None or self._source is None:
             return np.zeros(len(self.joints))
         return self._model.coverage.distance(self._source.nearest(q))
 
     def predicted(self, reading: Reading) -> FloatArray | None:
-        """Return the torque (N,) in N·m that the model expects, None without a model."""
+        """Return the torque (N,) in N·m that the model predicts, None without a model."""
         if self._model is None:
             return None
         return self._effects.predicted(reading, self._model.predict_one(reading.q))
 
-    def doubt(self) -> tuple[FloatArray, FloatArray] | None:
+    def extrapolation(self) -> tuple[FloatArray, FloatArray] | None:
         """
-        Return by two measures how far the pose is from what the model knows.
+        Return the uncertainty of the model at the present pose, None without a model or a pose.
 
-        The first is the distance outside the trained range (N,) in rad, the second the standard
-        deviation of the model's own torque (N,) in N·m, empty if the model does not know it.
+        :return: distance outside the trained range (N,) in rad; standard deviation of the
+            model's torque (N,) in N·m, empty if the model has none.
         """
         if self._model is None or self.pose is None:
             return None
@@ -236,15 +235,15 @@ class Arm:
             std = np.zeros(0)
         return self.distance(self.pose), std
 
-    def is_settled(self, now: float) -> bool:
-        """Return whether messages of the new payload have come since it changed."""
+    def accepts_samples(self, now: float) -> bool:
+        """Return whether `settle_time` has passed since the payload changed."""
         if self.learn_from - now > self._settings.settle_time + 0.1:
-            # The clock was set back; nobody waits for that hour to pass again.
+            # The clock was set back; learning does not wait until it has caught up.
             self.learn_from = now
         return now >= self.learn_from
 
     def new_epoch(self, now: float, has_base: bool) -> None:
-        """Forget all samples and start to collect, once old messages have passed."""
+        """Drop all samples; collect again after `settle_time`, when old messages have passed."""
         self.learn_from = now + self._settings.settle_time
         self.epoch = Epoch(self.epoch.number + 1, self.joints, epoch_options(self._settings),
                            has_base=has_base)
@@ -254,43 +253,39 @@ class Arm:
         self.n_residual = 0
 
     def input_status(self, topic: str, now: float, late: int = 0) -> diagnostics.Status:
-        """Return the state of the input since the last call; `late` as `diagnostics`."""
+        """Return the state of the input since the last call; `late` as in `diagnostics`."""
         counts = self.reader.counts
         age = None if self.last_seen is None else now - self.last_seen
-        new = self.reader.received - self._reported_received
-        fresh = counts - self._reported
+        received = self.reader.received - self._reported_received
+        new = counts - self._reported
         self._reported, self._reported_received = counts.copy(), self.reader.received
-        self.is_interleaved = fresh[TIME_BACK] + fresh[TIME_STILL] > 0
+        self.is_interleaved = new[TIME_BACK] + new[TIME_STILL] > 0
         stale = age is not None and age > self.feed.options.stale_after
-        return diagnostics.input_status(topic, self.reader.received, new, age, stale, counts,
-                                        fresh, late)
+        return diagnostics.input_status(topic, self.reader.received, received, age, stale, counts,
+                                        new, late)
 
     def statuses(self, model: GravityModel | None, now: float) -> list[diagnostics.Status]:
-        """Return the state of the feed-forward and of every joint."""
+        """Return the state of the feed-forward and of each joint."""
         outside = None
         if model is not None and self.pose is not None:
             outside = self.distance(self.pose)
         residual = np.sqrt(self._squares / self.n_residual) if self.n_residual else None
         self._squares[:] = 0.0
         self.n_residual = 0
+        noise = None
+        if model is not None and self._friction is not None:
+            noise = np.array([model.noise, expected_residual(model)])
         return [
             diagnostics.feedforward_status(
                 self.feed.state(now), self.feed.enabled,
-                0.0 if outside is None else float(outside.max()), self._bound(),
-                self.feed.margin, self._effects.sent,
-                self._effects.problem),
+                0.0 if outside is None else float(outside.max()), self._limit_source(),
+                self.feed.margin, self._effects.sent, self._effects.problem),
             *diagnostics.joint_statuses(
-                self.joints, self.epoch.coverage().span, residual, self._usual(model), outside,
+                self.joints, self.epoch.coverage().span, residual, noise, outside,
                 not self.epoch.is_open)]
 
-    def _usual(self, model: GravityModel | None) -> FloatArray | None:
-        """Return the residual of the training, and what is usual beside friction (2, N), N·m."""
-        if model is None or self._friction is None:
-            return None
-        return np.array([model.noise, usual_residual(model)])
 
-
-def source_of(model: GravityModel) -> Source:
-    """Return the model as the feed-forward needs it."""
+def torque_source(model: GravityModel) -> TorqueSource:
+    """Return the torque source of a model, with the reach of its formulation."""
     reach = PER_JOINT_REACH if model.formulation == 'per_joint' else np.inf
-    return Source(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)
+    return TorqueSource(model.predict_one, model.coverage.q_min, model.coverage.q_max, reach)

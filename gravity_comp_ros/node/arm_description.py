@@ -1,4 +1,4 @@
-"""What the node takes from a robot description: axes, joints without end, effort limits."""
+"""Axes, continuous joints and effort limits of an arm, from its robot description."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ SOURCE = 'robot_description'
 @dataclass(frozen=True)
 class ArmDescription:
     """
-    An arm of these joints as its description has it.
+    The description of the joints of an arm.
 
-    `geometry` is None where the description does not lead from joint to joint in their order;
-    `problem` then says why. `max_effort` has one N·m per joint, or is empty.
+    `geometry` is None where the joints do not form a serial chain in their order; `problem` then
+    gives the reason. `max_effort` has one value per joint in N·m, or is empty.
     """
 
     geometry: Geometry | None
@@ -30,7 +30,7 @@ class ArmDescription:
 
 
 def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
-    """Return what a URDF says of these joints; what is wrong with it is said, never raised."""
+    """Return the description of these joints in a URDF; errors go to `problem`."""
     try:
         known = parse_tree(text, SOURCE).joints
     except GravityCompError as problem:
@@ -45,9 +45,9 @@ def describe_arm(text: str, joints: tuple[str, ...]) -> ArmDescription:
         return ArmDescription(None, continuous, max_effort, str(problem))
     if geometry.joints != joints:
         return ArmDescription(
-            None, continuous, max_effort, f'{SOURCE} has the joints in the order '
-            f'{", ".join(geometry.joints)}: give them so in the parameter joints, for their axes '
-            'to be used')
+            None, continuous, max_effort, f'the order of the joints in {SOURCE} is '
+            f'{", ".join(geometry.joints)}: set the parameter joints to this order to use the '
+            'axes')
     return ArmDescription(geometry, continuous, max_effort, '')
 
 

@@ -1,8 +1,9 @@
 """
-The model in use as a chain: the structure of the arm, against which a change is tested.
+Chain model of the model in use: the structure of the arm against which a change is tested.
 
-A potential model of a serial arm predicts what a chain predicts. A chain fitted to its own torque,
-at poses where it is sure, is the same gravity with the links told apart.
+A potential model of a serial arm and its chain predict the same torque. A chain fitted to the
+torque of a potential model, at the poses with the smallest standard deviation, separates the
+gravity of that model by links.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
-# Poses drawn from the trained range, and those of them that stand for the training: the surest.
+# Number of poses drawn from the trained range, and of those with the smallest standard deviation.
 _DRAWN, _KEPT = 600, 200
-# A chain that is further than this from the model, in units of its noise, is another arm's.
-_SAME = 1.0
+# Largest RMS error of the chain in units of the model's noise.
+_MAX_ERROR = 1.0
 
 
 class BaseChains:
-    """Turns models into chains, and remembers the last one: an epoch asks for the same again."""
+    """Converts models to chains; keeps the last one, which all fits of an epoch use."""
 
     def __init__(self) -> None:
         self._key: bytes = b''
         self._chain: GravityModel | None = None
 
     def of(self, model: GravityModel, geometry: Geometry | None) -> GravityModel | None:
-        """Return the same gravity as a chain, None where no chain of this arm explains it."""
+        """Return the gravity of a model as a chain, None where no chain explains it."""
         key = _key(model, geometry)
         if key != self._key:
             self._key, self._chain = key, as_chain(model, geometry)
@@ -45,13 +46,13 @@ class BaseChains:
 
 def as_chain(model: GravityModel, geometry: Geometry | None = None) -> GravityModel | None:
     """
-    Return the gravity of a model as a chain model of the same joints, in their order.
+    Return the gravity of a model as a chain model of the same joints in the same order.
 
-    :param geometry: of the arm, where it is known; the chain then lies on its axes.
+    :param geometry: axes of the arm where they are known; the chain then has these axes.
     """
     if geometry is not None and geometry.joints == model.joints:
         with suppress(ModelMismatchError, np.linalg.LinAlgError):
-            return _made(model, *on_known_axes(model, geometry))
+            return _chain_model(model, *on_known_axes(model, geometry))
     if model.chain is not None and model.uncertainty is not None:
         return model
     return _fitted(model)
@@ -64,36 +65,36 @@ def _fitted(model: GravityModel) -> GravityModel | None:
     low, high = model.coverage.q_min, model.coverage.q_max
     q = rng.uniform(low, high, (_DRAWN, model.n_joints))
     noise = np.maximum(model.noise, 1e-3 * float(model.noise.max()) + 1e-9)
-    doubt = (model.predict_std(q) / noise).max(axis=1)
-    q = q[np.argsort(doubt)[:_KEPT]]
+    std = (model.predict_std(q) / noise).max(axis=1)
+    q = q[np.argsort(std)[:_KEPT]]
     torque = model.predict(q)
     samples = JointSamples.single_run(
         model.joints, np.arange(len(q)), q, np.zeros_like(q),
         torque + noise * rng.standard_normal(q.shape))
     try:
-        found = fit_chain(samples)
+        result = fit_chain(samples)
     except (FitError, DataError, np.linalg.LinAlgError):
         return None
-    error = np.sqrt(((found.chain.torque(q) - torque) ** 2).mean(axis=0))
-    if (error > _SAME * noise).any():
+    error = np.sqrt(((result.chain.torque(q) - torque) ** 2).mean(axis=0))
+    if (error > _MAX_ERROR * noise).any():
         return None
-    return _made(model, found.chain, found.covariance)
+    return _chain_model(model, result.chain, result.covariance)
 
 
-def _made(model: GravityModel, chain: Chain, covariance: FloatArray,
-          geometry: Geometry | None = None) -> GravityModel:
-    made = GravityModel.from_energy(
+def _chain_model(model: GravityModel, chain: Chain, covariance: FloatArray,
+                 geometry: Geometry | None = None) -> GravityModel:
+    result = GravityModel.from_energy(
         model.joints, 'chain', expand(chain), model.noise, model.coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
-    return replace(made, applied=model.applied, history=model.history, nuisance=model.nuisance,
+    return replace(result, applied=model.applied, history=model.history, nuisance=model.nuisance,
                    payload_path=model.payload_path, geometry=geometry)
 
 
 def changed_by_payload(chain: GravityModel, gravity: JointSamples) -> GravityModel:
     """
-    Return a chain with what a payload changed of it, on known axes if it lies on such.
+    Return a chain with its change by a payload fitted, on known axes if the chain has them.
 
-    :param gravity: of the arm with the payload, in the joints' order of the chain.
+    :param gravity: samples of the loaded arm whose torque is gravity.
     :raises FitError: if there are too few samples.
     """
     return update(chain, gravity, geometry=chain.geometry).model

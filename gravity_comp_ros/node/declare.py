@@ -1,4 +1,4 @@
-"""The table of parameters as ROS parameters: descriptors, and checks on every set."""
+"""Declaration of the parameter table as ROS parameters, with descriptors and checks."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 
-class Settings:
+class DeclaredParameters:
     """
-    The node's parameters, declared and checked; `values` always holds a set that fits together.
+    The declared parameters of the node; `values` is always a consistent set.
 
-    :param node: where to declare them.
-    :param check: called with every new set before it counts; raises OptionError.
-    :param changed: called with every new set once it counts.
+    :param node: node that declares them.
+    :param check: called with every new set before it is accepted; raises OptionError.
+    :param changed: called with every new set after it has been accepted.
     :raises rclpy.exceptions.InvalidParameterValueException: if an override is refused.
     """
 
@@ -57,28 +57,28 @@ class Settings:
 
 
 def _parsed(parameters: list[RosParameter]) -> dict[str, Any]:
-    """Return the values of those parameters that are in the table, each in its own type."""
+    """Return the values of the parameters of the table, converted to their types."""
     return {each.name: BY_NAME[each.name].parse(each.value) for each in parameters
             if each.name in BY_NAME}
 
 
-def strange_parameters(node: Node) -> list[str]:
-    """Return a warning for each parameter that was given and that the node does not have."""
-    found = []
+def unknown_parameter_warnings(node: Node) -> list[str]:
+    """Return a warning for each parameter override that the node does not declare."""
+    warnings = []
     for name in getattr(node, '_parameter_overrides', {}):
         if node.has_parameter(name) or name.startswith('qos_overrides.'):
             continue
         near = get_close_matches(name, BY_NAME, 1)
         hint = f'; did you mean {near[0]}?' if near else ''
-        found.append(f'parameter {name} is none of this node and has no effect{hint}')
-    return found
+        warnings.append(f'parameter {name} does not exist and has no effect{hint}')
+    return warnings
 
 
 def _descriptor(row: Parameter) -> ParameterDescriptor:
     unit = f' [{row.unit}]' if row.unit else ''
     constraints = row.range_text()
-    # Dynamic typing, because rclpy takes an empty list for one of bytes and would refuse whole
-    # numbers for a double; `Parameter.parse` checks the type, and says what is wrong with it.
+    # Dynamic typing: rclpy interprets an empty list as bytes and rejects integers for a double.
+    # `Parameter.parse` checks the type and reports errors.
     descriptor = ParameterDescriptor(
         name=row.name, description=f'{row.description}{unit}', read_only=row.read_only,
         additional_constraints=constraints, dynamic_typing=True)

@@ -1,4 +1,4 @@
-"""What the node says about itself, free of ROS types: one `Status` for each thing to look at."""
+"""Diagnostics of the node without ROS types: one `Status` per component."""
 
 from __future__ import annotations
 
@@ -11,16 +11,19 @@ from gravity_comp_ros.node.messages import FAULTS, HANDLED, REPLACED
 
 OK, WARN, ERROR, STALE = range(4)
 
-# One pause of the machine is no news; so many bursts in one report are a queue that stays.
-LATE = 10
+# Minimum number of full bursts per report for a warning; a pause of the machine causes only one.
+MIN_LATE = 10
 
-# A residual so many times that of the training says that the payload is another.
+# Ratio of residual to training residual from which another payload is suspected.
 CHANGED = 5.0
+
+
+NO_LIMITS = 'no torque is published without limits: set max_torque, or unlimited_torque'
 
 
 @dataclass(frozen=True)
 class Status:
-    """A level, a sentence and figures, as a `diagnostic_msgs/DiagnosticStatus` has them."""
+    """Level, message and values of a `diagnostic_msgs/DiagnosticStatus`."""
 
     name: str
     level: int
@@ -34,9 +37,9 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
     Return the state of the input.
 
     :param received: messages since the start; `new` of them since the last report.
-    :param age: s since the last usable message, None before the first.
+    :param age: time since the last usable message in s, None before the first.
     :param counts: drops by reason since the start; `fresh` of them since the last report.
-    :param late: how often messages waited for those before them since the last report.
+    :param late: number of bursts since the last report that ended with messages waiting.
     """
     values = {'topic': topic, 'messages': str(received), 'messages since last report': str(new),
               'age of last usable message [s]': 'none' if age is None else f'{age:.3f}'}
@@ -57,19 +60,19 @@ def input_status(topic: str, received: int, new: int, age: float | None, stale: 
         level = ERROR if age is None else WARN
         message = f'dropped: {named}'
     elif replaced:
-        level, message = WARN, f'replaced by other evidence: {replaced}'
-    elif late >= LATE:
-        level, message = WARN, ('messages come faster than they are handled: the torque is late; '
-                                'give this process more of the machine, or lower the rate')
+        level, message = WARN, f'replaced by other data: {replaced}'
+    elif late >= MIN_LATE:
+        level, message = WARN, ('messages arrive faster than they are handled: the torque is '
+                                'late; raise the priority of this process, or lower the rate')
     elif age is None:
-        level, message = WARN, f'none of our joints in the messages on {topic}'
+        level, message = WARN, f'none of the joints of this arm in the messages on {topic}'
     else:
         level, message = OK, f'{new} messages'
     return Status('input', level, message, values)
 
 
 def model_status(described: str | None, age: float, n_past: int, problem: str) -> Status:
-    """Return the state of the model; `problem` is why a file could not be loaded or saved."""
+    """Return the state of the model; `problem` is the error of loading or saving its file."""
     values = {'earlier models': str(n_past)}
     if described is None:
         return Status('model', ERROR if problem else WARN, problem or
@@ -80,11 +83,11 @@ def model_status(described: str | None, age: float, n_past: int, problem: str) -
 
 @dataclass(frozen=True)
 class Learning:
-    """What `learning_status` reports: the epoch, the fit process and the last fit."""
+    """State of the epoch, the fit process and the last fit, for `learning_status`."""
 
     epoch: str
     n_samples: int
-    n_held: int
+    n_held_out: int
     lacking: tuple[str, ...]
     gate: Mapping[str, int]
     process: str
@@ -100,51 +103,46 @@ class Learning:
 
 
 def learning_status(learning: Learning) -> Status:
-    """Return the state of collecting and fitting."""
+    """Return the state of data collection and fits."""
     values = {'epoch': learning.epoch, 'samples': str(learning.n_samples),
-              'held out': str(learning.n_held),
+              'held out': str(learning.n_held_out),
               'lacking range': ', '.join(learning.lacking) or 'none',
               'fit process': learning.process, 'fit process id': str(learning.pid or ''),
               'fit process restarts': str(learning.restarts), 'last fit': learning.last_fit}
     for reason, count in learning.gate.items():
         values[f'gate {reason}'] = str(count)
     if learning.failure:
-        return Status('learning', ERROR, f'{learning.failure}; the old model stays; '
-                      f'{learning.epoch}', values)
-    if learning.broken:
-        return Status('learning', ERROR, f'broken effort: {learning.last_fit}; {learning.epoch}',
-                      values)
-    if learning.faults:
-        return Status('learning', WARN, f'nothing is learned from broken effort: '
-                      f'{learning.faults}; {learning.epoch}', values)
-    if learning.compensated:
-        return Status('learning', WARN, f'{learning.last_fit}; {learning.epoch}', values)
-    if learning.kept_old:
-        return Status('learning', WARN, f'old model kept: {learning.last_fit}; '
-                      f'{learning.epoch}', values)
-    if learning.outliers:
-        return Status('learning', WARN, f'samples left out as outliers: {learning.outliers}; does '
-                      'a brake grip now and then, or does something touch the arm? '
-                      f'{learning.epoch}', values)
-    return Status('learning', OK, learning.epoch, values)
+        level, problem = ERROR, f'{learning.failure}; the old model stays in use'
+    elif learning.broken:
+        level, problem = ERROR, f'broken effort: {learning.last_fit}'
+    elif learning.faults:
+        level, problem = WARN, f'samples with broken effort are left out: {learning.faults}'
+    elif learning.compensated:
+        level, problem = WARN, learning.last_fit
+    elif learning.kept_old:
+        level, problem = WARN, f'old model kept: {learning.last_fit}'
+    elif learning.outliers:
+        level, problem = WARN, (f'samples left out as outliers: {learning.outliers} (an '
+                                'intermittent brake, or a contact with the arm)')
+    else:
+        return Status('learning', OK, learning.epoch, values)
+    return Status('learning', level, f'{problem}; {learning.epoch}', values)
 
 
-def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
+def feedforward_status(state: str, enabled: bool, outside: float, limits: str,
                        margin: float, sent: tuple[str, ...] = (), problem: str = '') -> Status:
     """
-    Return the state of the torque that is published.
+    Return the state of the published torque.
 
-    :param outside: how far the pose is outside the trained range, in rad, as `margin`.
-    :param bound: where the bound of the torque is from, `none` if torque must not be sent for
-        the lack of one.
+    :param outside: distance of the pose outside the trained range in rad; `margin` likewise.
+    :param limits: source of the torque limits; with `none` no torque is published.
     :param sent: the effects that are compensated; `problem` is why one is not.
     """
     values = {'enabled': str(enabled).lower(), 'outside trained range [rad]': f'{outside:.3f}',
-              'torque limits': bound,
+              'torque limits': limits,
               'compensated effects': ', '.join(sent) or 'none'}
-    if bound == 'none':
-        return Status('feed-forward', ERROR, 'no torque is published without a bound: set '
-                      'max_torque, or unlimited_torque', values)
+    if limits == 'none':
+        return Status('feed-forward', ERROR, NO_LIMITS, values)
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
     if outside > margin:
@@ -152,17 +150,17 @@ def feedforward_status(state: str, enabled: bool, outside: float, bound: str,
                       'the trained range', values)
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    if bound == 'unlimited':
+    if limits == 'unlimited':
         return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)
 
 
 def payload_status(suspected: str, other: str) -> Status:
     """
-    Return whether the arm carries what its model was learned with.
+    Return whether the payload of the arm is that of the model.
 
-    :param suspected: why another payload is suspected; empty if none is.
-    :param other: why the effort is thought to have changed as no payload changes it.
+    :param suspected: evidence of another payload; empty if none is suspected.
+    :param other: evidence of a change of the effort that no payload explains; empty if none.
     """
     if suspected:
         return Status('payload', WARN, suspected)
@@ -171,17 +169,17 @@ def payload_status(suspected: str, other: str) -> Status:
 
 def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArray | None,
                    noise: FloatArray | None, outside: FloatArray | None,
-                   settled: bool) -> list[Status]:
+                   is_closed: bool) -> list[Status]:
     """
     Return one status per joint.
 
-    :param span: range seen in this epoch (N,) in rad.
-    :param residual: RMS over the slow samples since the last report (2, N) in N·m of measured
-        minus predicted torque, and of the same beside friction and offset; None if there are none.
-    :param noise: residual of the training, and what is usual beside friction with its drift
-        (2, N) in N·m; None without a model.
-    :param outside: distance outside the trained range (N,) in rad; None without a model.
-    :param settled: whether a large residual is news; while an epoch is open it is not.
+    :param span: range of motion in this epoch (N,), rad.
+    :param residual: RMS over the slow samples since the last report (2, N), N·m, of measured
+        minus predicted torque, with and without friction and offset; None without samples.
+    :param noise: residual of the training, and expected residual without friction (2, N), N·m;
+        None without a model.
+    :param outside: distance outside the trained range (N,), rad; None without a model.
+    :param is_closed: whether the epoch is closed; in an open epoch a large residual is expected.
     """
     statuses = []
     for k, name in enumerate(joints):
@@ -195,7 +193,7 @@ def joint_statuses(joints: tuple[str, ...], span: FloatArray, residual: FloatArr
             values['residual beside friction [Nm]'] = f'{residual[1, k]:.4f}'
             message = f'residual {residual[0, k]:.3g} N·m'
             here = outside is None or not outside.any()
-            if settled and here and residual[1, k] > CHANGED * noise[1, k]:
+            if is_closed and here and residual[1, k] > CHANGED * noise[1, k]:
                 level = WARN
                 message += (f', {residual[1, k] / noise[1, k]:.0f} times that of the training: '
                             'another payload? call payload_changed')

@@ -1,4 +1,4 @@
-"""The effects of the model in use that a moment tells: in the prediction, and in what is sent."""
+"""Effects of the model in use, in the prediction and in the feed-forward."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from gravity_comp_ros.node.realtime_effects import compensable, CompensateOption
 
 class EffectsInUse:
     """
-    What the effects of a model add to gravity, in the prediction and in the feed-forward.
+    Torque of the effects of a model in addition to gravity.
 
-    `problem` says why what the parameter `compensate` asks for is not sent; empty if it is.
+    `problem` gives the reason why an effect in the parameter `compensate` is not sent; empty if
+    all are.
 
     :param model: the model in use, None before there is one.
     """
@@ -28,16 +29,16 @@ class EffectsInUse:
                 self.problem = 'the model has no effect to compensate'
             return
         try:
-            wanted = compensable(settings.compensate, model.joints)
+            requested = compensable(settings.compensate, model.joints)
             every = InstantEffects(model)
-            sent = InstantEffects(model, wanted, CompensateOptions(
+            sent = InstantEffects(model, requested, CompensateOptions(
                 settings.compensate_fraction, settings.compensate_speed, settings.max_speed))
         except GravityCompError as problem:
             self.problem = str(problem)
             return
         self._all = every if every.targets else None
         self._sent = sent if sent.targets else None
-        if wanted and not sent.targets:
+        if requested and not sent.targets:
             self.problem = 'the model has none of the effects to compensate'
 
     @property
@@ -46,13 +47,13 @@ class EffectsInUse:
         return self._sent.targets if self._sent else ()
 
     def predicted(self, reading: Reading, gravity: FloatArray) -> FloatArray:
-        """Return gravity (N,) in N·m with all effects that pose and speed tell."""
+        """Return gravity (N,) in N·m plus all effects that depend on pose and speed alone."""
         if self._all is None or reading.qd is None:
             return gravity
         return gravity + self._all.torque(reading.q, reading.qd, gravity)
 
     def compensation(self, model: GravityModel | None, reading: Reading) -> FloatArray | None:
-        """Return the torque (N,) in N·m to send beside gravity, None for none."""
+        """Return the torque (N,) in N·m to send in addition to gravity, None for none."""
         if self._sent is None or model is None or reading.qd is None:
             return None
         return self._sent.torque(reading.q, reading.qd, model.predict_one(reading.q))

@@ -1,4 +1,4 @@
-"""Effort that cannot be what the drives supply, sample by sample: nothing is learned from it."""
+"""Broken effort, detected sample by sample: such samples are left out of all fits."""
 
 from __future__ import annotations
 
@@ -8,45 +8,45 @@ import numpy as np
 OFF = 'effort_off'
 FROZEN = 'effort_frozen'
 
-# The part of the gravity of the arm below which its effort is none, over all joints.
-_NO_GRAVITY = 0.1
-# Gravity of the arm counts where it is so many times the noise of its model.
-_LOADED = 10.0
-# While a joint moves over this, rad, some effort of the arm changes.
+# Smallest norm of the effort, as a fraction of the norm of the predicted torque.
+_MIN_EFFORT = 0.1
+# Ratio of predicted torque, or of its change, to noise above which it is significant.
+_SIGNIFICANT = 10.0
+# Motion of a joint, rad, within which the effort of some joint must change.
 _MOVED = 0.05
-# The torque of some joint must then change by so many times the noise of the model, where there is
-# one: the steps of a coarse sensor are 3.5 times the noise that they make.
+# Ratio of the change of the predicted torque to noise above which constant effort of all joints
+# is frozen. The steps of a coarse sensor are 3.5 times the noise that they cause.
 _STEPPED = 5.0
 
 
 class EffortHealth:
     """
-    Looks at effort as it comes.
+    Detects drives that are off and frozen sensors.
 
-    Drives that are off, or a driver that takes gravity off, report next to nothing on all joints
-    while the model says that the arm is heavy. A frozen driver repeats itself to the last digit
-    while the arm moves. So does one joint whose sensor is frozen or at the end of its range, while
-    the model says that its torque changes.
+    - Off: drives that are off, or a driver that subtracts gravity, report almost no effort on
+      all joints although the model predicts gravity.
+    - Frozen: all joints repeat the same numbers while the arm moves, or one joint does while the
+      model predicts that its torque changes (frozen or saturated sensor).
     """
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
-        """Forget what came: the clock, the payload or the model is another."""
+        """Drop the history: the clock, the payload or the model has changed."""
         # The joints whose effort is frozen, by number.
         self.frozen: tuple[int, ...] = ()
         # Pose, effort and prediction (N,) when any effort last changed.
         self._pose: FloatArray | None = None
         self._tau: FloatArray | None = None
         self._expected: FloatArray | None = None
-        # The pose (N,) and the prediction (N,) when each joint's effort last changed.
+        # Pose (N, N) and prediction (N,) when each joint's effort last changed.
         self._changed: tuple[FloatArray, FloatArray] | None = None
 
     def fault(self, q: FloatArray, tau: FloatArray, predicted: FloatArray | None,
               noise: FloatArray | None) -> str | None:
         """
-        Return why the effort of a slow sample is not to be learned from, None if it is.
+        Return the fault of the effort of a slow sample, None if there is none.
 
         :param predicted: torque of the model in use (N,), `noise` (N,) its residual, N·m.
         """
@@ -65,19 +65,19 @@ class EffortHealth:
             self._changed = None
             return None
         size = float(np.linalg.norm(predicted))
-        if size > _LOADED * float(np.linalg.norm(noise)) and (
-                float(np.linalg.norm(tau)) < _NO_GRAVITY * size):
+        if size > _SIGNIFICANT * float(np.linalg.norm(noise)) and (
+                float(np.linalg.norm(tau)) < _MIN_EFFORT * size):
             return OFF
-        self.frozen = self._stuck(q, repeats, predicted, noise)
+        self.frozen = self._frozen_joints(q, repeats, predicted, noise)
         return FROZEN if self.frozen else None
 
-    def _stuck(self, q: FloatArray, repeats: np.ndarray, predicted: FloatArray,
-               noise: FloatArray) -> tuple[int, ...]:
-        """Return the joints that repeat their effort while their torque and the pose change."""
+    def _frozen_joints(self, q: FloatArray, repeats: np.ndarray, predicted: FloatArray,
+                       noise: FloatArray) -> tuple[int, ...]:
+        """Return the joints with constant effort while pose and predicted torque change."""
         if self._changed is None:
             self._changed = np.tile(q, (len(q), 1)), predicted.copy()
             return ()
         poses, torques = self._changed
         poses[~repeats], torques[~repeats] = q, predicted[~repeats]
         moved = np.abs(q - poses).max(axis=1) > _MOVED
-        return tuple(np.flatnonzero(moved & (np.abs(predicted - torques) > _LOADED * noise)))
+        return tuple(np.flatnonzero(moved & (np.abs(predicted - torques) > _SIGNIFICANT * noise)))

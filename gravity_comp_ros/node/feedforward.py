@@ -1,4 +1,4 @@
-"""The torque that is published: ramped, clamped, and safe when input stops."""
+"""Feed-forward torque: ramped, limited, and with a watchdog for input that stops."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import math
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.data.short_vectors import all_finite
 from gravity_comp_ros.node.feedforward_options import FeedForwardOptions, per_joint
-from gravity_comp_ros.node.source import Source
+from gravity_comp_ros.node.torque_source import TorqueSource
 import numpy as np
 
 # States, as they appear in diagnostics.
@@ -22,29 +22,29 @@ HOLDING = 'stale, holding'
 FADING = 'stale, fading'
 FADED = 'stale, faded to zero'
 
-# N·m; less than this of an effect's torque is none.
-LEAST_TORQUE = 1e-4
-# A message counts for at most so many of its usual periods: what a stall has missed is made up
-# for over the messages that follow, not in one step.
-PERIODS = 2.0
-# Messages over which the usual period is the median, and the least that it is taken for, s.
-PERIOD_MESSAGES, LEAST_PERIOD = 20, 1e-3
-# N·m within `ramp_time`: a larger change of the model takes longer. At the default of 1 s that is
-# 0.048 N·m a message at 250 Hz.
+# Effect torque that counts as zero, N·m.
+MIN_TORQUE = 1e-4
+# Maximum time step of one message in units of the message period. The time of a stall is spread
+# over the messages that follow it.
+MAX_PERIODS = 2.0
+# Number of messages for the median period, and minimum period, s.
+PERIOD_MESSAGES, MIN_PERIOD = 20, 1e-3
+# Maximum change by a swap of models within `ramp_time`, N·m; a larger change takes longer. With
+# the default of 1 s this is 0.048 N·m per message at 250 Hz.
 SWAP_CHANGE = 12.0
-# One call of the watchdog counts for at most this, s.
+# Maximum time step of one call of the watchdog, s.
 WATCH_PERIOD = 0.02
 
 
 class FeedForward:
     """
-    Torque for every pose, with explicit time: `now` in s never has to be the system's.
+    Torque for each pose; the caller passes the time `now` in s.
 
-    A gain between 0 and 1 multiplies the model's torque. It rises over `ramp_time` when a
-    first model, input or permission comes, and falls when permission goes or input is stale
-    for longer than `hold_time`. From one model to the next torque is blended over the same
-    time, a change of more than `SWAP_CHANGE` over a longer one. Limits act on the sum of it
-    all, so nothing that is published breaks them.
+    A gain between 0 and 1 multiplies the torque of the model. It rises over `ramp_time` when the
+    first model is in use, input returns or torque is enabled. It falls when torque is disabled or
+    input is stale for longer than `hold_time`. A swap of models blends their torques over
+    `ramp_time`, and over a longer time if the change exceeds `SWAP_CHANGE`. The limits apply to
+    the sum, so the published torque never exceeds them.
 
     :param n_joints: the number N of joints.
     """
@@ -54,9 +54,9 @@ class FeedForward:
         self._enabled = True
         self._gain = 0.0
         self._blend = 1.0
-        self._source: Source | None = None
-        self._old: Source | None = None
-        # What the torque was beside that of `_old` as the blend began, N·m.
+        self._source: TorqueSource | None = None
+        self._old: TorqueSource | None = None
+        # Torque minus that of `_old` at the start of the blend, N·m.
         self._offset = np.zeros(n_joints)
         self._q: FloatArray | None = None
         self._share, self._share_goal = np.ones(n_joints), np.ones(n_joints)
@@ -64,7 +64,7 @@ class FeedForward:
         self._effects = np.zeros(n_joints)
         self._last = np.zeros(n_joints)
         self._now: float | None = None
-        # Time that passed in a stall and that no message has counted for yet, s.
+        # Time of a stall that is not yet spread over messages, s.
         self._owed = 0.0
         self._intervals: deque[float] = deque(maxlen=PERIOD_MESSAGES)
         self._fresh: float | None = None
@@ -76,18 +76,18 @@ class FeedForward:
         self._limit = per_joint(options.max_torque, self._n)
         self._rate = per_joint(options.max_torque_rate, self._n)
 
-    def use(self, source: Source | None, share: FloatArray | None = None) -> None:
+    def use(self, source: TorqueSource | None, share: FloatArray | None = None) -> None:
         """
-        Go over to another model, or to none: then nothing is published.
+        Blend to another model; None stops publishing.
 
-        :param share: of the change from `source.before` (N,), 0 to 1; None for all of it.
+        :param share: share of the change from `source.before` (N,), 0 to 1; None for 1.
         """
         if source is None or self._source is None:
             self._gain = 0.0 if source is None else self._gain
             self._old, self._blend = None, 1.0
         else:
-            # A swap during a swap starts from the torque of this moment. It goes on with the
-            # pose: the arm moves while it is blended.
+            # A swap during a swap starts from the present torque, kept as an offset from the old
+            # model so that the torque follows the pose during the blend.
             self._offset = np.zeros(self._n)
             if self._blend < 1.0 and self._q is not None:
                 self._offset = self._base - self._torque(self._source, self._q)
@@ -99,7 +99,7 @@ class FeedForward:
         self._share_goal = self._share
 
     def set_share(self, share: FloatArray) -> None:
-        """Go over to another share of the change, as slowly as to another model."""
+        """Blend to another share of the change, as slowly as to another model."""
         self._share_goal = share
 
     def enable(self, enabled: bool) -> None:
@@ -112,19 +112,18 @@ class FeedForward:
 
     @property
     def margin(self) -> float:
-        """How far outside its trained range the model is used as it is, rad."""
-        reach = math.inf if self._source is None else self._source.reach
-        return min(self.options.extrapolation_margin, reach)
+        """Distance outside the trained range up to which the model is used unchanged, rad."""
+        return self._margin_of(self._source)
 
     def update(self, now: float, q: FloatArray,
                effects: FloatArray | None = None) -> FloatArray | None:
         """
         Return the torque (N,) in N·m to publish at pose `q` (N,), None for nothing.
 
-        A model that returns no finite torque counts as no input: the watchdog takes over.
+        A torque of the model that is not finite counts as missing input for the watchdog.
 
-        :param effects: torque (N,) in N·m that comes on top of gravity, within the margin of
-            the trained range; past it, and while input is stale, it ramps away.
+        :param effects: torque (N,) in N·m to add to gravity within the margin of the trained
+            range; beyond it, and with stale input, it ramps to zero.
         """
         dt = self._since_last_message(now)
         if self._source is None:
@@ -143,19 +142,19 @@ class FeedForward:
         return None if silent else self._limited(dt)
 
     def watch(self, now: float) -> FloatArray | None:
-        """Return the torque to publish although no input came, None if none is due."""
+        """Return the torque to publish without input, None if none is due."""
         if self._fresh is None or self._source is None:
             return None
-        # A clock that was set back must not make old input young for as long as that.
+        # After the clock was set back, old input must not count as recent.
         self._fresh = min(self._fresh, now)
         age = now - self._fresh
         if age <= self.options.stale_after:
             return None
         self._owed = 0.0
-        dt = min(self._elapsed(now), max(WATCH_PERIOD, PERIODS * self._period()))
+        dt = min(self._elapsed(now), max(WATCH_PERIOD, MAX_PERIODS * self._period()))
         if self._is_at_rest():
             return None
-        # What turns with the direction of motion must not outlive the news of the motion.
+        # Friction depends on the direction of motion, which is unknown without input.
         self._drop_effects(dt)
         if not self._enabled:
             self._approach(0.0, self.options.ramp_time, dt)
@@ -182,26 +181,26 @@ class FeedForward:
         return ACTIVE if self._gain == 1.0 and self._blend == 1.0 else RAMPING
 
     def _elapsed(self, now: float) -> float:
-        """Return the time since the last call; a clock that jumps gives no licence to jump."""
+        """Return the time since the last call, at most `stale_after`: the clock may jump."""
         dt = 0.0 if self._now is None else now - self._now
         self._now = now
         return min(max(dt, 0.0), self.options.stale_after)
 
     def _since_last_message(self, now: float) -> float:
-        """Return the time that a message counts for: after a stall, not all that has passed."""
+        """Return the time step of a message; the time of a stall is spread over several."""
         dt = self._elapsed(now)
         counted = dt
         if self._intervals:
-            counted = min(dt + self._owed, PERIODS * self._period())
+            counted = min(dt + self._owed, MAX_PERIODS * self._period())
         self._owed = min(max(0.0, self._owed + dt - counted), self.options.stale_after)
         if dt > 0.0:
             self._intervals.append(dt)
         return counted
 
     def _period(self) -> float:
-        """Return the usual time between messages, s."""
-        every = sorted(self._intervals)
-        return max(LEAST_PERIOD, every[len(every) // 2]) if every else LEAST_PERIOD
+        """Return the median time between messages, s."""
+        intervals = sorted(self._intervals)
+        return max(MIN_PERIOD, intervals[len(intervals) // 2]) if intervals else MIN_PERIOD
 
     def _approach(self, goal: float, duration: float, dt: float) -> None:
         step = 1.0 if duration <= 0.0 else dt / duration
@@ -211,53 +210,57 @@ class FeedForward:
         ramp = self.options.ramp_time
         if self._effects.any():
             self._effects = self._effects * (max(0.0, 1.0 - dt / ramp) if ramp > dt else 0.0)
-            self._effects[np.abs(self._effects) < LEAST_TORQUE] = 0.0
+            self._effects[np.abs(self._effects) < MIN_TORQUE] = 0.0
 
-    def _is_near(self, source: Source, q: FloatArray) -> bool:
-        margin = min(self.options.extrapolation_margin, source.reach)
+    def _margin_of(self, source: TorqueSource | None) -> float:
+        reach = math.inf if source is None else source.reach
+        return min(self.options.extrapolation_margin, reach)
+
+    def _is_near(self, source: TorqueSource, q: FloatArray) -> bool:
+        margin = self._margin_of(source)
         return bool(((q >= source.q_min - margin) & (q <= source.q_max + margin)).all())
 
     def _is_at_rest(self) -> bool:
         return self._gain == 0.0 and not self._last.any()
 
-    def _advanced(self, source: Source, q: FloatArray, dt: float) -> FloatArray:
-        """Go on with a swap and with the share of a change; return the torque (N,)."""
-        share_left = self._share_goal - self._share
-        if self._blend >= 1.0 and (source.before is None or not share_left.any()):
+    def _advanced(self, source: TorqueSource, q: FloatArray, dt: float) -> FloatArray:
+        """Advance a swap and the share of a change by dt; return the torque (N,)."""
+        share_step = self._share_goal - self._share
+        if self._blend >= 1.0 and (source.before is None or not share_step.any()):
             return self._torque(source, q)
         ramp = self.options.ramp_time
         step = 1.0 if ramp <= 0.0 else min(1.0, dt / ramp)
         blend, share = self._blend, self._share
         before = self._blended(source, q)
 
-        def go(part: float) -> FloatArray:
-            self._blend = blend + part * min(step, 1.0 - blend)
-            self._share = share + part * np.clip(share_left, -step, step)
+        def advance(fraction: float) -> FloatArray:
+            self._blend = blend + fraction * min(step, 1.0 - blend)
+            self._share = share + fraction * np.clip(share_step, -step, step)
             return self._blended(source, q)
 
-        after = go(1.0)
-        # A message that comes late makes no larger step.
-        most = SWAP_CHANGE * min(dt, self._period()) / ramp if ramp > 0.0 else math.inf
+        after = advance(1.0)
+        # A late message must not make a larger step.
+        limit = SWAP_CHANGE * min(dt, self._period()) / ramp if ramp > 0.0 else math.inf
         change = float(np.abs(after - before).max())
-        return go(most / change) if change > most else after
+        return advance(limit / change) if change > limit else after
 
-    def _blended(self, source: Source, q: FloatArray) -> FloatArray:
+    def _blended(self, source: TorqueSource, q: FloatArray) -> FloatArray:
         new = self._torque(source, q)
         if self._blend >= 1.0 or self._old is None:
             return new
         old = self._torque(self._old, q) + self._offset
         return old + self._blend * (new - old)
 
-    def _torque(self, source: Source, q: FloatArray) -> FloatArray:
+    def _torque(self, source: TorqueSource, q: FloatArray) -> FloatArray:
         predict = source.with_share(self._share)
         if self.options.extrapolation == 'trust':
             return predict(q)
-        near = source.nearest(q)
-        if near is q:
+        nearest = source.nearest(q)
+        if nearest is q:
             # Within the trained range.
             return predict(q)
-        q = near
-        margin = min(self.options.extrapolation_margin, source.reach)
+        q = nearest
+        margin = self._margin_of(source)
         inside = np.minimum(np.maximum(q, source.q_min - margin), source.q_max + margin)
         outside = float(np.abs(q - inside).max())
         if outside == 0.0:
@@ -274,7 +277,7 @@ class FeedForward:
             step = self._rate * dt
             goal = np.minimum(np.maximum(goal, self._last - step), self._last + step)
         if self._limit is not None:
-            # Again, because a limit that was lowered just now is not to be approached slowly.
+            # Again: a lowered limit applies at once, not at the maximum rate.
             goal = np.minimum(np.maximum(goal, -self._limit), self._limit)
         self._last = goal
         return goal

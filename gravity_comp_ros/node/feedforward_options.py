@@ -1,4 +1,4 @@
-"""Limits and times of the torque that is published."""
+"""Limits and times of the published torque."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class FeedForwardOptions:
     """
     Limits and times of the feed-forward.
 
-    `max_torque` in N·m and `max_torque_rate` in N·m/s hold none, one or N values. Times are in
-    s; what they mean stands in the table of parameters.
+    `max_torque` in N·m and `max_torque_rate` in N·m/s have none, one or N values. Times are in s.
+    The parameter table describes each field.
 
     :raises OptionError: if a number is negative or not finite, or a policy unknown.
     """

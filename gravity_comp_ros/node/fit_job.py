@@ -1,4 +1,4 @@
-"""What the fit process does: fit, judge the result on held-out samples, and test it."""
+"""Fit of a job in the fit process: candidate models, held-out comparison, plausibility tests."""
 
 from __future__ import annotations
 
@@ -17,158 +17,175 @@ from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.settled import unsettled
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
-from gravity_comp_ros.node.absolute_tests import (
-    dead_joint, first_model_objection, loose_objection, lost_gravity, reference_noise)
 from gravity_comp_ros.node.base_chain import BaseChains, changed_by_payload, without_friction
-from gravity_comp_ros.node.fit_messages import Job, Outcome
+from gravity_comp_ros.node.effort_plausibility import (
+    dead_joint_objection, first_model_objection, lost_gravity_objection, objection_without_chain,
+    reference_noise)
+from gravity_comp_ros.node.fit_messages import FitJob, FitResult
 from gravity_comp_ros.node.live_friction import (
-    friction_of_both, moving_rms, residual_noise, rms, usual_residual)
-from gravity_comp_ros.node.model_acceptance import judge, Prediction
+    expected_residual, interleaved_nuisance, moving_rms, residual_noise, rms)
+from gravity_comp_ros.node.model_acceptance import compare_models, Prediction, Verdict
 from gravity_comp_ros.node.payload_test import objections, PayloadEvidence
 from gravity_comp_ros.node.self_confirmation import echo_objection
 import numpy as np
 
-# Fewer samples do not tell a whole model: it would fit them, and be wrong where the arm goes
-# next. What changed of an old model takes a fraction of them; see docs/node.md.
-FROM_NOTHING = 100
-CHANGE, WHOLE = 'change of the old model', 'fit from nothing'
-SPARSE = f'{WHOLE}, potential'
-# By this share a sparse potential must predict better than a chain to be taken.
-_CLEARLY = 0.1
-# A whole model must predict better than a change of the old model by this part: on some thirty
-# held-out samples chance made a tenth, of a model that was wrong elsewhere.
-_MORE_THAN_CHANGE = 0.25
-# Noise of earlier epochs counts so many times where gravity is fitted beside new effects.
-WITH_EFFECTS = 2.0
+# Minimum number of training samples of a full fit. With fewer it overfits and extrapolates badly;
+# the change of an old model requires a fraction of them (docs/node.md).
+MIN_FULL_FIT_SAMPLES = 100
+# How a model was fitted, as in replies and diagnostics.
+CHANGE, FULL_FIT = 'change of the old model', 'full fit'
+SPARSE = f'{FULL_FIT}, potential'
+# Margin of the held-out error by which a sparse potential must beat a chain.
+_SPARSE_MARGIN = 0.1
+# Margin by which a full fit must beat a change of the old model. On about thirty held-out samples
+# a model that was wrong at other poses was better by a tenth.
+_FULL_FIT_MARGIN = 0.25
+# Factor of the noise of earlier epochs where gravity is fitted jointly with new effects.
+NEW_EFFECTS_FACTOR = 2.0
+# A candidate model, with how it was fitted.
+Candidate = tuple[str, GravityModel]
 _chains = BaseChains()
 
 
-def work(job: Job) -> Outcome:
+def run_fit(job: FitJob) -> FitResult:
     """
-    Fit a job, judge the result on its held-out samples, and test it against what is known.
+    Fit a job, compare the best candidate with the model in use, and test its plausibility.
 
-    With few samples and a base only the change of that is fitted; with more a whole model as
-    well, and the one that predicts the held-out samples better counts. Where somebody asked for
-    effects that the base does not have, only a whole model will do.
+    With few samples and a base only the change of the base is fitted. With more samples a full
+    fit is a candidate as well, and the held-out error decides. A request for effects that the
+    base does not have requires a full fit.
 
-    :raises FitError: if there is no result, or too few samples for the effects.
-    :raises DataError: if the samples do not show an effect that was asked for.
+    :raises FitError: if there is no result, or there are too few samples for the effects.
+    :raises DataError: if the samples do not excite a requested effect.
     """
     start = time.monotonic()
     chain = None if job.base is None else _chains.of(job.base, job.geometry)
     job, left_out, first = _without_outliers(job, chain)
-    found = list(_candidates(job, chain, first))
-    how, model, here = _best(found, job)
-    more = job.old is not None and len(job.train) > job.old.coverage.n_samples
-    verdict = judge(here, None if job.old is None else predicted(job.old, job), job.train,
-                    job.held, more)
-    if len(found) > 1:
-        verdict = replace(verdict, reason=f'{verdict.reason}; tried: {_tried(found, job)}')
+    candidates = list(_candidates(job, chain, first))
+    how, model, prediction = _best(candidates, job)
+    has_more_samples = job.old is not None and len(job.train) > job.old.coverage.n_samples
+    verdict = compare_models(prediction, None if job.old is None else predicted(job.old, job),
+                             job.train, job.held_out, has_more_samples)
+    if len(candidates) > 1:
+        verdict = replace(verdict,
+                          reason=f'{verdict.reason}; tried: {_candidate_errors(candidates, job)}')
     if not verdict.compensated:
-        change = next((other for name, other in found if name == CHANGE), None)
-        echo = None if job.sent is None else echo_objection(
-            job.sent, job.train, job.held, here.train, here.held,
-            job.base is not None and _targets(model) != _targets(job.base))
-        if echo is not None:
-            verdict = verdict.not_yet(echo)
-        elif (broken := _broken(job, chain, change, model)) is not None:
-            verdict = verdict.refused(broken)
-        elif verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
-            verdict = verdict.not_yet(why)
-    return Outcome(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
-                   job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
+        change = next((other for name, other in candidates if name == CHANGE), None)
+        verdict = _tested(verdict, job, chain, change, (how, model), prediction)
+    return FitResult(job.number, job.epoch, model, verdict, how, time.monotonic() - start,
+                     job.train.q.min(axis=0), job.train.q.max(axis=0), left_out)
 
 
-def _without_outliers(job: Job, chain: GravityModel | None
-                      ) -> tuple[Job, Mapping[str, int], tuple[str, GravityModel] | None]:
+def _tested(verdict: Verdict, job: FitJob, chain: GravityModel | None,
+            change: GravityModel | None, best: Candidate, prediction: Prediction) -> Verdict:
+    """Return the verdict after the tests for an echo, broken effort, and too little motion."""
+    how, model = best
+    echo = None if job.sent is None else echo_objection(
+        job.sent, job.train, job.held_out, prediction.train, prediction.held_out,
+        job.base is not None and _targets(model) != _targets(job.base))
+    if echo is not None:
+        return verdict.not_yet(echo)
+    if (broken := _broken_effort(job, chain, change, model, prediction)) is not None:
+        return verdict.refused(broken)
+    if verdict.better and how != CHANGE and (why := _unsettled(model, job)) is not None:
+        return verdict.not_yet(why)
+    return verdict
+
+
+def _without_outliers(job: FitJob, chain: GravityModel | None
+                      ) -> tuple[FitJob, Mapping[str, int], Candidate | None]:
     """
-    Return the job without samples at which something else than gravity acted for a moment.
+    Return the job without outliers, their number per joint, and the model that identified them.
 
-    Without a chain a model is fitted to find them; it is returned where it is one of the job's.
+    With a chain the outliers are those of its change. Without one they are those of a full fit,
+    which is returned if it is a candidate of the remaining job.
     """
     first = None
-    every, names = concatenate((job.train, job.held)), job.train.names
+    samples, names = concatenate((job.train, job.held_out)), job.train.names
     if chain is not None and chain.joints == names:
-        gravity = concatenate(_beside_friction(job.base or chain, job))
-        found = outliers.outliers_of_change(gravity, chain)
+        gravity = concatenate(_gravity_samples(job.base or chain, job))
+        is_outlier = outliers.outliers_of_change(gravity, chain)
     else:
         try:
-            how, model = next(_wholes(replace(job, effects=())))
+            how, model = next(_full_fits(replace(job, effects=())))
         except (FitError, DataError):
             return job, {}, None
-        said = predicted(model, job)
-        found = outliers.outliers_of_fit(every.tau - np.concatenate(
-            (said.train + said.beside_train, said.held + said.beside_held)), every)
+        prediction = predicted(model, job)
+        is_outlier = outliers.outliers_of_fit(samples.tau - np.concatenate(
+            (prediction.train + prediction.nuisance_train,
+             prediction.held_out + prediction.nuisance_held_out)), samples)
         first = None if job.effects else (how, model)
-    if not found.any():
+    if not is_outlier.any():
         return job, {}, first
-    train, held = found[:len(job.train)], found[len(job.train):]
-    return replace(job, train=outliers.without(job.train, train),
-                   held=outliers.without(job.held, held),
-                   sent=outliers.sent_without(job.sent, train, held)), outliers.counts(
-                       names, found), None
+    train, held_out = is_outlier[:len(job.train)], is_outlier[len(job.train):]
+    job = replace(job, train=outliers.without(job.train, train),
+                  held_out=outliers.without(job.held_out, held_out),
+                  sent=outliers.sent_without(job.sent, train, held_out))
+    return job, outliers.counts(names, is_outlier), None
 
 
-def _best(found: list[tuple[str, GravityModel]], job: Job) -> tuple[str, GravityModel, Prediction]:
+def _best(candidates: list[Candidate], job: FitJob) -> tuple[str, GravityModel, Prediction]:
     """
-    Return the first model unless a later one predicts the held-out samples clearly better.
+    Return the first candidate unless a later one has a smaller held-out error by a margin.
 
-    A change of the old model extrapolates best, then a chain, and a potential does not, so chance
-    must not decide between them.
+    A change of the old model extrapolates best, then a chain, then a potential. The margins
+    exceed the statistical uncertainty of the error.
     """
-    (how, model), *others = found
-    here = predicted(model, job)
+    (how, model), *others = candidates
+    best = predicted(model, job)
     for name, other in others:
-        there = predicted(other, job)
-        margin = _MORE_THAN_CHANGE if how == CHANGE else _CLEARLY if name == SPARSE else 0.0
-        if judge(there, here, job.train, job.held, margin=margin).better:
-            how, model, here = name, other, there
-    return how, model, here
+        prediction = predicted(other, job)
+        margin = _FULL_FIT_MARGIN if how == CHANGE else _SPARSE_MARGIN if name == SPARSE else 0.0
+        if compare_models(prediction, best, job.train, job.held_out, margin=margin).better:
+            how, model, best = name, other, prediction
+    return how, model, best
 
 
-def _tried(found: list[tuple[str, GravityModel]], job: Job) -> str:
-    """Return the held-out RMSE of every model that was fitted, over all joints."""
-    every = [predicted(model, job) for _, model in found]
-    errors = [moving_rms(job.held.tau - each.held - each.beside_held, job.held.qd)
-              for each in every]
-    return ', '.join(f'{name} {np.sqrt((error ** 2).mean()):.3g} N·m'
-                     for (name, _), error in zip(found, errors))
+def _candidate_errors(candidates: list[Candidate], job: FitJob) -> str:
+    """Return the held-out RMSE of each candidate over all joints, in words."""
+    texts = []
+    for how, model in candidates:
+        prediction = predicted(model, job)
+        error = moving_rms(job.held_out.tau - prediction.held_out - prediction.nuisance_held_out,
+                           job.held_out.qd)
+        texts.append(f'{how} {np.sqrt((error ** 2).mean()):.3g} N·m')
+    return ', '.join(texts)
 
 
-def _candidates(job: Job, chain: GravityModel | None,
-                first: tuple[str, GravityModel] | None) -> Iterator[tuple[str, GravityModel]]:
-    """Yield the models to judge; `first` is the first whole one where it was fitted already."""
+def _candidates(job: FitJob, chain: GravityModel | None,
+                first: Candidate | None) -> Iterator[Candidate]:
+    """Yield the candidate models; `first` is the first full fit where it exists already."""
     base = chain or job.base
     if base is not None and (base.energy is None or base.joints != job.train.names):
         base = None
-    wanted = requests(job.effects, job.train.names)
-    news = [request.target for request in wanted
-            if base is None or not base.applied.has(request.effect.name, request.joint)]
-    if job.asked and news:
+    requested = requests(job.effects, job.train.names)
+    new_effects = [request.target for request in requested
+                   if base is None or not base.applied.has(request.effect.name, request.joint)]
+    if job.on_request and new_effects:
         base = None
-        if len(job.train) < FROM_NOTHING:
-            raise FitError(f'{len(job.train)} samples to learn from; a model with '
-                           f'{", ".join(job.effects)} takes {FROM_NOTHING}: keep moving slowly')
-    if base is not None:
-        yield CHANGE, changed(base, job.train)
+        if len(job.train) < MIN_FULL_FIT_SAMPLES:
+            raise FitError(f'{len(job.train)} training samples; a model with '
+                           f'{", ".join(job.effects)} requires {MIN_FULL_FIT_SAMPLES}: keep '
+                           'moving slowly')
     if base is None:
-        yield from _wholes(job, first)
-    elif len(job.train) >= FROM_NOTHING:
-        # There is a result already; samples that show too little for a whole one do no harm.
+        yield from _full_fits(job, first)
+        return
+    yield CHANGE, payload_change(base, job.train)
+    if len(job.train) >= MIN_FULL_FIT_SAMPLES:
+        # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
-            yield from _wholes(job, first)
+            yield from _full_fits(job, first)
 
 
-def _wholes(job: Job, first: tuple[str, GravityModel] | None = None
-            ) -> Iterator[tuple[str, GravityModel]]:
+def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidate]:
     """
-    Yield models fitted to the samples alone: the one that is asked for.
+    Yield models fitted to the samples alone, of the formulation of the job.
 
-    With `auto` the chain comes first, and the sparse potential by ADMM beside it; known axes are
-    tested against the samples (`estimation.formulation_choice`).
+    With `auto` these are the chain and then the sparse potential by ADMM; known axes are tested
+    against the samples (`estimation.formulation_choice`).
     """
     if job.formulation != 'auto':
-        yield first or (WHOLE, whole(job, FitOptions(job.formulation)))
+        yield first or (FULL_FIT, full_fit(job, FitOptions(job.formulation)))
         return
     if first is not None and first[0] == SPARSE:
         # The chain has failed.
@@ -176,50 +193,49 @@ def _wholes(job: Job, first: tuple[str, GravityModel] | None = None
         return
     known = job.geometry is not None and job.geometry.joints == job.train.names
     options = FitOptions('auto', geometry=job.geometry) if known else FitOptions('chain')
-    # The sparse fit must succeed; the chain beside it may fail.
+    # The sparse fit must succeed; the chain may fail.
     with suppress(FitError, DataError):
-        yield first or (f'{WHOLE}, chain', whole(job, options))
-    yield SPARSE, whole(job, FitOptions('potential'))
+        yield first or (f'{FULL_FIT}, chain', full_fit(job, options))
+    yield SPARSE, full_fit(job, FitOptions('potential'))
 
 
-def _unsettled(model: GravityModel, job: Job) -> str | None:
+def _unsettled(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
     return unsettled(model, job.train, residual_noise(model),
-                     lambda early: whole(replace(job, train=early), options))
+                     lambda early: full_fit(replace(job, train=early), options))
 
 
-def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,
-            model: GravityModel) -> str | None:
+def _broken_effort(job: FitJob, chain: GravityModel | None, change: GravityModel | None,
+                   model: GravityModel, prediction: Prediction) -> str | None:
     """
-    Return why the effort of this job cannot be what the drives supply, None if it can.
+    Return why the effort of this job is broken, None if it is not.
 
     :param change: the change of `chain` where it was fitted already; `model` is the best one.
     """
-    here = predicted(model, job)
     residual = np.maximum(
-        outliers.rms_without(job.train, here.train + here.beside_train),
-        outliers.rms_without(job.held, here.held + here.beside_held))
+        outliers.rms_without(job.train, prediction.train + prediction.nuisance_train),
+        outliers.rms_without(job.held_out, prediction.held_out + prediction.nuisance_held_out))
     base = job.base
     if base is None or base.joints != job.train.names:
         return first_model_objection(job.train, residual)
     allowance = 1.0
     source = base
     if _targets(model) != _targets(base):
-        # Effects that were asked for are no payload, and gravity no longer imitates them.
-        change, source, allowance = None, model, WITH_EFFECTS
-    train, held = _beside_friction(source, job)
-    gravity = concatenate((train, held))
+        # With other effects gravity changes without a change of the payload.
+        change, source, allowance = None, model, NEW_EFFECTS_FACTOR
+    train, held_out = _gravity_samples(source, job)
+    gravity = concatenate((train, held_out))
     before = base.predict(gravity.q)
-    noise = allowance * reference_noise(usual_residual(base), gravity, before)
-    for test in (lost_gravity, dead_joint):
-        if (lost := test(gravity, before, noise)) is not None:
-            return lost
+    noise = allowance * reference_noise(expected_residual(base), gravity, before)
+    for test in (lost_gravity_objection, dead_joint_objection):
+        if (objection := test(gravity, before, noise)) is not None:
+            return objection
     if chain is None or chain.joints != job.train.names:
-        return loose_objection(job.train, residual, noise,
-                               rms(here.train - predict_torque(base, job.train)))
+        return objection_without_chain(job.train, residual, noise,
+                                       rms(prediction.train - predict_torque(base, job.train)))
     loaded = change or changed_by_payload(without_friction(chain), train)
-    evidence = PayloadEvidence(chain, loaded, train, held, noise)
+    evidence = PayloadEvidence(chain, loaded, train, held_out, noise)
     return next(objections(evidence, job.payload, job.geometry), None)
 
 
@@ -227,38 +243,39 @@ def _targets(model: GravityModel) -> set[str]:
     return {effect.target for effect in model.applied.effects}
 
 
-def _gravity(base: GravityModel, samples: JointSamples) -> JointSamples:
+def _without_effects(base: GravityModel, samples: JointSamples) -> JointSamples:
     return replace(samples, tau=samples.tau - effect_torque(base, samples))
 
 
-def _beside_friction(model: GravityModel, job: Job) -> tuple[JointSamples, JointSamples]:
+def _gravity_samples(model: GravityModel, job: FitJob) -> tuple[JointSamples, JointSamples]:
     """Return both sets of samples without the effects, friction and offset of a model."""
-    train, held = (_gravity(model, part) for part in (job.train, job.held))
-    friction = friction_of_both(model, job.train, job.held)
+    train, held_out = (_without_effects(model, part) for part in (job.train, job.held_out))
+    friction = interleaved_nuisance(model, job.train, job.held_out)
     return (replace(train, tau=train.tau - friction[0]),
-            replace(held, tau=held.tau - friction[1]))
+            replace(held_out, tau=held_out.tau - friction[1]))
 
 
-def changed(base: GravityModel, samples: JointSamples) -> GravityModel:
-    """Return the base with what changed of its gravity; its effects stay as they are."""
-    return changed_by_payload(base, _gravity(base, samples))
+def payload_change(base: GravityModel, samples: JointSamples) -> GravityModel:
+    """Return the base with the change of its gravity fitted; its effects stay unchanged."""
+    return changed_by_payload(base, _without_effects(base, samples))
 
 
-def whole(job: Job, options: FitOptions) -> GravityModel:
-    """Return a model fitted to the samples alone, with the effects that are asked for."""
-    # What the model in use was given stays, unless other effects are asked for.
+def full_fit(job: FitJob, options: FitOptions) -> GravityModel:
+    """Return a model fitted to the training samples alone, with the requested effects."""
+    # Without a request the effects of the model in use are fitted again.
     targets = job.effects or tuple(e.target for e in job.old.applied.effects) if job.old \
         else job.effects
-    wanted = requests(targets, job.train.names)
-    made = (fit_with_effects(job.train, job.train, wanted, options).joint.model if wanted
-            else fit(job.train, options).model)
-    if job.base is None or job.base.joints != made.joints:
-        return made
-    # What earlier payloads showed of the arm stays.
-    return replace(made, payload_path=payload_path(job.base, made))
+    requested = requests(targets, job.train.names)
+    model = (fit_with_effects(job.train, job.train, requested, options).joint.model if requested
+             else fit(job.train, options).model)
+    if job.base is None or job.base.joints != model.joints:
+        return model
+    # Distances learned from earlier payloads stay valid.
+    return replace(model, payload_path=payload_path(job.base, model))
 
 
-def predicted(model: GravityModel, job: Job) -> Prediction:
-    """Return what a model says of the samples of a job, effects included."""
-    return Prediction(predict_torque(model, job.train), predict_torque(model, job.held),
-                      residual_noise(model), *friction_of_both(model, job.train, job.held))
+def predicted(model: GravityModel, job: FitJob) -> Prediction:
+    """Return the torque of a model at the samples of a job, effects included."""
+    return Prediction(predict_torque(model, job.train), predict_torque(model, job.held_out),
+                      residual_noise(model),
+                      *interleaved_nuisance(model, job.train, job.held_out))

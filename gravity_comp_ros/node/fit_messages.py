@@ -1,8 +1,8 @@
 """
-What the node asks the fit process, and what that answers.
+Jobs and results of the fit process.
 
-This is all that either side knows of the other: the node's own process loads neither SciPy nor the
-estimator.
+These types are the only dependency of the node's process on the fit process: it imports neither
+SciPy nor the estimator.
 """
 
 from __future__ import annotations
@@ -15,42 +15,43 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node.model_acceptance import Verdict
 from gravity_comp_ros.node.payload import PayloadFinding, PayloadLimits
-from gravity_comp_ros.node.self_confirmation import Sent
+from gravity_comp_ros.node.self_confirmation import SentTorque
 
 
 @dataclass(frozen=True)
-class Job:
+class FitJob:
     """
-    What to fit: samples to learn from and to judge by.
+    Fit a model to training samples, and compare it with the model in use on held-out samples.
 
-    `base` is the model that was in use when the epoch began, to which a change may be fitted;
-    `old` the one in use now, which is to be beaten. `effects` are to be in a whole model; `asked`
-    says that somebody waits for it. `payload` bounds what a payload can be, `geometry` has the
-    axes where they are known, `sent` the torque that the node published around each sample.
-    `formulation` is that of a whole model, as in `FitOptions`.
+    - `base`: model in use when the epoch began; its change may be fitted.
+    - `old`: model in use now, to compare with.
+    - `effects`: effects of a full fit; `on_request`: whether a service call requested the fit.
+    - `payload`: limits of a payload; `geometry`: the axes where they are known.
+    - `sent`: torque that the node published before each sample.
+    - `formulation`: formulation of a full fit, as in `FitOptions`.
     """
 
     number: int
     epoch: int
     train: JointSamples
-    held: JointSamples
+    held_out: JointSamples
     base: GravityModel | None
     old: GravityModel | None
     formulation: str = 'auto'
     effects: tuple[str, ...] = ()
-    asked: bool = False
+    on_request: bool = False
     payload: PayloadLimits = PayloadLimits()
     geometry: Geometry | None = None
-    sent: Sent | None = None
+    sent: SentTorque | None = None
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class FitResult:
     """
-    The best model of a job, how it fared against the one in use, and the time in s.
+    The best model of a job, its verdict, and the computing time in s.
 
-    `low` and `high` (N,) in rad are the range of the samples that it was learned from, and
-    `outliers` counts the samples of each joint that were left out.
+    `low` and `high` (N,) in rad are the range of the training samples. `outliers` has the number
+    of samples of each joint that were left out.
     """
 
     number: int
@@ -65,8 +66,8 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Question:
-    """Asks which effect is missing in `model`, going by these samples."""
+class DiagnosisJob:
+    """Find the effects that `model` does not include, in these samples."""
 
     number: int
     samples: JointSamples
@@ -74,16 +75,16 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Findings:
-    """The answer to a question, in a line."""
+class DiagnosisResult:
+    """The findings of a diagnosis in one line."""
 
     number: int
     text: str
 
 
 @dataclass(frozen=True)
-class Look:
-    """Asks whether these samples show another payload than that of `model`; see `Job`."""
+class PayloadJob:
+    """Test whether these samples show another payload than that of `model`; see `FitJob`."""
 
     number: int
     samples: JointSamples
@@ -93,8 +94,8 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """The answer to a look, and the stamp of its first sample in s."""
+class PayloadResult:
+    """The result of a payload test, and the stamp of its first sample in s."""
 
     number: int
     finding: PayloadFinding

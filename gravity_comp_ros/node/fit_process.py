@@ -1,11 +1,12 @@
-"""The node's end of the fit process: kept warm, watched, and replaced when it dies or hangs."""
+"""Supervision of the fit process: kept running, watched, restarted when it dies or hangs."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gravity_comp_ros.node.fit_messages import Findings, Job, Look, Outcome, Question, Seen
+from gravity_comp_ros.node.fit_messages import (
+    DiagnosisJob, DiagnosisResult, FitJob, FitResult, PayloadJob, PayloadResult)
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Message, Ready
 from gravity_comp_ros.worker.worker_process import command as worker_command, WorkerProcess
 
@@ -15,30 +16,31 @@ BUSY = 'fitting'
 DOWN = 'down'
 
 NICENESS = 10
+# Time after which a process that does not start is killed, s.
 START_TIMEOUT = 60.0
-FIRST_DELAY = 0.5
-LONGEST_DELAY = 30.0
+# First and largest delay before a restart, s; it doubles with each failure.
+FIRST_DELAY, MAX_DELAY = 0.5, 30.0
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A fit that ended without a model; `lost` says that its process went with it."""
+    """A job that ended without a result; `lost` is true if its process ended as well."""
 
     reason: str
     number: int | None
     lost: bool
 
 
-AnyJob = Job | Question | Look
-Event = Outcome | Findings | Seen | Failure
+AnyJob = FitJob | DiagnosisJob | PayloadJob
+Event = FitResult | DiagnosisResult | PayloadResult | Failure
 
 
 class FitProcess:
     """
-    One fit at a time in a process of its own. Nothing here blocks, time is explicit.
+    One job at a time in a separate process. No method blocks; the caller passes the time in s.
 
-    :param timeout: s after which a fit counts as hanging.
-    :param command: how to start the process; the descriptor of its pipe is appended.
+    :param timeout: time after which a job counts as hanging, s.
+    :param command: command of the process; the descriptor of its pipe is appended.
     """
 
     def __init__(self, timeout: float, command: Sequence[str] = worker_command(
@@ -48,7 +50,7 @@ class FitProcess:
         self.last_failure = ''
         self.state = DOWN
         self._worker = WorkerProcess(command)
-        # What is being done, if anything.
+        # The running job.
         self.job: AnyJob | None = None
         self._since = 0.0
         self._delay = FIRST_DELAY
@@ -60,11 +62,11 @@ class FitProcess:
         return self._worker.pid
 
     def seconds(self, now: float) -> float:
-        """Return for how long the present state has lasted."""
+        """Return the duration of the present state in s."""
         return now - self._since
 
     def start(self, now: float) -> None:
-        """Start the process; it says by itself when it is ready."""
+        """Start the process; `poll` receives its message that it is ready."""
         try:
             self._worker.start()
         except OSError as problem:
@@ -73,7 +75,7 @@ class FitProcess:
         self.state, self._since = STARTING, now
 
     def submit(self, job: AnyJob, now: float) -> bool:
-        """Give the process a job; False if it is not ready for one."""
+        """Send a job to the process; return False if it is not ready."""
         if self.state != READY:
             return False
         self.job, self.state, self._since = job, BUSY, now
@@ -81,7 +83,7 @@ class FitProcess:
         return True
 
     def poll(self, now: float) -> list[Event]:
-        """Return what happened since the last call; restarts a process that was lost."""
+        """Return the events since the last call; restart a process that was lost."""
         if self.state == DOWN:
             if now >= self._start_at:
                 self.start(now)
@@ -90,7 +92,7 @@ class FitProcess:
         for message in self._worker.messages():
             if isinstance(message, Lost):
                 return [*events, self._lose(f'the fit process died ({message.how})', now)]
-            events += self._take(message, now)
+            events += self._receive(message, now)
         waited = now - self._since
         if self.state == BUSY and waited > self.timeout:
             return [*events, self._lose(f'the fit hung: no result after {waited:.1f} s; its '
@@ -106,7 +108,7 @@ class FitProcess:
         self.state, self.job = DOWN, None
         self._start_at = float('inf')
 
-    def _take(self, message: Message, now: float) -> list[Event]:
+    def _receive(self, message: Message, now: float) -> list[Event]:
         number, events = self.job.number if self.job else None, list[Event]()
         if isinstance(message, Ready):
             self._delay = FIRST_DELAY
@@ -130,6 +132,6 @@ class FitProcess:
         self.restarts += 1
         self.last_failure = reason
         self.job, self.state, self._since = None, DOWN, now
-        # One that dies as it starts is not to be started a hundred times a second.
+        # A process that dies as it starts must not be restarted at every poll.
         self._start_at = now + self._delay
-        self._delay = min(2 * self._delay, LONGEST_DELAY)
+        self._delay = min(2 * self._delay, MAX_DELAY)

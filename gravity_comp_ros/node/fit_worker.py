@@ -1,4 +1,4 @@
-"""What the fit process of the node does: fits, a missing effect, another payload."""
+"""Entry point of the fit process: fits, diagnoses and payload tests."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.node.base_chain import BaseChains
-from gravity_comp_ros.node.fit_job import work
-from gravity_comp_ros.node.fit_messages import Findings, Look, Outcome, Question, Seen
+from gravity_comp_ros.node.fit_job import run_fit
+from gravity_comp_ros.node.fit_messages import (
+    DiagnosisJob, DiagnosisResult, FitResult, PayloadJob, PayloadResult)
 from gravity_comp_ros.node.fit_process import AnyJob
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_evidence import find_payload
@@ -23,55 +24,55 @@ _chains = BaseChains()
 
 
 def fitting() -> Work:
-    """Return what does the jobs of the node."""
-    return do
+    """Return the function that runs the jobs of the node."""
+    return run_job
 
 
-def do(job: AnyJob, tell: Tell) -> Outcome | Findings | Seen:
-    """Do a job of any kind."""
-    if isinstance(job, Question):
-        return ask(job)
-    return look(job) if isinstance(job, Look) else work(job)
+def run_job(job: AnyJob, _: Tell) -> FitResult | DiagnosisResult | PayloadResult:
+    """Run a job of any kind."""
+    if isinstance(job, DiagnosisJob):
+        return run_diagnosis(job)
+    return run_payload_test(job) if isinstance(job, PayloadJob) else run_fit(job)
 
 
-def look(job: Look) -> Seen:
+def run_payload_test(job: PayloadJob) -> PayloadResult:
     """Return whether the samples show another payload."""
     chain = _chains.of(job.model, job.geometry)
     if chain is None or chain.joints != job.samples.names:
-        found = PayloadFinding(False, True, 'the effort has changed; whether by a payload is not '
-                               'known, because no serial chain explains this arm')
+        finding = PayloadFinding(False, True, 'the effort has changed; a payload cannot be '
+                                 'tested, because no serial chain explains this arm')
     else:
         try:
-            found = find_payload(job.samples, job.model, chain, job.payload, job.geometry)
+            finding = find_payload(job.samples, job.model, chain, job.payload, job.geometry)
         except (GravityCompError, np.linalg.LinAlgError) as problem:
-            found = PayloadFinding(False, False, str(problem))
-    return Seen(job.number, found, float(job.samples.t[0]))
+            finding = PayloadFinding(False, False, str(problem))
+    return PayloadResult(job.number, finding, float(job.samples.t[0]))
 
 
-def ask(question: Question) -> Findings:
+def run_diagnosis(job: DiagnosisJob) -> DiagnosisResult:
     """
-    Diagnose, and put the findings and the motion that settles what they leave open into words.
+    Return the findings of a diagnosis, and the motion that resolves its open questions, in words.
 
     :raises DataError: if there are too few samples.
     """
     start = time.monotonic()
-    found = diagnose(question.samples, question.model)
-    # Named as `gravity_comp add` and the parameter `effects` take them.
+    diagnosis = diagnose(job.samples, job.model)
+    # Named as `gravity_comp add` and the parameter `effects` accept them.
     ranking = ', '.join(f'{target(item.effect or "unexplained", item.joint)} ({item.verdict})'
-                        for item in found.findings)
-    lines = [wording.verdict(found), *filter(None, [ranking, _next_motion(question, found)]),
-             f'{len(question.samples)} slow samples, {time.monotonic() - start:.1f} s']
-    return Findings(question.number, ' | '.join(lines))
+                        for item in diagnosis.findings)
+    lines = [wording.verdict(diagnosis), *filter(None, [ranking, _next_motion(job, diagnosis)]),
+             f'{len(job.samples)} slow samples, {time.monotonic() - start:.1f} s']
+    return DiagnosisResult(job.number, ' | '.join(lines))
 
 
-def _next_motion(question: Question, found: Diagnosis) -> str:
-    """Return the motion that settles what is open, in words; nothing if there is none."""
-    if question.model is None:
+def _next_motion(job: DiagnosisJob, diagnosis: Diagnosis) -> str:
+    """Return the motion that resolves what is open, in words; empty if there is none."""
+    if job.model is None:
         return ''
     try:
-        planned = plan(question.samples, question.model, diagnosis=found)
+        planned = plan(job.samples, job.model, diagnosis=diagnosis)
     except GravityCompError:
         return ''
     parts = '; '.join(part.sentence for part in planned.parts)
-    return (f'to settle what is open, move for {planned.trajectory.duration:.0f} s: {parts} '
+    return (f'to resolve what is open, move for {planned.trajectory.duration:.0f} s: {parts} '
             f'(`gravity_comp plan` on a recording writes that motion)')

@@ -1,9 +1,9 @@
 """
-Friction and offset of a model, sample by sample: what its residual holds beside noise.
+Friction and offset of a model, subtracted from the live residual.
 
-A fit finds friction and offset beside gravity (`models.nuisance`), and the model does not predict
-them. The live residual holds them. They are subtracted before the residual is compared with the
-noise of the training. Inertia is left out: the samples are slow.
+A fit estimates friction and offset jointly with gravity (`models.nuisance`), and the model does
+not predict them. They are subtracted from the live residual before it is compared with the noise
+of the training. Inertia is neglected, because the samples are slow.
 """
 
 from __future__ import annotations
@@ -16,26 +16,25 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.nuisance import COULOMB, OFFSET, VISCOUS
 import numpy as np
 
-# Friction changes with temperature and load by about this part of itself.
+# Relative change of friction with temperature and load.
 DRIFT = 0.3
-# A joint's noise counts as this part of the largest one at least: one without gravity may have
-# next to none.
-LEAST_PART = 0.05
-_LEAST_WIDTH = 1e-6
-# rad/s; a joint that is slower is at rest for its friction.
-STANDSTILL = 0.01
+# Minimum noise of a joint as a fraction of the largest; a joint without gravity has almost none.
+MIN_NOISE_FRACTION = 0.05
+_MIN_WIDTH = 1e-6
+# Speed below which a joint is at rest for its friction, rad/s.
+REST_SPEED = 0.01
 
 
 @lru_cache(maxsize=8)
 def residual_noise(model: GravityModel) -> FloatArray:
-    """Return the standard deviation (N,) in N·m of the residual beside friction and offset."""
+    """Return the standard deviation (N,), N·m, of the residual without friction and offset."""
     noise = model.noise_with_nuisance
-    return np.maximum(noise, LEAST_PART * float(noise.max()) + 1e-9)
+    return np.maximum(noise, MIN_NOISE_FRACTION * float(noise.max()) + 1e-9)
 
 
 @lru_cache(maxsize=8)
-def usual_residual(model: GravityModel) -> FloatArray:
-    """Return what a model leaves beside friction where friction drifts as it may (N,), N·m."""
+def expected_residual(model: GravityModel) -> FloatArray:
+    """Return the standard deviation (N,), N·m, of that residual plus the drift of friction."""
     coulomb = model.nuisance.of(COULOMB)
     size = np.array([abs(coulomb[name].value) if name in coulomb else 0.0
                      for name in model.joints])
@@ -51,48 +50,48 @@ def moving_rms(residual: FloatArray, qd: FloatArray) -> FloatArray:
     """
     Return the RMS (N,) in N·m of a residual (M, N) over the samples at which the joint moves.
 
-    At rest friction has any value between its two directions, which no model predicts. A joint
-    that rests most of the time counts at all of them.
+    At rest friction has any value between its two directions, which no model predicts. All
+    samples count for a joint that is at rest most of the time.
     """
-    moves = np.abs(qd) > STANDSTILL
+    moves = np.abs(qd) > REST_SPEED
     moves |= moves.mean(axis=0) < 0.5
     return np.asarray(np.sqrt((moves * residual ** 2).sum(axis=0) / moves.sum(axis=0)))
 
 
-def friction_of_both(model: GravityModel, train: JointSamples,
-                     held: JointSamples) -> tuple[FloatArray, FloatArray]:
+def interleaved_nuisance(model: GravityModel, train: JointSamples,
+                         held_out: JointSamples) -> tuple[FloatArray, FloatArray]:
     """
-    Return friction and offset of a model at samples that were taken in turns.
+    Return friction and offset (M, N) in N·m at interleaved training and held-out samples.
 
-    The direction of friction that holds at rest follows from the way that a joint has gone, so
-    the samples are taken together, in order of time.
+    The direction of friction at rest follows from the path of the joint, so both sets are
+    evaluated together in order of time.
     """
-    every = concatenate((train, held))
-    order = np.argsort(every.t, kind='stable')
-    if (np.diff(every.t[order]) <= 0.0).any():
+    both = concatenate((train, held_out))
+    order = np.argsort(both.t, kind='stable')
+    if (np.diff(both.t[order]) <= 0.0).any():
         return (nuisance_torque(model.nuisance, train),
-                nuisance_torque(model.nuisance, held))
-    whole_run = JointSamples.single_run(every.names, every.t[order], every.q[order],
-                                        every.qd[order], every.tau[order])
-    torque = np.empty_like(every.tau)
+                nuisance_torque(model.nuisance, held_out))
+    whole_run = JointSamples.single_run(both.names, both.t[order], both.q[order],
+                                        both.qd[order], both.tau[order])
+    torque = np.empty_like(both.tau)
     torque[order] = nuisance_torque(model.nuisance, whole_run)
     return torque[:len(train)], torque[len(train):]
 
 
 class LiveFriction:
     """
-    The friction and offset that a model was fitted with.
+    The friction and offset of a model, sample by sample.
 
-    Where friction holds at rest (`effects.motion_direction`), its direction is kept at rest.
+    Where static friction keeps its direction at rest (`effects.motion_direction`), so does this.
     """
 
     def __init__(self, model: GravityModel) -> None:
         n, nuisance = model.n_joints, model.nuisance
         self._size = {kind: np.array([
-            found[name].value if name in found else 0.0 for name in model.joints])
-            for kind, found in ((kind, nuisance.of(kind)) for kind in (COULOMB, VISCOUS, OFFSET))}
+            terms[name].value if name in terms else 0.0 for name in model.joints])
+            for kind, terms in ((kind, nuisance.of(kind)) for kind in (COULOMB, VISCOUS, OFFSET))}
         self._width = np.maximum(nuisance.width if nuisance.width.size else np.ones(n),
-                                 _LEAST_WIDTH)
+                                 _MIN_WIDTH)
         hold = nuisance.hold if nuisance.hold.size else np.zeros(n)
         self._holds = hold > 0.0
         self._hold = np.where(self._holds, hold, 1.0)
@@ -104,8 +103,8 @@ class LiveFriction:
         moved = np.zeros_like(q) if self._q is None else q - self._q
         self._q = q
         sign = np.sign(moved)
-        held = np.where(sign == 0.0, self._direction, sign + (self._direction - sign) * np.exp(
+        kept = np.where(sign == 0.0, self._direction, sign + (self._direction - sign) * np.exp(
             -np.abs(moved) / self._hold))
-        self._direction = np.where(self._holds, held, np.tanh(qd / self._width))
+        self._direction = np.where(self._holds, kept, np.tanh(qd / self._width))
         return np.asarray(self._size[COULOMB] * self._direction + self._size[VISCOUS] * qd
                           + self._size[OFFSET])

@@ -1,4 +1,4 @@
-"""The executable `gravity_comp_node`, which says in one line where ROS is missing."""
+"""Executable `gravity_comp_node`; without ROS it ends with a one-line error."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import sys
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
-    # Python's exception would come in the middle of anything, and libraries disguise it as a
-    # failure of their own. Until ROS takes signals, Ctrl-C ends this as any program.
+    """Run the node until a signal ends it; return 0, or 1 with one line if it cannot start."""
+    # A KeyboardInterrupt during imports may be raised as an error of a library. Until ROS
+    # handles signals, Ctrl-C ends the process by the default action.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:

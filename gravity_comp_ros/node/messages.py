@@ -1,4 +1,4 @@
-"""From `sensor_msgs/JointState` to vectors in the configured order, with every fault named."""
+"""Conversion of `sensor_msgs/JointState` to vectors in the configured order; faults by name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gravity_comp_ros.data.short_vectors import all_finite, Bounds
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
-# Faults: the message, or its part, is dropped.
+# Faults: the message, or the faulty field, is dropped.
 OTHER_JOINTS = 'other_joints'
 MISSING_JOINT = 'missing_joint'
 DUPLICATE_JOINT = 'duplicate_joint'
@@ -25,11 +25,11 @@ TIME_STILL = 'time_still'
 VELOCITY_NOT_FINITE = 'velocity_not_finite'
 EFFORT_NOT_FINITE = 'effort_not_finite'
 NO_EFFORT = 'no_effort'
-# Replaced by other evidence, with a warning: a velocity of a joint that contradicts its positions,
-# and a stamp of 0 after real ones.
+# Replaced by other data, with a warning: a velocity that contradicts the positions, and stamps of
+# 0 after stamps that were not 0.
 VELOCITY_WRONG = 'velocity_wrong'
 STAMP_LOST = 'stamp_lost'
-# Handled: counted, and told without alarm.
+# Handled: counted, without a warning.
 NO_VELOCITY = 'no_velocity'
 NO_STAMP = 'no_stamp'
 CLOCK_JUMP = 'clock_jump'
@@ -39,29 +39,29 @@ FAULTS = (MISSING_JOINT, DUPLICATE_JOINT, WRONG_SIZE, POSITION_NOT_FINITE, POSIT
 REPLACED = (VELOCITY_WRONG, STAMP_LOST)
 HANDLED = (OTHER_JOINTS, NO_VELOCITY, NO_STAMP)
 
-# rad. Further from 0 no joint turns but a continuous one: angles in degrees are such. And a
-# continuous joint that has turned so far is an encoder fault, not a pose.
-ABSURD_POSITION, ABSURD_TURNS = 4.0 * math.pi, 1000.0
-# So many messages in a row that agree among themselves that it is earlier than we thought
-# mean that the clock was set back, or a recording started again.
-RISING_TO_BELIEVE = 5
-# Velocity is the mean slope over this time where the message brings none.
+# Largest absolute position, rad, of a joint and of a continuous joint. Angles in degrees exceed
+# the first, encoder faults the second.
+MAX_POSITION, MAX_CONTINUOUS_POSITION = 4.0 * math.pi, 1000.0
+# Number of consecutive messages with earlier but rising stamps after which the clock counts as
+# set back, or the recording as restarted.
+STAMPS_TO_ACCEPT_CLOCK = 5
+# Time over which velocity is the mean slope of position, s, and the largest such time.
 SLOPE_WINDOW = 0.1
 SLOPE_LIMIT = 0.5
-# Stamps of 10 Hz are a rounding error less than the window apart.
+# Stamps at 10 Hz are closer than the window by a rounding error.
 _SHORTEST = SLOPE_WINDOW - 1e-6
-# Positions contradict velocity where they move faster than this many times it, and this, rad/s.
-SLOPE_FACTOR, SLOPE_LEAST = 1.5, 0.05
+# Velocity contradicts the positions if their slope exceeds this factor times it, plus this, rad/s.
+SLOPE_FACTOR, SLOPE_MARGIN = 1.5, 0.05
 
 
 @dataclass(eq=False)
 class Reading:
     """
-    What a message says about our joints, in the configured order.
+    The content of a message about the joints of the arm, in the configured order.
 
     `t` in s, `q` (N,) in rad; `qd` (N,) in rad/s and `tau` (N,) in N·m are None where the
-    message does not tell them. `new_run` says that the clock started again before it. `before`
-    is the time in s and the velocity (N,) a tenth of a second or more earlier, None without any.
+    message does not contain them. `new_run` is true if the clock started again before it.
+    `before` is the time in s and the velocity (N,) at least `SLOPE_WINDOW` earlier, if known.
     """
 
     t: float
@@ -79,27 +79,27 @@ class Reading:
 
 
 @dataclass(eq=False)
-class WholeReading(Reading):
-    """A reading that tells velocity and torque as well: the node learns from these."""
+class CompleteReading(Reading):
+    """A reading with velocity and torque, as learning requires."""
 
     qd: FloatArray
     tau: FloatArray
 
 
-class Reader:
+class JointStateReader:
     """
     Reads messages of one arm; counts every fault by its reason in `counts`.
 
     :param joints: the joint names, in the order of the vectors.
     :param effort_scale: N·m per unit of effort, one for all, one per joint, or none for 1.
-    :param continuous: the joints that may turn without end.
-    :raises OptionError: if there is another number of scales, or a continuous joint is none.
+    :param continuous: the continuous joints.
+    :raises OptionError: if the number of scales is wrong, or a continuous joint is unknown.
     """
 
     def __init__(self, joints: Sequence[str], effort_scale: Sequence[float] = (),
                  continuous: Sequence[str] = ()) -> None:
-        if strangers := sorted(set(continuous) - set(joints)):
-            raise OptionError(f'continuous_joints: {", ".join(strangers)} is not among the joints '
+        if unknown := sorted(set(continuous) - set(joints)):
+            raise OptionError(f'continuous_joints: {", ".join(unknown)} is not among the joints '
                               f'{", ".join(joints)}')
         if len(effort_scale) not in (0, 1, len(joints)):
             raise OptionError(f'effort_scale has {len(effort_scale)} values for '
@@ -109,28 +109,30 @@ class Reader:
         self.received = 0
         scale = effort_scale if effort_scale else (1.0,)
         self._scale = np.broadcast_to(np.asarray(scale, dtype=np.float64), (len(joints),))
-        self._farthest = np.array([ABSURD_TURNS if name in continuous else ABSURD_POSITION
-                                   for name in joints])
-        self._possible = Bounds(self._farthest)
+        self._largest = np.array([MAX_CONTINUOUS_POSITION if name in continuous else MAX_POSITION
+                                  for name in joints])
+        self._bounds = Bounds(self._largest)
         self._names: list[str] | None = None
         self._size = 0
         self._order = np.zeros(0, dtype=np.intp)
         self._last = -np.inf
         self._stamped = False
         self._unstamped = 0
-        self._rebellion: list[float] = []
+        # Stamps of consecutive messages that were rejected as earlier.
+        self._rejected: list[float] = []
+        # Time, position and velocity of the messages within the slope window.
         self._past: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
-    def allow_turns(self, continuous: Sequence[str]) -> None:
-        """Take joints for continuous, on top of those that are."""
+    def allow_continuous(self, continuous: Sequence[str]) -> None:
+        """Treat more joints as continuous."""
         for k, name in enumerate(self.joints):
             if name in continuous:
-                self._farthest[k] = ABSURD_TURNS
-        self._possible = Bounds(self._farthest)
+                self._largest[k] = MAX_CONTINUOUS_POSITION
+        self._bounds = Bounds(self._largest)
 
     def read(self, message: Any, arrival: float) -> Reading | None:
         """
-        Return what `message` says, or None if it cannot be used.
+        Return the reading of a message, None if it cannot be used.
 
         :param message: a `sensor_msgs/JointState`.
         :param arrival: time of arrival in s, used where the message has no stamp.
@@ -138,14 +140,10 @@ class Reader:
         self.received += 1
         if message.name != self._names and not self._learn_order(message.name):
             return None
-        q = self._vector(message.position)
+        q = self._vector(message.position, POSITION_NOT_FINITE)
         if q is None:
-            self.counts[WRONG_SIZE] += 1
             return None
-        if not all_finite(q):
-            self.counts[POSITION_NOT_FINITE] += 1
-            return None
-        if not self._possible.hold(q):
+        if not self._bounds.hold(q):
             self.counts[POSITION_ABSURD] += 1
             return None
         stamp = message.header.stamp
@@ -155,23 +153,23 @@ class Reader:
             self.counts[NO_STAMP] += 1
             t = arrival
         elif not self._stamped:
-            # A simulation that begins at 0 looks like no stamp at all, for one message.
+            # The first message of a simulation that begins at 0 seems to have no stamp.
             self._stamped, new_run = True, self._last > -np.inf
             self._past.clear()
         if t <= self._last and not new_run:
-            if not self._believe(t):
+            if not self._clock_was_set_back(t):
                 self.counts[TIME_STILL if t == self._last else TIME_BACK] += 1
                 return None
             new_run = True
             self.counts[CLOCK_JUMP] += 1
             self._past.clear()
-        self._rebellion.clear()
+        self._rejected.clear()
         self._last = t
         qd = self._velocity(message.velocity, t, q)
         tau = self._effort(message.effort)
         if qd is None or tau is None:
             return Reading(t, q, qd, tau, new_run, self._before(t))
-        return WholeReading(t, q, qd, tau, new_run, self._before(t))
+        return CompleteReading(t, q, qd, tau, new_run, self._before(t))
 
     def _before(self, t: float) -> tuple[float, FloatArray] | None:
         if not self._past or not _SHORTEST <= t - self._past[0][0] <= SLOPE_LIMIT:
@@ -179,9 +177,9 @@ class Reader:
         return self._past[0][0], self._past[0][2]
 
     def _lost_stamps(self, t: float) -> bool:
-        """Return whether from this message on the time of arrival counts, after real stamps."""
+        """Return whether stamps are missing from now on, so that the time of arrival counts."""
         self._unstamped = self._unstamped + 1 if t == 0.0 and self._stamped else 0
-        if self._unstamped < RISING_TO_BELIEVE:
+        if self._unstamped < STAMPS_TO_ACCEPT_CLOCK:
             return False
         self._unstamped, self._stamped = 0, False
         self.counts[STAMP_LOST] += 1
@@ -204,10 +202,16 @@ class Reader:
         self._names, self._size = names, len(names)
         return True
 
-    def _vector(self, values: Sequence[float]) -> FloatArray | None:
+    def _vector(self, values: Sequence[float], not_finite: str) -> FloatArray | None:
+        """Return values (N,) in the configured order; count a wrong size or values not finite."""
         if len(values) != self._size:
+            self.counts[WRONG_SIZE] += 1
             return None
-        return np.asarray(values, dtype=np.float64)[self._order]
+        vector = np.asarray(values, dtype=np.float64)[self._order]
+        if not all_finite(vector):
+            self.counts[not_finite] += 1
+            return None
+        return vector
 
     def _velocity(self, values: Sequence[float], t: float, q: FloatArray) -> FloatArray | None:
         if len(values) == 0:
@@ -217,18 +221,14 @@ class Reader:
                 # The next slope over the window is compared with this one.
                 self._past[-1] = (t, q, slope)
             return slope
-        qd = self._vector(values)
+        qd = self._vector(values, VELOCITY_NOT_FINITE)
         if qd is None:
-            self.counts[WRONG_SIZE] += 1
-            return None
-        if not all_finite(qd):
-            self.counts[VELOCITY_NOT_FINITE] += 1
             return None
         slope, qd_then = self._slope(t, q, qd)
         if slope is not None:
-            # Between two velocities of a joint that speeds up or slows down lies its mean.
-            most = SLOPE_FACTOR * np.maximum(np.abs(qd), np.abs(qd_then)) + SLOPE_LEAST
-            if (np.abs(slope) > most).any():
+            # The mean velocity of an accelerating joint lies between its first and its last one.
+            limit = SLOPE_FACTOR * np.maximum(np.abs(qd), np.abs(qd_then)) + SLOPE_MARGIN
+            if (np.abs(slope) > limit).any():
                 self.counts[VELOCITY_WRONG] += 1
                 return slope
         return qd
@@ -249,17 +249,12 @@ class Reader:
         if len(values) == 0:
             self.counts[NO_EFFORT] += 1
             return None
-        tau = self._vector(values)
-        if tau is None:
-            self.counts[WRONG_SIZE] += 1
-        elif not all_finite(tau):
-            self.counts[EFFORT_NOT_FINITE] += 1
-            return None
+        tau = self._vector(values, EFFORT_NOT_FINITE)
         return None if tau is None else tau * self._scale
 
-    def _believe(self, t: float) -> bool:
-        """Return whether the clock has been set back for good."""
-        if self._rebellion and t <= self._rebellion[-1]:
-            self._rebellion.clear()
-        self._rebellion.append(t)
-        return len(self._rebellion) >= RISING_TO_BELIEVE
+    def _clock_was_set_back(self, t: float) -> bool:
+        """Return whether enough consecutive messages have earlier but rising stamps."""
+        if self._rejected and t <= self._rejected[-1]:
+            self._rejected.clear()
+        self._rejected.append(t)
+        return len(self._rejected) >= STAMPS_TO_ACCEPT_CLOCK

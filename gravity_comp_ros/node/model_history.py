@@ -1,4 +1,4 @@
-"""The models that the node holds: the one in use, those before it, and their file."""
+"""Model in use, models of earlier payloads, and the model file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 
 @dataclass(frozen=True)
 class Entry:
-    """A model, where it came from in words, when it was taken into use (s), in which epoch."""
+    """A model with its origin in words, the time of its first use (s), and its epoch."""
 
     model: GravityModel
     origin: str
@@ -20,16 +20,16 @@ class Entry:
     epoch: int = 0
 
     def describe(self) -> str:
-        """Return what the model is, in words and numbers."""
+        """Return a description of the model in words and numbers."""
         coverage = self.model.coverage
         return (f'{self.model.formulation} model of {self.model.n_joints} joints, '
                 f'{int(self.model.n_features().sum())} features, {coverage.n_samples} samples, '
                 f'{self.origin}')
 
 
-class Models:
+class ModelHistory:
     """
-    The model in use, and the last one of each of up to `depth` payloads before.
+    The model in use, and the last model of each of up to `depth` earlier payloads.
 
     :param path: the model file; empty if there is none.
     """
@@ -37,7 +37,7 @@ class Models:
     def __init__(self, path: str, depth: int) -> None:
         self.path = path
         self.entry: Entry | None = None
-        # Why the file could not be loaded or saved, or nothing can be learned; '' if all is well.
+        # Error of loading or saving the file, or reason why nothing can be learned.
         self.problem = ''
         self._depth = depth
         self._past: list[Entry] = []
@@ -53,15 +53,15 @@ class Models:
 
     @property
     def before(self) -> Entry | None:
-        """The last model of the payload before."""
+        """The last model of the previous payload."""
         return self._past[-1] if self._past else None
 
     def use(self, model: GravityModel, origin: str, now: float, epoch: int = 0) -> Entry:
         """
         Take a model into use.
 
-        It replaces those of the same epoch: what can be brought back is the last model of the
-        payload before, however many fits there were since.
+        It replaces the model of the same epoch, so `roll_back` returns to the previous payload
+        regardless of the number of fits.
         """
         if self.entry is not None and self.entry.epoch != epoch:
             self._past.append(self.entry)
@@ -70,7 +70,7 @@ class Models:
         return self.entry
 
     def roll_back(self, now: float) -> Entry | None:
-        """Bring back the last model of the payload before, or return None if there is none."""
+        """Bring back the last model of the previous payload; return None if there is none."""
         if not self._past:
             return None
         self.entry = replace(self._past.pop(), since=now)
@@ -78,11 +78,11 @@ class Models:
 
     def load(self, joints: tuple[str, ...], now: float) -> Entry | None:
         """
-        Take the model of the file into use, if there is such a file.
+        Take the model of the file into use, if the file exists.
 
         :param joints: the joints that the model must have, in this order; empty for any.
         :raises ModelFileError: if the file is no valid model.
-        :raises ModelMismatchError: if it is of other joints.
+        :raises ModelMismatchError: if the model has other joints.
         """
         if not self.path or not Path(self.path).expanduser().exists():
             return None
@@ -90,14 +90,14 @@ class Models:
         if joints and model.joints != joints:
             raise ModelMismatchError(
                 f'{self.path} is a model of {", ".join(model.joints)}; the parameter joints '
-                f'says {", ".join(joints)}')
+                f'is {", ".join(joints)}')
         return self.use(model, f'loaded from {self.path}', now)
 
     def save(self) -> str:
         """
-        Write the model in use to the file, and say so.
+        Write the model in use to the file, and return a confirmation.
 
-        :raises ModelFileError: if there is no model, no file name, or it cannot be written.
+        :raises ModelFileError: if there is no model, no file name, or writing fails.
         """
         if self.entry is None:
             raise ModelFileError('there is no model to save yet')

@@ -1,4 +1,4 @@
-"""The ROS node: topics, services, timers and life cycle around `NodeCore`, and nothing else."""
+"""ROS node: topics, services, timers and life cycle of `NodeCore`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 
 from builtin_interfaces.msg import Time
 from gravity_comp_ros.errors import GravityCompError
-from gravity_comp_ros.node.declare import Settings, strange_parameters
+from gravity_comp_ros.node.declare import DeclaredParameters, unknown_parameter_warnings
 from gravity_comp_ros.node.diagnostics import ERROR, OK, STALE, Status, WARN
 from gravity_comp_ros.node.messages import Reading
 from gravity_comp_ros.node.node_core import check_effects, NodeCore
@@ -23,42 +23,44 @@ from rclpy.timer import Timer
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-# Matches every publisher. Deep enough for a tenth of a second at 1 kHz in which this process got
-# no turn; no deeper, because on a machine that is too slow the queue is the torque's delay.
+# Best effort matches every publisher. The depth covers a pause of this process of 0.1 s at 1 kHz;
+# on a machine that is too slow, the queue delays the torque.
 INPUT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100,
                        reliability=ReliabilityPolicy.BEST_EFFORT)
-# robot_state_publisher sends it once, and keeps it for those who come later.
+# robot_state_publisher sends the description once, latched for late subscribers.
 DESCRIPTION_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1,
                              reliability=ReliabilityPolicy.RELIABLE,
                              durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# Period of the watchdog and of polling the fit process, s.
 TICK = 0.02
-# How far a pose is from the known ones takes a millisecond to say: ten times a second.
-TICKS_PER_DOUBT = 5
-NO_CLOCK = ('use_sim_time is set and no /clock comes: nothing is learned or published; start the '
-            'simulation, or set use_sim_time to false')
+# Ticks per message on `~/extrapolation`, whose standard deviation takes a millisecond.
+TICKS_PER_EXTRAPOLATION = 5
+NO_CLOCK = ('use_sim_time is set and /clock is not received: nothing is learned or published; '
+            'start the simulation, or set use_sim_time to false')
 
 
 class GravityCompNode(LifecycleNode):
-    """The lifecycle node `gravity_comp`; docs/node.md describes it from outside."""
+    """The lifecycle node `gravity_comp`; docs/node.md describes its interface."""
 
     def __init__(self) -> None:
         super().__init__('gravity_comp')
-        self.settings = Settings(self, self._check_settings, self._use_settings)
+        self.settings = DeclaredParameters(self, self._check_settings, self._use_settings)
         self._core: NodeCore | None = None
         self._outputs: Outputs | None = None
         self._subscription: Subscription | None = None
         self._description: Subscription | None = None
-        self._told: dict[str, int] = {}
+        # Last logged level of each status.
+        self._levels: dict[str, int] = {}
         self._service_set: Services | None = None
-        self._timers_made: list[Timer] = []
+        self._node_timers: list[Timer] = []
         self._active = False
         self._named = False
         self._ticks = 0
         self._clock_is_simulated = False
-        # Timers on the wall: a simulation that pauses must not stop the watchdog's eyes.
+        # Timers use steady time, so that the watchdog runs while a simulation pauses.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._input = InputGroup()
-        for text in strange_parameters(self):
+        for text in unknown_parameter_warnings(self):
             self.get_logger().warning(text)
 
     def _check_settings(self, values: Parameters) -> None:
@@ -76,17 +78,17 @@ class GravityCompNode(LifecycleNode):
         return self._subscription
 
     def now(self) -> float:
-        """Return the time for ramps and watchdog in s: monotonic, or simulated if in use."""
+        """Return the time for ramps and watchdog in s: simulated if in use, else monotonic."""
         if self._clock_is_simulated:
             return float(self.get_clock().now().nanoseconds) * 1e-9
         return time.monotonic()
 
     def _has_time(self) -> bool:
-        """Return whether there is a clock; a simulated one is 0 until it is heard."""
+        """Return whether there is a clock; simulated time is 0 before the first /clock."""
         return not self._clock_is_simulated or self.get_clock().now().nanoseconds > 0
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Load the model file, and make everything that other nodes see."""
+        """Load the model file; create topics, services and timers; start the fit process."""
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         topic = self.resolve_topic_name('joint_states')
         try:
@@ -96,7 +98,7 @@ class GravityCompNode(LifecycleNode):
             return TransitionCallbackReturn.FAILURE
         if self._core.models.problem:
             self.get_logger().error(self._core.models.problem)
-        self._listen_for_description(self._core)
+        self._use_description(self._core)
         self._outputs = Outputs(self)
         self._named = False
         self._subscription = self.create_subscription(
@@ -104,48 +106,48 @@ class GravityCompNode(LifecycleNode):
             callback_group=self._input)
         self._service_set = Services(self, self._active_core, self.now)
         report = 1.0 / self.settings.values.diagnostics_rate
-        self._timers_made = [self.create_timer(TICK, self._on_tick, clock=self._steady),
+        self._node_timers = [self.create_timer(TICK, self._on_tick, clock=self._steady),
                              self.create_timer(report, self._on_report, clock=self._steady)]
         self._core.learner.fits.start(time.monotonic())
         return super().on_configure(state)
 
-    def _listen_for_description(self, core: NodeCore) -> None:
-        wanted = self.settings.values.robot_description
-        if wanted == 'auto':
+    def _use_description(self, core: NodeCore) -> None:
+        text = self.settings.values.robot_description
+        if text == 'auto':
             self._description = self.create_subscription(
                 String, 'robot_description', lambda message: core.describe(message.data),
                 DESCRIPTION_QOS)
-        elif wanted != 'off':
-            core.describe(wanted)
+        elif text != 'off':
+            core.describe(text)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to listen and to publish."""
+        """Start to receive and to publish."""
         self._active = True
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop listening and publishing; the model and the samples stay."""
+        """Stop receiving and publishing; keep the model and the samples."""
         self._active = False
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give everything back, models and samples included."""
+        """Release all resources; models and samples are lost."""
         result = super().on_cleanup(state)
         self.close()
         return result
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Give everything back for good."""
+        """Release all resources."""
         result = super().on_shutdown(state)
         self.close()
         return result
 
     def close(self) -> None:
-        """End the fit process, and take topics, services and timers away."""
+        """End the fit process, and destroy topics, services and timers."""
         self._active = False
         if self._core is not None:
             self._core.close()
-        for timer in self._timers_made:
+        for timer in self._node_timers:
             self.destroy_timer(timer)
         if self._service_set is not None:
             self._service_set.destroy()
@@ -155,7 +157,7 @@ class GravityCompNode(LifecycleNode):
         if self._outputs is not None:
             self._outputs.destroy()
         self._core = self._outputs = self._subscription = self._description = None
-        self._timers_made, self._service_set = [], None
+        self._node_timers, self._service_set = [], None
 
     def _active_core(self) -> NodeCore | None:
         return self._core if self._active else None
@@ -174,7 +176,7 @@ class GravityCompNode(LifecycleNode):
         stamp = message.header.stamp
         if tau is not None:
             outputs.torque(stamp, tau)
-        if outputs.prediction_wanted or outputs.residual_wanted:
+        if outputs.publishes_prediction or outputs.publishes_residual:
             self._publish_prediction(core, outputs, reading, stamp)
         core.learn(reading, now)
 
@@ -183,74 +185,75 @@ class GravityCompNode(LifecycleNode):
         predicted = None if core.arm is None else core.arm.predicted(reading)
         if predicted is None:
             return
-        if outputs.prediction_wanted:
+        if outputs.publishes_prediction:
             outputs.prediction(stamp, reading.q, predicted)
-        if outputs.residual_wanted and reading.tau is not None:
+        if outputs.publishes_residual and reading.tau is not None:
             outputs.residual(stamp, reading.q, reading.tau - predicted)
 
     def _on_tick(self) -> None:
         core, outputs = self._core, self._outputs
         if core is None or outputs is None:
             return
-        outputs.look_around()
+        outputs.update_subscriptions()
         tau = core.tick(self.now(), time.monotonic())
-        while core.news:
-            self._log_news(*core.news.popleft())
+        while core.log_lines:
+            self._log(*core.log_lines.popleft())
         while core.learner.events:
             outputs.payload_suspected(core.learner.events.popleft())
         if tau is not None and self._active:
             outputs.torque(self.get_clock().now().to_msg(), tau)
         self._ticks += 1
-        if outputs.extrapolation_wanted and self._ticks % TICKS_PER_DOUBT == 0 and core.arm:
-            doubt = core.arm.doubt()
-            if doubt is not None and self._active:
-                outputs.extrapolation(self.get_clock().now().to_msg(), *doubt)
+        if (outputs.publishes_extrapolation and core.arm is not None
+                and self._ticks % TICKS_PER_EXTRAPOLATION == 0):
+            extrapolation = core.arm.extrapolation()
+            if extrapolation is not None and self._active:
+                outputs.extrapolation(self.get_clock().now().to_msg(), *extrapolation)
         if core.learner.wants_save:
             core.learner.wants_save = False
-            Thread(target=core.save_alone, daemon=True).start()
+            Thread(target=core.save_automatically, daemon=True).start()
 
     def _on_report(self) -> None:
         self._clock_is_simulated = bool(self.get_parameter('use_sim_time').value)
         if self._core is not None and self._outputs is not None:
             if isinstance(self.executor, InputFirstExecutor):
                 self._core.late = self.executor.full_bursts
-            statuses = self._core.statuses(self.now()) + self._surroundings()
+            statuses = self._core.statuses(self.now()) + self._graph_statuses()
             self._outputs.diagnostics(statuses)
-            self._log_alarms(statuses)
+            self._log_level_changes(statuses)
 
-    def _surroundings(self) -> list[Status]:
-        """Return what is wrong around the node: no clock, a twin, several sources of input."""
-        found = [] if self._has_time() else [Status('clock', ERROR, NO_CLOCK)]
+    def _graph_statuses(self) -> list[Status]:
+        """Return the state of the ROS graph: clock, nodes of the same name, publishers."""
+        statuses = [] if self._has_time() else [Status('clock', ERROR, NO_CLOCK)]
         topic = self.resolve_topic_name('joint_states')
-        sources = self.count_publishers(topic)
-        twins = self.get_node_names_and_namespaces().count(
+        publishers = self.count_publishers(topic)
+        nodes = self.get_node_names_and_namespaces().count(
             (self.get_name(), self.get_namespace()))
-        values = {'publishers of joint states': str(sources), 'nodes of this name': str(twins)}
-        if twins > 1:
-            text = (f'{twins} nodes are named {self.get_fully_qualified_name()}: both publish '
-                    'torque and answer services; end one, or give it a namespace')
-            return [*found, Status('graph', ERROR, text, values)]
+        values = {'publishers of joint states': str(publishers), 'nodes of this name': str(nodes)}
+        if nodes > 1:
+            text = (f'{nodes} nodes are named {self.get_fully_qualified_name()}: all publish '
+                    'torque and reply to services; end one, or give it a namespace')
+            return [*statuses, Status('graph', ERROR, text, values)]
         arm = None if self._core is None else self._core.arm
-        if sources > 1 and arm is not None and arm.is_interleaved:
-            text = (f'{sources} publishers on {topic}, and messages about our joints come out of '
-                    'order: are two drivers running?')
-            return [*found, Status('graph', WARN, text, values)]
-        return [*found, Status('graph', OK, f'{sources} publishers of joint states', values)]
+        if publishers > 1 and arm is not None and arm.is_interleaved:
+            text = (f'{publishers} publishers on {topic}, and messages about the joints of this '
+                    'arm arrive out of order: are two drivers running?')
+            return [*statuses, Status('graph', WARN, text, values)]
+        return [*statuses, Status('graph', OK, f'{publishers} publishers of joint states', values)]
 
-    def _log_alarms(self, statuses: list[Status]) -> None:
-        """Log every status whose level has changed, once."""
+    def _log_level_changes(self, statuses: list[Status]) -> None:
+        """Log each status whose level has changed."""
         for status in statuses:
-            before = self._told.get(status.name, OK)
-            self._told[status.name] = status.level
+            before = self._levels.get(status.name, OK)
+            self._levels[status.name] = status.level
             if status.level == before or (status.level == STALE and before == OK
                                           and self._core is not None
                                           and self._core.arm is None):
                 continue
-            self._log_news(status.level != OK, f'{status.name}: {status.message}')
+            self._log(status.level != OK, f'{status.name}: {status.message}')
 
-    def _log_news(self, is_bad: bool, text: str) -> None:
-        # A line of code must not change its severity, or rclpy raises an error.
-        if is_bad:
+    def _log(self, is_warning: bool, text: str) -> None:
+        # rclpy raises an error if one line of code logs with different severities.
+        if is_warning:
             self.get_logger().warning(text)
         else:
             self.get_logger().info(text)

@@ -1,4 +1,4 @@
-"""Follow a running node through its topics, in a thread of its own."""
+"""Client of a running node: predictions, residuals and diagnostics, in a separate thread."""
 
 from __future__ import annotations
 
@@ -21,29 +21,28 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-# One row of every slot of this length is kept: the one with the largest residual.
+# Time slot, s, of which the row with the largest residual is kept.
 _SLOT = 0.02
-_MOST_ROWS = 6000
-_MOST_EVENTS = 200
-_MOST_PENDING = 200
+_MAX_ROWS, _MAX_EVENTS, _MAX_PENDING = 6000, 200, 200
+# Time after which the thread checks whether to end, s.
 _WAIT = 0.2
 
 
-class Following:
+class NodeClient:
     """
-    Keeps the last minutes of a node's predictions and residuals, and what it says.
+    Keeps the last minutes of predictions and residuals of a node, and its diagnostics.
 
-    Its methods return at once.
+    No method blocks.
 
-    :param node: its name, such as `gravity_comp`.
-    :raises OptionError: if it is no name.
+    :param node: name of the node, such as `gravity_comp`.
+    :raises OptionError: if it is no valid name.
     """
 
     def __init__(self, node: str) -> None:
         self.node = f'/{node.strip("/")}'
         self._lock = Lock()
         self._names: tuple[str, ...] = ()
-        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=_MOST_ROWS)
+        self._rows: deque[tuple[float, FloatArray, FloatArray]] = deque(maxlen=_MAX_ROWS)
         self._count = 0
         self._first: float | None = None
         self._pending: dict[tuple[int, int], JointState] = {}
@@ -51,7 +50,7 @@ class Following:
         self._low, self._high = np.zeros(0), np.zeros(0)
         self._statuses: dict[str, Status] = {}
         self._heard: dict[str, float] = {}
-        self._events: deque[tuple[str, str]] = deque(maxlen=_MOST_EVENTS)
+        self._events: deque[tuple[str, str]] = deque(maxlen=_MAX_EVENTS)
         self._context = Context()
         rclpy.init(context=self._context)
         self._listener = Node('gravity_comp_workbench', context=self._context,
@@ -64,15 +63,15 @@ class Following:
         self._thread.start()
 
     def joints(self) -> tuple[str, ...]:
-        """Return the joints that the node tells of, none before its first message."""
+        """Return the joint names, none before the first message."""
         return self._names
 
     def rows(self, after: int) -> tuple[int, FloatArray, FloatArray, FloatArray]:
         """
-        Return what came after row number `after`.
+        Return the rows after row number `after`.
 
-        That is the number of the last row, time in s (K,), and measured and predicted torque
-        (K, N) in N·m.
+        :return: number of the last row, time (K,) in s, measured and predicted torque (K, N)
+            in N·m.
         """
         with self._lock:
             new = min(self._count - after, len(self._rows))
@@ -84,17 +83,17 @@ class Following:
         return count, np.array(t), np.array(measured), np.array(predicted)
 
     def coverage(self) -> tuple[FloatArray, FloatArray]:
-        """Return the least and largest angle seen of each joint (N,) in rad."""
+        """Return the smallest and largest angle of each joint (N,) in rad."""
         with self._lock:
             return self._low.copy(), self._high.copy()
 
     def statuses(self) -> Sequence[Status]:
-        """Return what the node last said of itself."""
+        """Return the last diagnostics of the node."""
         with self._lock:
             return list(self._statuses.values())
 
     def events(self) -> Sequence[tuple[str, str]]:
-        """Return when and what changed, the latest last."""
+        """Return time and text of each change of the diagnostics, the latest last."""
         with self._lock:
             return list(self._events)
 
@@ -106,14 +105,14 @@ class Following:
                 None if status is None else now - status)
 
     def close(self) -> None:
-        """Stop following."""
+        """End the thread and destroy the ROS node of this client."""
         self._closing = True
         self._executor.wake()
         self._thread.join(2.0)
         if self._thread.is_alive():
-            # What it still uses must not be taken from it; it ends with the process.
+            # The thread uses these objects; it ends with the process.
             return
-        # From the last that uses a thing to the thing itself.
+        # Users before the objects that they use.
         self._executor.shutdown()
         self._listener.destroy_node()
         self._context.try_shutdown()
@@ -124,7 +123,7 @@ class Following:
             self._listener.create_subscription(JointState, f'{self.node}/prediction',
                                                self._on_prediction, best)
         except InvalidTopicNameException as problem:
-            raise OptionError(f'--live: {self.node} is no name of a node') from problem
+            raise OptionError(f'--live: {self.node} is no valid name of a node') from problem
         self._listener.create_subscription(JointState, f'{self.node}/residual',
                                            self._on_residual, best)
         self._listener.create_subscription(DiagnosticArray, '/diagnostics',
@@ -140,7 +139,7 @@ class Following:
     def _on_prediction(self, message: JointState) -> None:
         stamp = message.header.stamp
         self._pending[stamp.sec, stamp.nanosec] = message
-        while len(self._pending) > _MOST_PENDING:
+        while len(self._pending) > _MAX_PENDING:
             del self._pending[next(iter(self._pending))]
 
     def _on_residual(self, message: JointState) -> None:
@@ -189,17 +188,18 @@ class Following:
                 new = Status(part, int.from_bytes(status.level, 'little'), status.message)
                 old = self._statuses.get(part)
                 self._statuses[part] = new
-                if _is_news(old, new):
+                if _is_change(old, new):
                     when = datetime.fromtimestamp(time.time()).strftime('%H:%M:%S')
                     self._events.append((when, f'{part}: {new.message}'))
 
 
-def _is_news(old: Status | None, new: Status) -> bool:
-    """Return whether a status says something else; figures alone are no news."""
+def _is_change(old: Status | None, new: Status) -> bool:
+    """Return whether a status has changed in more than its figures."""
     if old is None or old.level != new.level:
         return True
-    return new.name in ('learning', 'model') and _letters(old.message) != _letters(new.message)
+    return new.name in ('learning', 'model') and (
+        _without_figures(old.message) != _without_figures(new.message))
 
 
-def _letters(text: str) -> str:
+def _without_figures(text: str) -> str:
     return ''.join(c for c in text if not (c.isdigit() or c in '.+-'))

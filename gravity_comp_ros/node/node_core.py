@@ -1,4 +1,4 @@
-"""What the node does, free of ROS: messages and time go in, torques and sentences come out."""
+"""Core of the node without ROS: messages and time in; torques, replies and statuses out."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ from gravity_comp_ros.node.arm import Arm
 from gravity_comp_ros.node.arm_description import describe_arm
 from gravity_comp_ros.node.fit_requests import Reply
 from gravity_comp_ros.node.learner import can_change, Learner
-from gravity_comp_ros.node.live_friction import usual_residual
-from gravity_comp_ros.node.messages import Reading, WholeReading
-from gravity_comp_ros.node.model_history import Entry, Models
-from gravity_comp_ros.node.parameters import MOST_JOINTS, Parameters
+from gravity_comp_ros.node.live_friction import expected_residual
+from gravity_comp_ros.node.messages import CompleteReading, Reading
+from gravity_comp_ros.node.model_history import Entry, ModelHistory
+from gravity_comp_ros.node.parameters import MAX_JOINTS, Parameters
 from gravity_comp_ros.node.realtime_effects import compensable
 
 Answer = tuple[bool, str]
 
-NO_JOINTS = 'no joint states yet: is the topic right, and does the driver run?'
+NO_JOINTS = 'no joint states yet: check the topic and the driver'
 
 
 class NodeCore:
     """
-    Reads joint states, learns, and says which torque to publish.
+    Reads joint states, learns, and computes the torque to publish.
 
-    :param topic: the input topic, to be named in diagnostics.
+    :param topic: the input topic, for diagnostics.
     :raises OptionError: if the settings contradict each other.
     """
 
     def __init__(self, settings: Parameters, topic: str, now: float) -> None:
         self.settings = settings
-        # How often messages came faster than they could be handled, since the start.
+        # Number of input bursts since the start that ended with messages waiting.
         self.late = self._late_reported = 0
         self._topic = topic
-        # What happened, for the log: (is it bad news, sentence).
-        self.news: deque[tuple[bool, str]] = deque(maxlen=100)
-        self.models = Models(settings.model_file, settings.history)
-        self.learner = Learner(settings, self.models, self.news)
+        # Events for the log: (is it a warning, sentence).
+        self.log_lines: deque[tuple[bool, str]] = deque(maxlen=100)
+        self.models = ModelHistory(settings.model_file, settings.history)
+        self.learner = Learner(settings, self.models, self.log_lines)
         self.arm: Arm | None = None
         self._description = ''
-        # Joints that were taken from a first message, which may be a gripper's.
+        # Whether the joint names are those of the first message, which may be of a gripper.
         self._guessed = False
         self._unnamed: Counter[str] = Counter()
         joints = settings.joints
         try:
             entry = self.models.load(joints, now)
         except GravityCompError as problem:
-            # A damaged file must not stop the node: it starts without a model and says so.
+            # With a damaged file the node starts without a model and reports the error.
             entry, self.models.problem = None, str(problem)
         if names := joints or (entry.model.joints if entry else ()):
             self._begin(names, entry)
@@ -73,10 +73,11 @@ class NodeCore:
         if entry is not None:
             self.arm.use(entry.model, None, 0)
             self.learner.begin(entry.model)
-        self.news.append((False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
-                          f'{entry.describe() if entry else "none yet"}; formulation of fits: '
-                          f'{self.settings.formulation}; bound of the torque: '
-                          f'{self.settings.max_torque or "none set"}'))
+        self.log_lines.append((
+            False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
+            f'{entry.describe() if entry else "none yet"}; formulation of fits: '
+            f'{self.settings.formulation}; torque limits: '
+            f'{self.settings.max_torque or "none set"}'))
         self._use_description()
 
     def describe(self, text: str) -> None:
@@ -88,27 +89,27 @@ class NodeCore:
         arm = self.arm
         if arm is None or not self._description:
             return
-        found = describe_arm(self._description, arm.joints)
-        arm.describe(found)
-        axes = f'not used: {found.problem}' if found.geometry is None else 'used'
-        limits = ', '.join(f'{limit:g}' for limit in found.max_effort) or 'none'
-        self.news.append((bool(found.problem), f'robot description: axes {axes}; effort limits '
-                          f'{limits} N·m; joints without end: '
-                          f'{", ".join(found.continuous) or "none"}'))
+        described = describe_arm(self._description, arm.joints)
+        arm.describe(described)
+        axes = f'not used: {described.problem}' if described.geometry is None else 'used'
+        limits = ', '.join(f'{limit:g}' for limit in described.max_effort) or 'none'
+        self.log_lines.append((
+            bool(described.problem), f'robot description: axes {axes}; effort limits {limits} '
+            f'N·m; continuous joints: {", ".join(described.continuous) or "none"}'))
 
     def message(self, message: Any, now: float, arrival: float
                 ) -> tuple[Reading | None, FloatArray | None]:
         """
-        Read a `sensor_msgs/JointState`; return what it says and the torque to publish.
+        Read a `sensor_msgs/JointState`; return the reading and the torque to publish.
 
-        `learn` is for afterwards: an answer does not wait for it.
+        Call `learn` after the torque has been published.
 
         :param now: monotonic time in s, for ramps and the watchdog.
         :param arrival: time in s for a message without a stamp.
         """
         arm = self.arm
         if arm is None or (self._guessed and self._is_larger(arm, message.name)):
-            arm = self._meet(tuple(message.name))
+            arm = self._begin_with_message(tuple(message.name))
             if arm is None:
                 return None, None
         reading = arm.reader.read(message, arrival)
@@ -120,9 +121,9 @@ class NodeCore:
 
     def learn(self, reading: Reading, now: float) -> None:
         """
-        Learn from what `message` has read, and compare the model in use with it.
+        Learn from a reading, and compare the model in use with it.
 
-        :param now: as for `message`; what was published before is what the arm has measured.
+        :param now: as for `message`; torque published before it counts as sent.
         """
         arm = self.arm
         if arm is None:
@@ -131,27 +132,27 @@ class NodeCore:
             arm.gate.reset()
             arm.health.restart()
             arm.payload.restart()
-        if isinstance(reading, WholeReading) and arm.is_settled(now):
+        if isinstance(reading, CompleteReading) and arm.accepts_samples(now):
             self._offer(arm, reading, now)
 
     def _is_larger(self, arm: Arm, names: Sequence[str]) -> bool:
-        """Return whether another device with more joints speaks before there is a model."""
+        """Return whether the message is of a device with more joints, before the first fit."""
         return (self.models.model is None and self.learner.jobs == 0 and arm.reader.joints != names
-                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MOST_JOINTS)
+                and len(set(names)) == len(names) and len(arm.joints) < len(names) <= MAX_JOINTS)
 
-    def _meet(self, names: tuple[str, ...]) -> Arm | None:
-        """Take the joints from a first message."""
+    def _begin_with_message(self, names: tuple[str, ...]) -> Arm | None:
+        """Use the joint names of a message; return None if they name no arm."""
         try:
             if not names or len(set(names)) != len(names):
                 raise OptionError(f'the first message on {self._topic} has '
                                   f'{"repeated" if names else "no"} joint names; set the '
                                   'parameter joints')
-            if len(names) > MOST_JOINTS:
-                raise OptionError(f'{self._topic} has {len(names)} joints and a model takes at '
-                                  f'most {MOST_JOINTS}; set the parameter joints')
+            if len(names) > MAX_JOINTS:
+                raise OptionError(f'{self._topic} has {len(names)} joints and a model has at '
+                                  f'most {MAX_JOINTS}; set the parameter joints')
             self._begin(names, None)
             self._guessed = True
-            self._ask_for_order(names)
+            self._check_order(names)
         except OptionError as problem:
             self.models.problem = str(problem)
             self._unnamed['missing_joint'] += 1
@@ -159,15 +160,16 @@ class NodeCore:
         self.models.problem = ''
         return self.arm
 
-    def _ask_for_order(self, names: tuple[str, ...]) -> None:
+    def _check_order(self, names: tuple[str, ...]) -> None:
         """Warn if the joints of the messages are not ordered from the base outwards."""
         order = joint_order(names, self._description or None)
         if order.joints != names:
-            self.news.append((True, f'joints are recorded as {", ".join(names)}; from the base '
-                              f'outwards they are {", ".join(order.joints)} ({order.source}): '
-                              'set the parameter joints, or no chain explains this arm'))
+            self.log_lines.append((
+                True, f'the order of the joints in the messages is {", ".join(names)}; from the '
+                f'base outwards it is {", ".join(order.joints)} ({order.source}): set the '
+                'parameter joints to that order, or no chain explains this arm'))
 
-    def _offer(self, arm: Arm, reading: WholeReading, now: float) -> None:
+    def _offer(self, arm: Arm, reading: CompleteReading, now: float) -> None:
         reason = arm.gate.offer(reading.t, reading.q, reading.qd)
         if reason is not None:
             if reason != RATE:
@@ -176,52 +178,52 @@ class NodeCore:
         predicted = arm.predicted(reading)
         model = self.models.model
         fault = arm.health.fault(reading.q, reading.tau, predicted,
-                                 None if model is None else usual_residual(model))
+                                 None if model is None else expected_residual(model))
         if fault is not None:
-            arm.leave_out(fault)
+            arm.count_broken_effort(fault)
             return
         arm.epoch.offer(reading.t, reading.q, reading.qd, reading.tau, arm.sent.before(now))
         if predicted is not None:
-            arm.compared(reading, predicted)
+            arm.record_residual(reading, predicted)
             if (objection := arm.objection()) is not None:
-                self.learner.roll_back_alone(arm, objection, now)
+                self.learner.roll_back_automatically(arm, objection, now)
 
     def tick(self, now: float, wall: float | None = None) -> FloatArray | None:
         """
-        Look after fits and the watchdog; return the torque to publish without input.
+        Handle fits, calls and the watchdog; return the torque to publish without input.
 
-        :param wall: the time for fits and calls where `now` is that of a simulation, whose
-            pauses and leaps are no reason to give up a fit, or to wait for one for ever.
+        :param wall: wall-clock time in s for timeouts of fits and calls, where `now` is
+            simulated time, which pauses and jumps.
         """
         arm = self.arm
         self.learner.poll(arm, now, now if wall is None else wall)
         if arm is None:
             return None
-        arm.look_at_change(now)
+        arm.update_change_share(now)
         return arm.watch(now)
 
     def payload_changed(self, now: float) -> Answer:
-        """Open a new epoch: old samples go, the model in use stays until a better one is there."""
+        """Open a new epoch: drop the samples; keep the model in use until a better one exists."""
         return (False, NO_JOINTS) if self.arm is None else \
             self.learner.payload_changed(self.arm, now)
 
     def rollback(self, now: float) -> Answer:
-        """Bring back the last model of the payload before; no fit follows by itself."""
+        """Bring back the last model of the previous payload; no automatic fit follows."""
         return (False, NO_JOINTS) if self.arm is None else self.learner.roll_back(self.arm, now)
 
     def refit(self, wall: float, reply: Reply) -> None:
-        """Fit what was collected; `reply` is called once, now or when the fit has ended."""
-        self._want(wall, reply, is_question=False)
+        """Fit the samples of the epoch; `reply` is called once, now or at the end of the fit."""
+        self._request(wall, reply, is_diagnosis=False)
 
     def diagnose(self, wall: float, reply: Reply) -> None:
-        """Ask which effect the model lacks; `reply` as for `refit`."""
-        self._want(wall, reply, is_question=True)
+        """Find the effects that the model does not include; `reply` as for `refit`."""
+        self._request(wall, reply, is_diagnosis=True)
 
-    def _want(self, wall: float, reply: Reply, is_question: bool) -> None:
+    def _request(self, wall: float, reply: Reply, is_diagnosis: bool) -> None:
         if self.arm is None:
             reply(False, NO_JOINTS)
         else:
-            self.learner.want(self.arm, wall, reply, is_question)
+            self.learner.request(self.arm, wall, reply, is_diagnosis)
 
     def enable(self, enabled: bool) -> Answer:
         """Ramp torque up or down."""
@@ -229,33 +231,32 @@ class NodeCore:
             return False, NO_JOINTS
         self.arm.enable(enabled)
         if enabled and not self.arm.is_limited:
-            return False, ('no torque is published without a bound: set max_torque, or '
-                           'unlimited_torque')
+            return False, diagnostics.NO_LIMITS
         seconds = self.settings.ramp_time
         if enabled:
             return True, f'torque ramps up over {seconds} s'
         return True, f'torque ramps down to zero over {seconds} s, then nothing is published'
 
     def save(self) -> Answer:
-        """Write the model file; called from another thread, for a disk may be slow."""
+        """Write the model file; called from another thread, because a disk may be slow."""
         try:
             return True, self.models.save()
         except ModelFileError as problem:
             return False, str(problem)
 
-    def save_alone(self) -> None:
-        """Write the model file because a new model is in use; say if that fails."""
+    def save_automatically(self) -> None:
+        """Write the model file after a new model is in use; report a failure."""
         success, text = self.save()
         if not success:
             self.models.problem = text
-        self.news.append((not success, text))
+        self.log_lines.append((not success, text))
 
     def close(self) -> None:
-        """End the fit process, and answer whoever waits."""
+        """End the fit process, and reply to pending calls."""
         self.learner.close()
 
     def statuses(self, now: float) -> list[diagnostics.Status]:
-        """Return what to publish on /diagnostics; counts since the last call start again."""
+        """Return the statuses for /diagnostics, and restart their counts."""
         entry = self.models.entry
         model = diagnostics.model_status(
             entry.describe() if entry else None, max(0.0, now - entry.since) if entry else 0.0,
@@ -276,9 +277,9 @@ class NodeCore:
 
 def check_effects(settings: Parameters, joints: tuple[str, ...]) -> None:
     """
-    Check that effects are named that there are, on joints of the arm.
+    Check the parameters `effects` and `compensate`.
 
-    :raises OptionError: if not, or if one to be compensated is not fit for that.
+    :raises OptionError: if an effect or a joint is unknown, or cannot be compensated.
     """
     try:
         requests(settings.effects, joints)

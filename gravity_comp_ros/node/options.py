@@ -1,4 +1,4 @@
-"""The options of each part of the node, from its parameters."""
+"""Options of each component of the node, from its parameters."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from gravity_comp_ros.node.payload import PayloadLimits
 
 
 def gate_options(given: Parameters) -> GateOptions:
-    """Return which samples are learned from."""
+    """Return the options of the slow-motion gate."""
     return GateOptions(given.max_speed, given.max_acceleration or None, given.sample_rate)
 
 
 def epoch_options(given: Parameters) -> EpochOptions:
-    """Return how an epoch collects."""
+    """Return the sizes of an epoch."""
     return EpochOptions(given.capacity, given.min_samples, given.first_samples,
                         given.full_samples, given.min_span,
                         block=max(5, round(given.sample_rate)))
 
 
 def feedforward_options(given: Parameters) -> FeedForwardOptions:
-    """Return the limits and times of the feed-forward, whose names are those of parameters."""
+    """Return the options of the feed-forward; their names are those of the parameters."""
     return FeedForwardOptions(**{each.name: getattr(given, each.name)
                                  for each in fields(FeedForwardOptions)})
 
 
 def payload_limits(given: Parameters) -> PayloadLimits:
-    """Return what a payload can be."""
+    """Return the limits of a payload."""
     return PayloadLimits(given.max_payload, given.max_payload_reach)

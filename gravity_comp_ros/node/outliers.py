@@ -1,9 +1,9 @@
 """
-Samples of an epoch at which something else than gravity acted for a moment.
+Outliers of an epoch: samples with a transient torque that is not gravity.
 
-A brake that grips or a hand that pushes makes the effort of a joint jump for a few samples. They
-are left out of a job, counted and named. What lasts longer is no outlier: a quarter of the samples
-of a joint that disagree with the others is a fault of that joint (`absolute_tests`).
+An intermittently engaging brake or a push changes the effort of a joint for a few samples. Such
+samples are left out of a job and counted per joint. A lasting disagreement is no outlier but a
+fault of the joint (`effort_plausibility`).
 """
 
 from __future__ import annotations
@@ -16,51 +16,49 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.update import change_trust
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
-from gravity_comp_ros.node.live_friction import moving_rms, STANDSTILL
-from gravity_comp_ros.node.self_confirmation import Sent
+from gravity_comp_ros.node.live_friction import moving_rms, REST_SPEED
+from gravity_comp_ros.node.self_confirmation import SentTorque
 import numpy as np
 
-# A larger share of the samples is no outlier: the model is wrong, or the effort is.
-MOST = 0.3
+# Largest share of outliers. A larger share means that the model or the effort is wrong.
+MAX_SHARE = 0.3
 
 
 def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     """
-    Return which torques (M, N) no change of the chain's moments explains beside the others.
+    Return which torques (M, N) are outliers of a change of the chain's moments.
 
-    :param gravity: samples whose torque is gravity, after the change.
+    :param gravity: samples after the change whose torque is gravity.
     :param chain: of the arm before the change.
     """
-    return _unless_many(change_trust(chain, gravity) == 0.0)
+    return _none_if_too_many(change_trust(chain, gravity) == 0.0)
 
 
 def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
     """
-    Return which torques (M, N) a model that was fitted to them leaves as outliers.
+    Return which torques (M, N) are outliers of a model that was fitted to them.
 
     At rest friction can have any value, so a joint at rest has no outliers.
 
-    :param residual: what gravity, friction and offset leave (M, N), N·m.
+    :param residual: residual without friction and offset (M, N), N·m.
     """
     far = robust.trust(residual, floor(samples.tau)) == 0.0
-    return _unless_many(far & (np.abs(samples.qd) > STANDSTILL))
+    return _none_if_too_many(far & (np.abs(samples.qd) > REST_SPEED))
 
 
 def rms_without(samples: JointSamples, predicted: FloatArray) -> FloatArray:
     """
-    Return the RMS (N,) in N·m of what is left of moving joints, without outliers.
+    Return the RMS residual (N,) in N·m of moving joints without outliers.
 
-    Two samples at which an arm sets out with a jerk are no reason to call its effort broken.
-
-    :param predicted: gravity, friction and offset of a model that was fitted (M, N), N·m.
+    :param predicted: gravity, friction and offset of a fitted model (M, N), N·m.
     """
     residual = samples.tau - predicted
-    few = outliers_of_fit(residual, samples)
-    return moving_rms(np.where(few, 0.0, residual), samples.qd)
+    is_outlier = outliers_of_fit(residual, samples)
+    return moving_rms(np.where(is_outlier, 0.0, residual), samples.qd)
 
 
 def counts(names: tuple[str, ...], outliers: BoolArray) -> Mapping[str, int]:
-    """Return how many samples of each joint are outliers, joints without any left out."""
+    """Return the number of outliers of each joint that has any."""
     return {name: int(n) for name, n in zip(names, outliers.sum(axis=0)) if n}
 
 
@@ -69,14 +67,16 @@ def without(samples: JointSamples, outliers: BoolArray) -> JointSamples:
     return samples.select(~outliers.any(axis=1))
 
 
-def sent_without(sent: Sent | None, train: BoolArray, held: BoolArray) -> Sent | None:
-    """Return the published torque of the same samples."""
+def sent_without(sent: SentTorque | None, train: BoolArray,
+                 held_out: BoolArray) -> SentTorque | None:
+    """Return the published torque of the samples at which no joint is an outlier."""
     if sent is None:
         return None
-    return replace(sent, train=sent.train[~train.any(axis=1)], held=sent.held[~held.any(axis=1)])
+    return replace(sent, train=sent.train[~train.any(axis=1)],
+                   held_out=sent.held_out[~held_out.any(axis=1)])
 
 
-def _unless_many(outliers: BoolArray) -> BoolArray:
-    if outliers.any(axis=1).mean() > MOST:
+def _none_if_too_many(outliers: BoolArray) -> BoolArray:
+    if outliers.any(axis=1).mean() > MAX_SHARE:
         return np.zeros_like(outliers)
     return outliers

@@ -1,4 +1,4 @@
-"""The node's publishers, with messages that are made once and filled again."""
+"""Publishers of the node; their messages are created once and reused."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 DEPTH = 10
-# Who subscribes later still receives the last events; their stamps say of when they are.
+# Late subscribers receive the last events with their stamps.
 EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
                        reliability=ReliabilityPolicy.RELIABLE,
                        durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -24,9 +24,9 @@ EVENT_QOS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=DEPTH,
 
 class Outputs:
     """
-    Everything that the node publishes.
+    All publishers of the node.
 
-    :param node: its lifecycle decides whether anything leaves.
+    :param node: lifecycle node; its state enables the managed publishers.
     """
 
     def __init__(self, node: LifecycleNode) -> None:
@@ -40,24 +40,25 @@ class Outputs:
             JointState, '~/extrapolation', DEPTH)
         self._suspected = node.create_lifecycle_publisher(
             DiagnosticArray, '~/payload_suspected', EVENT_QOS)
-        # Not a managed one: a node that was told to be inactive still says so.
+        # Not managed, so that an inactive node publishes diagnostics.
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DEPTH)
-        self._torque, self._predicted, self._rest = JointState(), JointState(), JointState()
-        self._outside = JointState()
+        self._torque, self._predicted = JointState(), JointState()
+        self._difference, self._outside = JointState(), JointState()
         self._command = Float64MultiArray()
         self._command.layout.data_offset = 0
-        self.prediction_wanted = self.residual_wanted = self.extrapolation_wanted = False
+        # Whether these topics have subscribers.
+        self.publishes_prediction = self.publishes_residual = self.publishes_extrapolation = False
 
     def name_joints(self, joints: Sequence[str]) -> None:
         """Write the joint names into all messages."""
-        for message in (self._torque, self._predicted, self._rest, self._outside):
+        for message in (self._torque, self._predicted, self._difference, self._outside):
             message.name = list(joints)
 
-    def look_around(self) -> None:
-        """Find out which topics anybody listens to; not a thing to do a thousand times a s."""
-        self.prediction_wanted = self._prediction.get_subscription_count() > 0
-        self.residual_wanted = self._residual.get_subscription_count() > 0
-        self.extrapolation_wanted = self._extrapolation.get_subscription_count() > 0
+    def update_subscriptions(self) -> None:
+        """Find which topics have subscribers; too slow to call for each message."""
+        self.publishes_prediction = self._prediction.get_subscription_count() > 0
+        self.publishes_residual = self._residual.get_subscription_count() > 0
+        self.publishes_extrapolation = self._extrapolation.get_subscription_count() > 0
 
     def torque(self, stamp: Time, tau: FloatArray) -> None:
         """Publish the feed-forward (N,) in N·m, as joint state and as command."""
@@ -69,21 +70,21 @@ class Outputs:
         self._torques.publish(self._torque)
 
     def prediction(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
-        """Publish the model's torque (N,) in N·m at pose q (N,), as it is."""
+        """Publish the model's torque (N,) in N·m at pose q (N,), without ramp and limits."""
         self._fill(self._predicted, stamp, q, tau)
         self._prediction.publish(self._predicted)
 
     def residual(self, stamp: Time, q: FloatArray, tau: FloatArray) -> None:
         """Publish measured minus predicted torque (N,) in N·m."""
-        self._fill(self._rest, stamp, q, tau)
-        self._residual.publish(self._rest)
+        self._fill(self._difference, stamp, q, tau)
+        self._residual.publish(self._difference)
 
     def extrapolation(self, stamp: Time, distance: FloatArray, std: FloatArray) -> None:
         """
-        Publish how far the pose is from what the model knows.
+        Publish the extrapolation of the model at the present pose.
 
-        :param distance: outside the trained range (N,) in rad.
-        :param std: of the model's own torque (N,) in N·m, or empty.
+        :param distance: distance outside the trained range (N,) in rad.
+        :param std: standard deviation of the model's torque (N,) in N·m, or empty.
         """
         self._fill(self._outside, stamp, distance, std)
         self._extrapolation.publish(self._outside)
@@ -93,14 +94,14 @@ class Outputs:
         self._diagnostics.publish(self._array(statuses))
 
     def payload_suspected(self, suspicion: Suspicion) -> None:
-        """Publish a payload that the node was not told of, with its evidence."""
+        """Publish the suspicion of an unannounced payload, with its evidence."""
         self._suspected.publish(self._array([
             Status('payload_suspected', WARN, suspicion.text, suspicion.values)]))
 
     def _array(self, statuses: Sequence[Status]) -> DiagnosticArray:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
-        # With its namespace, so that two arms are told apart.
+        # With the namespace, which distinguishes several arms.
         name = self._node.get_fully_qualified_name().lstrip('/')
         message.status = [DiagnosticStatus(
             level=bytes([status.level]), name=f'{name}: {status.name}', message=status.message,
@@ -110,7 +111,7 @@ class Outputs:
         return message
 
     def destroy(self) -> None:
-        """Take everything off the network."""
+        """Destroy all publishers."""
         for publisher in (self._torques, self._commands, self._prediction, self._residual,
                           self._extrapolation, self._suspected):
             self._node.destroy_lifecycle_publisher(publisher)

@@ -20,9 +20,9 @@ class Parameter:
     """
     One row of the table of parameters.
 
-    `kind` is bool, int, double, string, double[] or string[]. `low` and `high` bound every
-    number, both included; `choices` lists the strings that are allowed, if it is not empty.
-    `may_be_off` says that `off` is one of its values, which YAML reads as false.
+    `kind` is bool, int, double, string, double[] or string[]. `low` and `high` bound each number,
+    both included; `choices` lists the allowed strings, empty for any. With `may_be_off` the value
+    `off` is allowed, which YAML reads as false.
     """
 
     name: str
@@ -38,14 +38,14 @@ class Parameter:
 
     def parse(self, value: object) -> Value:
         """
-        Return `value` in the parameter's own type; a whole number may stand for a double.
+        Return `value` in the type of the parameter; integers are accepted for a double.
 
         :raises OptionError: if the type is wrong, or a value is out of range, not finite or
-            not among the choices; the message says what is allowed.
+            not among the choices; the message gives the allowed values.
         """
         if self.kind in ARRAYS:
             if value is None:
-                # What an empty list in YAML, or after -p on a command line, arrives as.
+                # An empty list in YAML or after -p on a command line.
                 return ()
             if isinstance(value, (str, bytes)) or not isinstance(value, Iterable):
                 raise self._wrong(value, f'it must be a list of type {self.kind}')
@@ -82,13 +82,13 @@ class Parameter:
             raise self._wrong(repr(value), f'it must be one of {", ".join(self.choices)}')
         return value
 
-    def _wrong(self, value: object, what: str) -> OptionError:
-        shown = list(value) if isinstance(value, tuple) else value
+    def _wrong(self, value: object, rule: str) -> OptionError:
+        text = list(value) if isinstance(value, tuple) else value
         unit = f' {self.unit}' if self.unit and self.kind in NUMBERS else ''
-        return OptionError(f'parameter {self.name}: {shown}{unit} is refused; {what}')
+        return OptionError(f'parameter {self.name}: {text}{unit} is refused; {rule}')
 
     def range_text(self) -> str:
-        """Return what is allowed, for people."""
+        """Return the allowed values as text."""
         if self.choices:
             return ', '.join(self.choices)
         if self.low is None and self.high is None:
@@ -101,18 +101,18 @@ class Parameter:
 def parameter(default: Value, description: str, unit: str = '', low: float | None = None,
               high: float | None = None, choices: tuple[str, ...] = (),
               read_only: bool = False, may_be_off: bool = False) -> Any:
-    """Return a field of a dataclass that is a parameter; see `Parameter`."""
+    """Return a dataclass field with the metadata of a parameter; see `Parameter`."""
     return field(default=default, metadata={
         'description': description, 'unit': unit, 'low': low, 'high': high, 'choices': choices,
         'read_only': read_only, 'may_be_off': may_be_off})
 
 
-# What a field of this Python type is in ROS.
+# ROS type of each Python type of a field.
 _KINDS = {'bool': 'bool', 'int': 'int', 'float': 'double', 'str': 'string',
           'tuple[float, ...]': 'double[]', 'tuple[str, ...]': 'string[]'}
 
 
-def row_of(made: Field[Any]) -> Parameter:
-    """Return the row of a field made by `parameter`."""
-    assert made.default is not MISSING
-    return Parameter(made.name, _KINDS[str(made.type)], made.default, **made.metadata)
+def row_of(each: Field[Any]) -> Parameter:
+    """Return the table row of a field created by `parameter`."""
+    assert each.default is not MISSING
+    return Parameter(each.name, _KINDS[str(each.type)], each.default, **each.metadata)

@@ -1,4 +1,4 @@
-"""What a payload can be, and what a window of samples shows of one."""
+"""Limits of a payload, and the finding of a payload test."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.kinematic.geometry import STANDARD_GRAVITY
 import numpy as np
 
-# Parts that a window is divided into: what changed must show in each of them.
+# Number of parts of a window; a change must be present in each of them.
 PARTS = 3
 
 
 @dataclass(frozen=True)
 class PayloadLimits:
     """
-    What a payload can be: up to `mass` kg put on or taken off, `reach` m away.
+    Limits of a payload: up to `mass` kg attached or removed, at most `reach` m away.
 
-    Without known axes `reach` bounds the distance between two neighbouring joints as well.
+    Without known axes `reach` also bounds the distance between neighbouring joints.
 
     :raises OptionError: if a number is not positive.
     """
@@ -39,10 +39,11 @@ class PayloadLimits:
 @dataclass(frozen=True)
 class PayloadFinding:
     """
-    What a window of samples shows.
+    The finding of a payload test on a window of samples.
 
-    `is_payload` says that a body on the last link explains it, `is_other` that the effort has
-    changed as no payload changes it. `text` is a sentence, `values` are figures with their names.
+    `is_payload` is true if a body on the last link explains the window, `is_other` if the effort
+    has changed in a way that no payload explains. `text` is a sentence, `values` are named
+    figures.
     """
 
     is_payload: bool

@@ -1,11 +1,10 @@
 """
-An executor that serves joint states first.
+Executor that gives joint states priority.
 
-rclpy's executors collect every service, timer and guard of a node anew for each message, which
-takes longer than everything that this node does with one. Here the input has a wait set of its
-own, made once, and so has the question whether anything else is ready; timers are called without
-a task each. All else runs in the pauses between messages, in the same thread, so nothing needs a
-lock.
+The executors of rclpy collect all services, timers and guards of a node for each message, which
+takes longer than this node's handling of the message. Here the input has a wait set of its own,
+created once, as has the check whether other entities are ready. Timers are called directly,
+without a task. All other callbacks run between messages in the same thread, so no lock is needed.
 """
 
 from __future__ import annotations
@@ -22,40 +21,41 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-# s; how often timers and services get their turn while messages come one after the other. After a
-# pause of the messages they get it at once.
-TURN_EVERY = 0.01
-# s; how often rclpy looks through everything, which takes as long as a message. The short look
-# leaves out events of publishers, guard conditions and coroutines.
-LOOK_THROUGH_EVERY = 0.2
+# Period of timers and services during continuous input, s. In a pause of the input they run at
+# once.
+OTHERS_PERIOD = 0.01
+# Period of the full check by rclpy, s, which takes as long as a message. The short check omits
+# events of publishers, guard conditions and coroutines.
+FULL_CHECK_PERIOD = 0.2
+# Time without input that counts as a pause, s.
 PAUSE = 0.005
-# s; how long a turn may take.
-TURN_LENGTH = 0.002
-# Messages handled in a row before services get a turn, should there be no pause.
+# Maximum time for other callbacks, s.
+OTHERS_DURATION = 0.002
+# Maximum number of consecutive messages before other callbacks run.
 BURST = 20
 
 
 class InputGroup(CallbackGroup):
-    """Of the subscription that the lane serves: other executors leave it alone."""
+    """Callback group of the input, which rclpy's own executor code must not execute."""
 
     def can_execute(self, entity: Any) -> bool:
-        """Return False, to anybody who asks."""
+        """Return False: only `InputFirstExecutor` executes the input."""
         return False
 
     def beginning_execution(self, entity: Any) -> bool:
-        """Return False: nobody else may begin."""
+        """Return False, as `can_execute`."""
         return False
 
     def ending_execution(self, entity: Any) -> None:
-        """Do nothing: nobody else began."""
+        """Do nothing."""
 
 
-class Lookout:
+class ReadyPoll:
     """
-    Calls timers, and asks whether anything but joint states waits, with a wait set that is kept.
+    Calls timers, and checks whether entities other than the input are ready.
 
-    :param node: whose subscriptions, clients and services are watched.
-    :param context: of the node.
+    :param node: node with the subscriptions, clients and services to check.
+    :param context: context of the node.
     """
 
     def __init__(self, node: Node, context: Context) -> None:
@@ -64,14 +64,14 @@ class Lookout:
         self._wait_set: Any = None
 
     def call_timers(self) -> None:
-        """Call the timers that are due; their callbacks are plain functions."""
+        """Call the timers that are due; their callbacks are functions, no coroutines."""
         for timer in self._node.timers:
             if timer.handle.is_timer_ready():
                 timer.handle.call_timer()
                 timer.callback()
 
     def is_ready(self) -> bool:
-        """Return whether a message or a request waits."""
+        """Return whether a message or a request is waiting."""
         node = self._node
         subscriptions = [s for s in node.subscriptions
                          if not isinstance(s.callback_group, InputGroup)]
@@ -96,57 +96,57 @@ class Lookout:
 
 class InputFirstExecutor(SingleThreadedExecutor):
     """
-    Spins one node.
+    Executor that handles the input of a node first.
 
-    :param subscription: returns the subscription to serve first, None while there is none.
+    :param subscription: returns the subscription of the input, None while there is none.
     """
 
     def __init__(self, subscription: Callable[[], Subscription | None]) -> None:
         super().__init__()
-        # How often a burst ended with messages still waiting, since the start.
+        # Number of bursts since the start that ended with messages waiting.
         self.full_bursts = 0
-        self._find = subscription
-        self._lookouts: list[Lookout] = []
+        self._subscription = subscription
+        self._polls: list[ReadyPoll] = []
         self._served: Subscription | None = None
         self._wait_set: Any = None
 
     def add_node(self, node: Node) -> bool:
-        """Spin a node as well; return False if it is there already."""
+        """Add a node; return False if it has been added already."""
         added = bool(super().add_node(node))
-        self._lookouts = [Lookout(each, self._context) for each in self.get_nodes()]
+        self._polls = [ReadyPoll(each, self._context) for each in self.get_nodes()]
         return added
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """End all work; what is kept here is of the node, and goes before it."""
-        self._lookouts, self._served, self._wait_set = [], None, None
+        """Shut down; release the entities of the node before the node is destroyed."""
+        self._polls, self._served, self._wait_set = [], None, None
         return bool(super().shutdown(timeout_sec))
 
     def spin(self) -> None:
         """
         Run until the context ends.
 
-        :raises ExternalShutdownException: when it does.
+        :raises ExternalShutdownException: when it has ended.
         """
-        due = thorough = 0.0
+        short_due = full_due = 0.0
         while self._context.ok() and not self._is_shutdown:
-            subscription = self._find()
+            subscription = self._subscription()
             if subscription is None:
                 self.spin_once(timeout_sec=0.05)
                 continue
-            came = self._serve(subscription, PAUSE)
+            received = self._handle_input(subscription, PAUSE)
             now = time.monotonic()
-            if now >= thorough or not came:
-                self._turn(now + TURN_LENGTH)
-                thorough = time.monotonic() + LOOK_THROUGH_EVERY
-            elif now >= due:
-                self._short_turn(now + TURN_LENGTH)
+            if now >= full_due or not received:
+                self._handle_others(now + OTHERS_DURATION)
+                full_due = time.monotonic() + FULL_CHECK_PERIOD
+            elif now >= short_due:
+                self._handle_ready_others(now + OTHERS_DURATION)
             else:
                 continue
-            due = time.monotonic() + TURN_EVERY
+            short_due = time.monotonic() + OTHERS_PERIOD
         raise ExternalShutdownException()
 
-    def _serve(self, subscription: Subscription, timeout: float) -> bool:
-        """Wait for input, and handle what is there, up to a burst; return whether any came."""
+    def _handle_input(self, subscription: Subscription, timeout: float) -> bool:
+        """Wait for input and handle up to `BURST` messages; return whether there were any."""
         if subscription is not self._served:
             self._served = subscription
             self._wait_set = rclpy_implementation.WaitSet(
@@ -164,8 +164,8 @@ class InputFirstExecutor(SingleThreadedExecutor):
         self.full_bursts += 1
         return True
 
-    def _turn(self, until: float) -> None:
-        """Run everything else that is ready, as long as the turn lasts."""
+    def _handle_others(self, until: float) -> None:
+        """Run all other callbacks that are ready, at most until this time."""
         while time.monotonic() < until:
             try:
                 handler, _, _ = self.wait_for_ready_callbacks(timeout_sec=0)
@@ -175,9 +175,9 @@ class InputFirstExecutor(SingleThreadedExecutor):
             if handler.exception() is not None:
                 raise handler.exception()
 
-    def _short_turn(self, until: float) -> None:
-        """Call the timers that are due, and run the rest where something of it is ready."""
-        for lookout in self._lookouts:
-            lookout.call_timers()
-            if lookout.is_ready():
-                self._turn(until)
+    def _handle_ready_others(self, until: float) -> None:
+        """Call the timers that are due; run other callbacks if a short check finds any."""
+        for poll in self._polls:
+            poll.call_timers()
+            if poll.is_ready():
+                self._handle_others(until)

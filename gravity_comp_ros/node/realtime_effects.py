@@ -1,4 +1,4 @@
-"""Effects of a model that pose and speed of this very moment tell, fast enough for a loop."""
+"""Effects of a model that depend on the present pose and speed alone, for a real-time loop."""
 
 from __future__ import annotations
 
@@ -14,25 +14,27 @@ from gravity_comp_ros.models.applied_effects import AppliedEffect
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
-# Of these a moment tells the torque. Others look back (drift, presliding), need acceleration, or
-# are about the measurement of gravity and not a torque of their own.
-INSTANT = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
-           'asymmetric_friction', 'load_dependent_friction', 'torque_offset', 'joint_spring',
-           'cable_stiffness', 'torque_ripple')
-# Of these a torque may be sent to the drives. An end stop, a ripple or a friction that differs by
-# direction is nothing to push against blindly.
-SAFE = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
-        'load_dependent_friction', 'torque_offset', 'joint_spring', 'cable_stiffness')
+# Effects whose torque depends on pose and speed alone. The others depend on history (drift,
+# presliding) or acceleration, or describe the measurement and are no torque of their own.
+INSTANTANEOUS = (
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+    'asymmetric_friction', 'load_dependent_friction', 'torque_offset', 'joint_spring',
+    'cable_stiffness', 'torque_ripple')
+# Those whose torque may be sent to the drives. Compensation of an end stop, a ripple or an
+# asymmetric friction is not safe.
+COMPENSABLE = (
+    'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
+    'load_dependent_friction', 'torque_offset', 'joint_spring', 'cable_stiffness')
 
 
 @dataclass(frozen=True)
 class CompensateOptions:
     """
-    What of a model's effects is compensated, and how carefully.
+    Limits of the compensation of effects.
 
-    `fraction` of the torque is sent: all of a friction makes an arm slide by itself. Friction
-    turns its sign over `speed` rad/s at least, and speeds count up to `top_speed` rad/s, beyond
-    which nothing was learned.
+    `fraction` of the torque is sent; with the whole friction an arm may drift on its own. Friction
+    changes its sign over at least `speed` rad/s. Speeds are clipped to `top_speed` rad/s, up to
+    which the model was trained.
 
     :raises OptionError: if a number is out of range.
     """
@@ -61,19 +63,19 @@ class _Term:
 
 class InstantEffects:
     """
-    The torque of those effects of a model that a moment tells.
+    The torque of the effects of a model that depend on pose and speed alone.
 
-    :param only: the effects that count, as targets `NAME:JOINT`; None for all that there are.
-    :param options: None for the torque as it is.
+    :param only: the effects to include, as targets `NAME:JOINT`; None for all.
+    :param options: limits of a compensation; None for the unchanged torque.
     """
 
     def __init__(self, model: GravityModel, only: Sequence[str] | None = None,
                  options: CompensateOptions | None = None) -> None:
         self.options = options
         self.left_out = tuple(effect.target for effect in model.applied.effects
-                              if effect.name not in INSTANT)
+                              if effect.name not in INSTANTANEOUS)
         self._terms = [_term(model, effect) for effect in model.applied.effects
-                       if effect.name in INSTANT and (only is None or effect.target in only)]
+                       if effect.name in INSTANTANEOUS and (only is None or effect.target in only)]
         n = model.n_joints
         width = model.applied.direction.get('width', np.full(n, np.inf))
         self._width = width if options is None else np.maximum(width, options.speed)
@@ -82,14 +84,15 @@ class InstantEffects:
 
     @property
     def targets(self) -> tuple[str, ...]:
-        """The effects that count, as `NAME:JOINT`."""
+        """The included effects, as `NAME:JOINT`."""
         return tuple(term.effect.target for term in self._terms)
 
     def torque(self, q: FloatArray, qd: FloatArray, gravity: FloatArray) -> FloatArray:
         """
-        Return what they add to gravity (N,) in N·m.
+        Return the torque of the effects (N,) in N·m, in addition to gravity.
 
-        :param q: pose (N,) in rad. :param qd: speed (N,) in rad/s.
+        :param q: pose (N,) in rad.
+        :param qd: speed (N,) in rad/s.
         :param gravity: the model's torque at that pose (N,) in N·m.
         """
         total = np.zeros(len(q))
@@ -97,8 +100,8 @@ class InstantEffects:
             return total
         if self.options is not None:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
-        moment = JointSamples.moment(self._model.joints, q, qd)
-        motion = Motion(moment, self._zeros[0], gravity[None], self._zeros[1], self._width,
+        sample = JointSamples.moment(self._model.joints, q, qd)
+        motion = Motion(sample, self._zeros[0], gravity[None], self._zeros[1], self._width,
                         self._model)
         for term in self._terms:
             total[term.joint] += term.torque(motion)
@@ -107,24 +110,24 @@ class InstantEffects:
 
 def compensable(texts: Sequence[str], joints: tuple[str, ...]) -> tuple[str, ...]:
     """
-    Return the targets that texts like `coulomb_friction:elbow` ask to compensate.
+    Return the targets of texts like `coulomb_friction:elbow`.
 
-    :raises OptionError: if an effect is unknown, or not one to compensate.
+    :raises OptionError: if an effect is unknown or cannot be compensated.
     """
     try:
-        wanted = requests(texts, joints)
+        requested = requests(texts, joints)
     except OptionError as problem:
         raise OptionError(f'parameter compensate: {problem}') from problem
-    for request in wanted:
-        if request.effect.name not in SAFE:
+    for request in requested:
+        if request.effect.name not in COMPENSABLE:
             raise OptionError(
-                f'parameter compensate: {request.effect.name} is refused; only these can be '
-                f'told from pose and speed alone and sent to a drive: {", ".join(SAFE)}')
-    return tuple(request.target for request in wanted)
+                f'parameter compensate: {request.effect.name} is refused; only these depend on '
+                f'pose and speed alone and may be sent to a drive: {", ".join(COMPENSABLE)}')
+    return tuple(request.target for request in requested)
 
 
 def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
-    """Return an effect, after it was asked for a torque once: a loop is no place for surprises."""
+    """Return an effect after one evaluation, so that errors occur before the loop."""
     n, joint = model.n_joints, joint_number(model, effect)
     pose = np.zeros((1, n))
     motion = Motion(JointSamples.moment(model.joints, pose[0], pose[0]), pose, pose,

@@ -1,4 +1,4 @@
-"""Start the node, spin it, and end it cleanly."""
+"""Start, spin and shut down the node."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 
 
 def run(args: Sequence[str] | None = None) -> int:
-    """Run the node until it is told to end; return 0, or 1 with one line if it cannot start."""
+    """Run the node until a signal ends it; return 0, or 1 with one line if it cannot start."""
     try:
         rclpy.init(args=list(args) if args is not None else None)
         node = GravityCompNode()
@@ -27,7 +27,7 @@ def run(args: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
         return 1
     except Exception:
-        # A signal that comes while the node is made invalidates what it is made of.
+        # A signal during the construction of the node invalidates its context.
         if rclpy.ok():
             raise
         return 0
@@ -37,12 +37,12 @@ def run(args: Sequence[str] | None = None) -> int:
     except ExternalShutdownException:
         pass
     except Exception:
-        # A signal invalidates the context in the middle of a callback, which then fails.
+        # A signal during a callback invalidates the context, and the callback fails.
         if rclpy.ok():
             raise
     finally:
         node.close()
-        # What the executor was about to run is of the node: it lets go first.
+        # The executor holds entities of the node, so it ends first.
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
@@ -54,7 +54,7 @@ def _spin(node: GravityCompNode, executor: InputFirstExecutor) -> None:
     if node.settings.values.autostart and (
             node.trigger_configure() == TransitionCallbackReturn.SUCCESS):
         node.trigger_activate()
-    # What has been imported by now stays; looking through it again is a pause of milliseconds.
+    # Imported modules stay; scanning them in each garbage collection takes milliseconds.
     gc.collect()
     gc.freeze()
     executor.spin()

@@ -1,11 +1,11 @@
 """
-Effort that is the node's own output.
+Self-confirmation: measured effort that is the node's own output.
 
-An arm that floats on the published torque and is led by hand measures what was sent, whatever it
-carries. A model confirms itself on such samples. So the torque that was published around every
-sample is kept, and a new model is taken only if it explains the effort better than that does.
-Friction is left out of the comparison: a position controller that supplies it, on top of the
-published torque, may hide a light payload in it.
+An arm that floats on the published torque and is guided by hand measures the published torque,
+whatever its payload. On such samples any model confirms itself. The node therefore records the
+torque published before each sample, and accepts a new model only if it explains the effort better
+than the published torque does. Friction is excluded from the comparison: a position controller
+that adds friction torque to the published torque may otherwise hide a light payload.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from gravity_comp_ros.models.least_squares import lstsq
 from gravity_comp_ros.node.live_friction import rms
 import numpy as np
 
-# How long a driver may take from a command to the effort that it reports, s.
+# Possible delays of a driver from command to reported effort, s.
 DELAYS = (0.0, 0.004, 0.01, 0.02, 0.05, 0.1, 0.2)
-# At least half as many torques are kept: enough for the longest delay at 2 kHz.
-_MOST = 2000
-# This part of the samples must have been taken while torque was published.
-_MOSTLY = 0.5
-# Published torque below this RMS over all joints, N·m, supports no arm.
-_NOTHING = 0.05
-# A model must leave less than this part of what the published torque leaves.
-_BETTER = 0.9
-# rad/s over which friction turns.
+# Maximum number of torques kept; at least half of them, enough for the longest delay at 2 kHz.
+_MAX_TORQUES = 2000
+# Minimum share of the samples that were recorded while torque was published.
+_MIN_SHARE = 0.5
+# Published torque that supports no arm, RMS over all joints, N·m.
+_NEGLIGIBLE = 0.05
+# Largest ratio of the model's residual to that of the published torque.
+_MAX_RATIO = 0.9
+# Speed over which friction changes its sign, rad/s.
 _WIDTH = 0.01
-# Joints whose published torque hardly varied say nothing, as a part of the one that varied most.
-_VARIED = 0.02
+# Minimum variation of the published torque of a joint, as a fraction of the largest variation.
+_MIN_VARIATION = 0.02
 
 
-class SentTorque:
-    """What was published in the last moments."""
+class SentTorqueHistory:
+    """The recently published torques."""
 
     def __init__(self, n_joints: int) -> None:
         self._times: list[float] = []
@@ -43,75 +43,76 @@ class SentTorque:
         self._none = np.full(n_joints, np.nan)
 
     def published(self, now: float, tau: FloatArray) -> None:
-        """Note a torque (N,) that leaves the node."""
+        """Record a published torque (N,)."""
         times, torques = self._times, self._torques
         if times and now < times[-1]:
             times.clear()
             torques.clear()
-        elif len(times) >= _MOST:
-            del times[:_MOST // 2], torques[:_MOST // 2]
+        elif len(times) >= _MAX_TORQUES:
+            del times[:_MAX_TORQUES // 2], torques[:_MAX_TORQUES // 2]
         times.append(now)
         torques.append(tau)
 
     def before(self, now: float) -> FloatArray:
         """
-        Return the torque that held at each of `DELAYS` before now (D, N); NaN for none.
+        Return the last torque published before now minus each of `DELAYS` (D, N); NaN for none.
 
-        What is published at `now` itself answers the sample and is none of them.
+        The torque published at `now` is the response to the sample and is not included.
         """
         places = [bisect_left(self._times, now - delay) - 1 for delay in DELAYS]
         return np.array([self._torques[k] if k >= 0 else self._none for k in places])
 
 
 @dataclass(frozen=True, eq=False)
-class Sent:
+class SentTorque:
     """The published torque of the samples of a job, (M, D, N) each, NaN where there was none."""
 
     train: FloatArray
-    held: FloatArray
+    held_out: FloatArray
 
 
-def echo_objection(sent: Sent, train: JointSamples, held: JointSamples, new_train: FloatArray,
-                   new_held: FloatArray, has_new_effects: bool = False) -> str | None:
+def echo_objection(sent: SentTorque, train: JointSamples, held_out: JointSamples,
+                   new_train: FloatArray, new_held_out: FloatArray,
+                   has_new_effects: bool = False) -> str | None:
     """
-    Return why these samples only repeat what the node sent, None if they do not.
+    Return why these samples are an echo of the published torque, None if they are not.
 
-    :param new_train: torque of the new model at the samples (M, N), N·m; `new_held` likewise.
-    :param has_new_effects: friction is part of what is new, so it is not left out.
+    :param new_train: torque of the new model at the samples (M, N), N·m; `new_held_out` likewise.
+    :param has_new_effects: whether the new model has other effects; friction is then compared.
     """
-    torque = np.concatenate((sent.train, sent.held))
-    tau = np.concatenate((train.tau, held.tau))
-    there = np.isfinite(torque).all(axis=(1, 2))
-    if there.mean() < _MOSTLY or there.sum() < 5:
+    torque = np.concatenate((sent.train, sent.held_out))
+    tau = np.concatenate((train.tau, held_out.tau))
+    known = np.isfinite(torque).all(axis=(1, 2))
+    if known.mean() < _MIN_SHARE or known.sum() < 5:
         return None
-    torque, tau = torque[there], tau[there]
-    if float(np.sqrt((torque ** 2).mean())) < _NOTHING:
+    torque, tau = torque[known], tau[known]
+    if float(np.sqrt((torque ** 2).mean())) < _NEGLIGIBLE:
         return None
-    qd = np.concatenate((train.qd, held.qd))[there]
-    errors = [tau - np.concatenate((new_train, new_held))[there],
+    qd = np.concatenate((train.qd, held_out.qd))[known]
+    errors = [tau - np.concatenate((new_train, new_held_out))[known],
               *(tau - torque[:, k] for k in range(len(DELAYS)))]
     if not has_new_effects:
-        errors = [_beside_friction(error, qd) for error in errors]
-    error, left = errors[0], np.array([rms(each) for each in errors[1:]])
+        errors = [_without_friction(error, qd) for error in errors]
+    model_rms, *sent_rms = (rms(error) for error in errors)
     spread = torque[:, 0].std(axis=0)
-    counts = spread > _VARIED * float(spread.max(initial=0.0))
-    best = int(np.argmin(np.sqrt((left[:, counts] ** 2).mean(axis=1))))
-    echo = float(np.sqrt((left[best, counts] ** 2).mean()))
-    new = float(np.sqrt((error[:, counts] ** 2).mean()))
-    if new < _BETTER * echo:
+    counts = spread > _MIN_VARIATION * float(spread.max(initial=0.0))
+    echo_rms = [float(np.sqrt((each[counts] ** 2).mean())) for each in sent_rms]
+    best = int(np.argmin(echo_rms))
+    new = float(np.sqrt((model_rms[counts] ** 2).mean()))
+    if new < _MAX_RATIO * echo_rms[best]:
         return None
     return ('the effort is the torque that this node published '
-            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo:.3g} N·m, residual of the '
-            f'new model {new:.3g}. Either the model in use is right already, or the arm floats on '
-            'that torque and is led by hand, which shows nothing new: move it by its own '
-            'controller')
+            f'{1e3 * DELAYS[best]:.0f} ms before: RMS difference {echo_rms[best]:.3g} N·m, '
+            f'residual of the new model {new:.3g} N·m. Either the model in use is right already, '
+            'or the arm floats on that torque and is guided by hand, which gives no new data: '
+            'move it by its own controller')
 
 
-def _beside_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
-    """Return a residual (M, N) without the Coulomb and viscous friction that explain most."""
-    found = np.empty_like(residual)
+def _without_friction(residual: FloatArray, qd: FloatArray) -> FloatArray:
+    """Return a residual (M, N) minus its least-squares Coulomb and viscous friction."""
+    result = np.empty_like(residual)
     for n in range(residual.shape[1]):
         columns = np.column_stack([np.tanh(qd[:, n] / _WIDTH), qd[:, n]])
         coefficients = lstsq(columns, residual[:, n])
-        found[:, n] = residual[:, n] - columns @ coefficients
-    return found
+        result[:, n] = residual[:, n] - columns @ coefficients
+    return result

@@ -16,7 +16,7 @@ from gravity_comp_ros.workbench import widgets
 if TYPE_CHECKING:
     # Needs ROS, which a page of recordings does without.
     from gravity_comp_ros.node.diagnostics import Status
-    from gravity_comp_ros.node.node_client import Following
+    from gravity_comp_ros.node.node_client import NodeClient
 
 _SHOWN = 3000
 _EVERY = 3
@@ -30,7 +30,7 @@ _MOST_EVENTS = 30
 class LiveView:
     """The live view of one page."""
 
-    def __init__(self, follower: Following, style: Style) -> None:
+    def __init__(self, follower: NodeClient, style: Style) -> None:
         self.follower, self.style = follower, style
         self._state = widgets.html('', 'live-state')
         self._events = widgets.html('', 'live-events')

@@ -30,7 +30,7 @@ from gravity_comp_ros.workbench.side import Actions, Side
 from gravity_comp_ros.workbench.views import Views
 
 if TYPE_CHECKING:
-    from gravity_comp_ros.node.node_client import Following
+    from gravity_comp_ros.node.node_client import NodeClient
 
 _LOG = logging.getLogger(__name__)
 _POLL_MS = 100
@@ -45,7 +45,7 @@ class Page:
     """
 
     def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
-                 follower: Following | None, nonce: str) -> None:
+                 follower: NodeClient | None, nonce: str) -> None:
         self.document, self.sessions, self._wanted = document, sessions, identity
         self.one: OpenSession | None = None
         self.style: Style = LIGHT

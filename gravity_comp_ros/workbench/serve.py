@@ -37,7 +37,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
 if TYPE_CHECKING:
-    from gravity_comp_ros.node.node_client import Following
+    from gravity_comp_ros.node.node_client import NodeClient
 
 _LOCAL = ('127.0.0.1', 'localhost')
 _POLL_MS = 100
@@ -174,9 +174,9 @@ def _free_port(host: str) -> int:
         return int(probe.getsockname()[1])
 
 
-def _follower(node: str | None) -> Following | None:
+def _follower(node: str | None) -> NodeClient | None:
     if node is None:
         return None
     # The only way from here to ROS; whoever has no --live needs none.
-    from gravity_comp_ros.node.node_client import Following
-    return Following(node)
+    from gravity_comp_ros.node.node_client import NodeClient
+    return NodeClient(node)

@@ -1,4 +1,4 @@
-"""Where the feed-forward takes its torque from: a model, its range, and the model before."""
+"""Torque source of the feed-forward: a model, its trained range, and the previous model."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from gravity_comp_ros.data.samples import FloatArray
 import numpy as np
 
 Predict = Callable[[FloatArray], FloatArray]
-TURN = 2.0 * math.pi
+REVOLUTION = 2.0 * math.pi
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
+class TorqueSource:
     """
-    A model as the feed-forward needs it: predict (N,) → (N,), and its trained range (N,).
+    A model for the feed-forward: predict (N,) → (N,), and its trained range (N,).
 
-    `reach` in rad bounds `extrapolation_margin` for a model that must not be used further out.
-    `before` is the model of the payload before where only a share of the change is used
-    (`unsure_change`).
+    `reach` in rad bounds `extrapolation_margin` for a model that extrapolates badly. `before` is
+    the model of the previous payload where only a share of the change is used
+    (`uncertain_change`).
     """
 
     predict: Predict
@@ -31,19 +31,19 @@ class Source:
 
     def nearest(self, q: FloatArray) -> FloatArray:
         """
-        Return pose q (N,) with whole turns taken off joints that are outside the trained range.
+        Return pose q (N,) with whole revolutions subtracted from joints outside the trained range.
 
-        Gravity has a period of one turn, so that the torque is the same. Within the range `q`
+        Gravity has a period of one revolution, so the torque is the same. Within the range `q`
         itself is returned.
         """
         outside = (q < self.q_min) | (q > self.q_max)
         if not outside.any():
             return q
         middle = 0.5 * (self.q_min + self.q_max)
-        return np.where(outside, q - TURN * np.round((q - middle) / TURN), q)
+        return np.where(outside, q - REVOLUTION * np.round((q - middle) / REVOLUTION), q)
 
     def with_share(self, share: FloatArray) -> Predict:
-        """Return the torque of `before` and a share (N,) of its change; all of it without one."""
+        """Return the torque of `before` plus a share (N,) of its change; else `predict`."""
         before = self.before
         if before is None:
             return self.predict

@@ -1,4 +1,4 @@
-"""Effects told from one moment: those of the library, bounded where they go to a drive."""
+"""Effects from pose and speed alone: equal to the library, limited for compensation."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import effect_torque
@@ -7,7 +7,7 @@ from gravity_comp_ros.models.applied_effects import Applied, AppliedEffect, Valu
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.node.realtime_effects import (
-    compensable, CompensateOptions, INSTANT, InstantEffects, SAFE)
+    COMPENSABLE, compensable, CompensateOptions, INSTANTANEOUS, InstantEffects)
 import numpy as np
 import pytest
 
@@ -29,7 +29,7 @@ EFFECTS = (effect('coulomb_friction', 'a', F_c=2.0), effect('viscous_friction', 
 
 
 def model(effects):
-    """Return tau = (8 sin q_a, 3 sin q_b) with effects on top."""
+    """Return tau = (8 sin q_a, 3 sin q_b) plus effects."""
     torques = tuple(Expansion(np.array([k]), np.array([w])) for k, w in ((3, 8.0), (1, 3.0)))
     return GravityModel(
         ('a', 'b'), 'per_joint', torques, None, np.full(2, 0.1),
@@ -49,18 +49,18 @@ def symbols_of(effects):
 
 
 @pytest.mark.parametrize('number', range(len(EFFECTS)))
-def test_it_is_the_torque_of_the_library(number):
+def test_the_torque_is_that_of_the_library(number):
     made = model(symbols_of((EFFECTS[number],)))
     rng = np.random.default_rng(number)
     q, qd = rng.uniform(-1, 1, (40, 2)), rng.uniform(-0.1, 0.1, (40, 2))
     samples = JointSamples.single_run(['a', 'b'], 0.1 * np.arange(40), q, qd, 0 * q)
     instant = InstantEffects(made)
-    found = [instant.torque(q[k], qd[k], made.predict_one(q[k])) for k in range(40)]
-    np.testing.assert_allclose(found, effect_torque(made, samples), atol=1e-12)
-    assert np.abs(found).max() > 0.05
+    result = [instant.torque(q[k], qd[k], made.predict_one(q[k])) for k in range(40)]
+    np.testing.assert_allclose(result, effect_torque(made, samples), atol=1e-12)
+    assert np.abs(result).max() > 0.05
 
 
-def test_friction_that_is_sent_is_a_part_of_it_and_gentle_at_rest():
+def test_compensated_friction_is_a_fraction_and_smooth_at_rest():
     made = model(symbols_of(EFFECTS[:2]))
     sent = InstantEffects(made, ('coulomb_friction:a',),
                           CompensateOptions(fraction=0.5, speed=0.02, top_speed=0.1))
@@ -74,29 +74,29 @@ def test_friction_that_is_sent_is_a_part_of_it_and_gentle_at_rest():
     np.testing.assert_allclose(at(-9.0), -at(9.0))
 
 
-def test_speeds_beyond_the_learned_ones_count_as_those():
+def test_speeds_are_clipped_to_the_trained_range():
     sent = InstantEffects(model(symbols_of(EFFECTS[1:2])), ('viscous_friction:a',),
                           CompensateOptions(fraction=1.0, top_speed=0.1))
     np.testing.assert_allclose(sent.torque(np.zeros(2), np.array([5.0, 0.0]), np.zeros(2)),
                                [1.0, 0.0])
 
 
-def test_what_looks_back_is_left_out():
+def test_effects_with_history_are_left_out():
     drift = AppliedEffect('torque_drift', 'a', {'centre': 0.0}, {'c': Value(1.0, '', (0, 2))})
-    found = InstantEffects(model((drift,)))
-    assert found.targets == () and found.left_out == ('torque_drift:a',)
+    result = InstantEffects(model((drift,)))
+    assert result.targets == () and result.left_out == ('torque_drift:a',)
 
 
 def test_an_effect_of_another_version_is_refused_before_the_loop():
-    lacks_a_setting = symbols_of((effect('stribeck_friction', 'a', {}, F_s=1.0),))
+    without_setting = symbols_of((effect('stribeck_friction', 'a', {}, F_s=1.0),))
     other_symbol = (effect('coulomb_friction', 'a', F_x=1.0),)
-    for effects in (lacks_a_setting, other_symbol):
+    for effects in (without_setting, other_symbol):
         with pytest.raises(ModelMismatchError, match='fit it again'):
             InstantEffects(model(effects))
 
 
-def test_only_what_is_safe_may_be_sent():
-    assert set(SAFE) < set(INSTANT)
+def test_only_safe_effects_are_compensable():
+    assert set(COMPENSABLE) < set(INSTANTANEOUS)
     assert compensable(['coulomb_friction:b', 'viscous_friction'], ('a', 'b')) == (
         'coulomb_friction:b', 'viscous_friction:a', 'viscous_friction:b')
     for name in ('inertia', 'time_delay:a', 'end_stop', 'torque_gain:b', 'torque_ripple:a'):

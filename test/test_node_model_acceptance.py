@@ -1,9 +1,9 @@
-"""A new model is taken only if samples that it has not seen say so."""
+"""Held-out comparison of a new model with the model in use."""
 
 from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.node.model_acceptance import judge as judge_predictions, Prediction
+from gravity_comp_ros.node.model_acceptance import compare_models, Prediction
 import numpy as np
 
 
@@ -18,9 +18,9 @@ class Linear:
         return Prediction(train.q * self.gain, held.q * self.gain, self.noise)
 
 
-def judge(new, old, train, held, knows_more=False):
-    return judge_predictions(new.of(train, held), old and old.of(train, held), train, held,
-                             knows_more)
+def compare(new, old, train, held, has_more_samples=False):
+    return compare_models(new.of(train, held), old and old.of(train, held), train, held,
+                          has_more_samples)
 
 
 def model(*gain, noise=0.1):
@@ -38,43 +38,43 @@ def samples(gain, n=200, noise=0.1, seed=0, spread=1.0):
 TRAIN, HELD = samples((5.0, 3.0)), samples((5.0, 3.0), seed=1)
 
 
-def test_the_better_model_wins_both_ways():
+def test_the_better_model_wins_in_either_order():
     good, bad = model(5.0, 3.0), model(4.0, 2.0)
-    assert judge(good, bad, TRAIN, HELD).better
-    verdict = judge(bad, good, TRAIN, HELD)
+    assert compare(good, bad, TRAIN, HELD).better
+    verdict = compare(bad, good, TRAIN, HELD)
     assert not verdict.better and verdict.reason.startswith('worse on j0, j1')
     rmse = np.sqrt(np.mean((HELD.tau - HELD.q * [4.0, 2.0]) ** 2, axis=0))
     assert f'held-out RMSE {np.sqrt((rmse ** 2).mean()):.3g} N·m' in verdict.reason
     assert f'worst joint j1 {rmse[1]:.3g},' in verdict.reason
 
 
-def test_of_equals_the_one_that_knows_more_is_taken():
+def test_of_equal_models_the_one_with_more_samples_is_better():
     truth, nearly = model(5.0, 3.0), model(5.01, 3.005)
-    assert not judge(nearly, truth, TRAIN, HELD).better
-    assert judge(nearly, truth, TRAIN, HELD, knows_more=True).better
-    assert not judge(model(5.1, 3.1), truth, TRAIN, HELD, knows_more=True).better
+    assert not compare(nearly, truth, TRAIN, HELD).better
+    assert compare(nearly, truth, TRAIN, HELD, has_more_samples=True).better
+    assert not compare(model(5.1, 3.1), truth, TRAIN, HELD, has_more_samples=True).better
 
 
-def test_one_joint_may_not_pay_for_another():
-    verdict = judge(model(5.0, 2.0), model(0.0, 3.0), TRAIN, HELD)
+def test_a_worse_joint_prevents_acceptance():
+    verdict = compare(model(5.0, 2.0), model(0.0, 3.0), TRAIN, HELD)
     assert not verdict.better and verdict.reason.startswith('worse on j1:')
 
 
 def test_a_first_model_must_beat_a_constant_torque():
-    assert judge(model(5.0, 3.0), None, TRAIN, HELD).better
-    assert not judge(model(-5.0, -3.0), None, TRAIN, HELD).better
+    assert compare(model(5.0, 3.0), None, TRAIN, HELD).better
+    assert not compare(model(-5.0, -3.0), None, TRAIN, HELD).better
 
 
 def test_effort_without_gravity_is_recognised():
     train, held = samples((0.0, 0.0)), samples((0.0, 0.0), seed=1)
-    verdict = judge(model(0.01, 0.0), None, train, held)
+    verdict = compare(model(0.01, 0.0), None, train, held)
     assert verdict.compensated and not verdict.better
     assert 'compensate' in verdict.reason
 
 
-def test_a_short_or_narrow_motion_is_no_proof_of_compensation():
+def test_a_short_or_narrow_motion_does_not_show_compensation():
     few = samples((0.0, 0.0), n=50)
-    assert not judge(model(0.0, 0.0), None, few, HELD).compensated
+    assert not compare(model(0.0, 0.0), None, few, HELD).compensated
     narrow = samples((0.0, 0.0), spread=0.1)
-    verdict = judge(model(1e-6, 1e-6), None, narrow, samples((0.0, 0.0), seed=1, spread=0.1))
+    verdict = compare(model(1e-6, 1e-6), None, narrow, samples((0.0, 0.0), seed=1, spread=0.1))
     assert not verdict.compensated and not verdict.better

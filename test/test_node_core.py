@@ -1,4 +1,4 @@
-"""The node's mind without ROS: explicit messages, explicit time, a fit process that is real."""
+"""`NodeCore` without ROS, with explicit messages and time, and a real fit process."""
 
 import time
 
@@ -10,10 +10,9 @@ from gravity_comp_ros.node.diagnostics import (
     ERROR, joint_statuses, Learning, learning_status, OK, STALE, WARN)
 from gravity_comp_ros.node.node_core import NodeCore
 from gravity_comp_ros.node.parameters import Parameters
-from node_messages import heard
+from node_messages import joint_state as message, send_message, until
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 
 
 def torque(q, mass=1.0):
@@ -21,17 +20,13 @@ def torque(q, mass=1.0):
 
 
 def motion(n, seed=0):
-    """Return n slow poses: the time, and what both joints do."""
+    """Return time (n,) and poses (n, 2) of slow motion."""
     t = 0.2 * np.arange(n)
     return t, np.stack([1.2 * np.sin(0.11 * t + seed), 0.9 * np.cos(0.07 * t + seed)], axis=1)
 
 
 def joint_state(t, q, tau, names=('a', 'b')):
-    message = JointState(name=list(names), position=list(q), velocity=[0.14] * len(q),
-                         effort=list(tau))
-    message.header.stamp.sec = int(t)
-    message.header.stamp.nanosec = int(round((t - int(t)) * 1e9))
-    return message
+    return message(names, t, q, [0.14] * len(q), tau)
 
 
 @pytest.fixture
@@ -62,16 +57,8 @@ def feed(node, n, start=1.0, mass=1.0, seed=0):
     t, q = motion(n, seed)
     tau = torque(q, mass) + 0.01 * np.random.default_rng(7).standard_normal(q.shape)
     for k in range(n):
-        heard(node, joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
+        send_message(node, joint_state(start + t[k], q[k], tau[k]), start + t[k], 0.0)
     return start + t[-1]
-
-
-def until(node, now, condition, seconds=30.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, node.statuses(now)
-        node.tick(time.monotonic())
-        time.sleep(0.002)
 
 
 def status(node, name, now=0.0):
@@ -81,20 +68,21 @@ def status(node, name, now=0.0):
 def test_it_learns_the_torque_and_publishes_it(live):
     node = live(ramp_time=0.0, max_torque_rate=())
     now = feed(node, 140)
-    until(node, now, lambda: node.models.model is not None)
-    reading, tau = heard(node, joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0]), now + 0.2, 0.0)
+    until(node, lambda: node.models.model is not None)
+    last = joint_state(now + 0.2, [0.4, 0.1], [0.0, 0.0])
+    reading, tau = send_message(node, last, now + 0.2, 0.0)
     np.testing.assert_allclose(tau, torque(np.array([0.4, 0.1])), atol=0.05)
 
 
 @pytest.mark.parametrize('content', [b'', b'{', b'[]', b'null', b'\x00\xff' * 99,
                                      b'{"format": "gravity_comp_ros model", "version": 99}'])
-def test_files_that_are_no_model_are_told_and_left_alone(live, content, tmp_path):
+def test_files_that_are_no_model_are_reported_and_not_changed(live, content, tmp_path):
     path = tmp_path / 'model.json'
     path.write_bytes(content)
     node = live(model_file=str(path))
     assert status(node, 'model').level == ERROR
     assert 'model.json' in status(node, 'model').message
-    assert heard(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, joint_state(1.0, [0.1, 0.2], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert not node.save()[0] and path.read_bytes() == content
 
 
@@ -103,22 +91,22 @@ def test_a_model_of_other_joints_is_not_used(live, model_file):
     assert node.models.model is None and status(node, 'model').level == ERROR
 
 
-def test_a_result_that_comes_after_the_payload_changed_is_thrown_away(live, model_file):
+def test_the_result_of_a_fit_before_payload_changed_is_discarded(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     now = feed(node, 80)
-    until(node, now, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(time.monotonic())
     assert node.learner.fits.state == 'fitting'
     assert node.payload_changed(now)[0]
     before = node.models.model
-    until(node, now, lambda: answers)
-    assert not answers[0][0] and 'thrown away' in answers[0][1]
+    until(node, lambda: answers)
+    assert not answers[0][0] and 'discarded' in answers[0][1]
     assert node.models.model is before
 
 
-def test_what_was_sent_before_the_payload_changed_is_not_learned_from(live, model_file):
+def test_messages_before_the_settle_time_are_not_learned_from(live, model_file):
     node = live(model_file=str(model_file), settle_time=1.0)
     now = feed(node, 20)
     node.payload_changed(now)
@@ -129,26 +117,27 @@ def test_what_was_sent_before_the_payload_changed_is_not_learned_from(live, mode
 def test_a_first_message_that_names_no_arm(live):
     node = live()
     names = [f'j{k}' for k in range(11)]
-    assert heard(node, joint_state(1.0, [0.0] * 11, [0.0] * 11, names), 1.0, 0.0) == (None, None)
+    many = joint_state(1.0, [0.0] * 11, [0.0] * 11, names)
+    assert send_message(node, many, 1.0, 0.0) == (None, None)
     assert 'set the parameter joints' in status(node, 'model').message
-    assert heard(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
+    assert send_message(node, joint_state(2.0, [0.1, 0.2], [0.0, 0.0]), 2.0, 0.0)[0] is not None
     assert node.arm.joints == ('a', 'b') and node.models.problem == ''
 
 
 def test_levels_of_the_input(live):
     node = live(joints=('a', 'b'))
     assert status(node, 'input').level == STALE
-    heard(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
+    send_message(node, joint_state(1.0, [0.1], [0.1], ['a']), 1.0, 0.0)
     assert status(node, 'input', 1.0).level == ERROR
-    heard(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert status(node, 'input', 1.1).level == OK
-    heard(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
-    found = status(node, 'input', 1.2)
-    assert found.level == WARN and 'effort_not_finite 1' in found.message
+    send_message(node, joint_state(1.2, [0.1, 0.2], [0.1, float('nan')]), 1.2, 0.0)
+    report = status(node, 'input', 1.2)
+    assert report.level == WARN and 'effort_not_finite 1' in report.message
     assert status(node, 'input', 9.0).level == STALE
 
 
-def test_another_payload_is_suspected_from_the_residual(live, model_file):
+def test_a_large_residual_suggests_another_payload(live, model_file):
     node = live(model_file=str(model_file))
     now = feed(node, 40)
     assert status(node, 'joint a', now).level == OK
@@ -156,34 +145,34 @@ def test_another_payload_is_suspected_from_the_residual(live, model_file):
     assert 'another payload' in status(node, 'joint a', now + 8.0).message
 
 
-def test_friction_in_the_arm_is_no_other_payload_and_does_not_hide_one():
-    shown = np.array([[1.2], [0.1]])
+def test_the_residual_without_friction_shows_another_payload():
+    residual = np.array([[1.2], [0.1]])
     noise = np.array([[1.1], [0.12]])
     span, none = np.ones(1), np.zeros(1)
-    quiet, = joint_statuses(('a',), span, shown, noise, none, True)
+    quiet, = joint_statuses(('a',), span, residual, noise, none, True)
     assert quiet.level == OK and quiet.values['residual beside friction [Nm]'] == '0.1000'
     loud, = joint_statuses(('a',), span, np.array([[1.6], [1.0]]), noise, none, True)
     assert loud.level == WARN and 'another payload' in loud.message
 
 
-TOLD = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held': 15, 'lacking': (), 'gate': {},
-        'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
-        'kept_old': False, 'compensated': False}
+LEARNING = {'epoch': 'epoch 1 open', 'n_samples': 60, 'n_held_out': 15, 'lacking': (), 'gate': {},
+            'process': 'ready', 'restarts': 0, 'pid': 1, 'failure': '', 'last_fit': '',
+            'kept_old': False, 'compensated': False}
 
 
-def test_samples_that_were_left_out_are_a_warning():
-    assert learning_status(Learning(**TOLD)).level == OK
-    found = learning_status(Learning(**TOLD, outliers='3 of elbow'))
-    assert found.level == WARN and '3 of elbow' in found.message and 'brake' in found.message
+def test_outliers_are_a_warning():
+    assert learning_status(Learning(**LEARNING)).level == OK
+    report = learning_status(Learning(**LEARNING, outliers='3 of elbow'))
+    assert report.level == WARN and '3 of elbow' in report.message and 'brake' in report.message
 
 
 @pytest.mark.parametrize('change', [{'failure': 'it died'}, {'broken': True}, {'kept_old': True},
                                     {'compensated': True}, {'outliers': '3 of a'}, {}])
-def test_learning_says_whether_it_is_closed_whatever_else_it_says(change):
-    assert 'epoch 1 open' in learning_status(Learning(**{**TOLD, **change})).message
+def test_the_learning_status_always_has_the_state_of_the_epoch(change):
+    assert 'epoch 1 open' in learning_status(Learning(**{**LEARNING, **change})).message
 
 
-def test_close_answers_those_who_wait(live, model_file):
+def test_close_replies_to_pending_calls(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     feed(node, 80)
     answers = []
@@ -200,10 +189,10 @@ def test_a_clock_that_is_set_back_does_not_stop_learning(live, model_file):
     assert node.arm.epoch.n_samples > 10
 
 
-def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
+def test_pauses_and_jumps_of_simulated_time_do_not_affect_fits(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, fit_timeout=30.0)
     feed(node, 80)
-    until(node, 0.0, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     node.tick(20.0, time.monotonic())
@@ -216,23 +205,23 @@ def test_a_simulation_that_pauses_or_leaps_leaves_fits_alone(live, model_file):
     assert answers[0][1].count('N·m') >= 2
 
 
-def test_a_machine_that_is_too_slow_is_told(live, model_file):
+def test_a_machine_that_is_too_slow_is_reported(live, model_file):
     node = live(model_file=str(model_file))
     now = feed(node, 20)
     node.late = 3
     assert status(node, 'input', now).level == OK
     now = feed(node, 20, now + 1.0)
     node.late = 60
-    found = status(node, 'input', now)
-    assert found.level == WARN and 'the torque is late' in found.message
+    report = status(node, 'input', now)
+    assert report.level == WARN and 'the torque is late' in report.message
     now = feed(node, 20, now + 1.0)
     assert status(node, 'input', now).level == OK
 
 
-def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, model_file):
+def test_a_queued_refit_is_answered_after_payload_changed(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False)
     now = feed(node, 80)
-    until(node, now, lambda: node.learner.fits.state == 'ready')
+    until(node, lambda: node.learner.fits.state == 'ready')
     answers = []
     node.refit(time.monotonic(), lambda *answer: answers.append(answer))
     assert node.payload_changed(now)[0] and not answers
@@ -241,15 +230,15 @@ def test_a_refit_that_the_payload_overtakes_before_it_begins_is_answered(live, m
     assert node.learner.fits.state == 'ready' and status(node, 'learning').level == OK
 
 
-def test_no_torque_without_a_bound_and_the_description_gives_one(live, model_file):
+def test_no_torque_without_limits_and_the_description_has_limits(live, model_file):
     node = live(model_file=str(model_file), unlimited_torque=False, ramp_time=0.0,
                 max_torque_rate=())
-    assert heard(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
+    assert send_message(node, joint_state(1.0, [0.4, 0.1], [0.0, 0.0]), 1.0, 0.0)[1] is None
     assert status(node, 'feed-forward').level == ERROR
     success, why = node.enable(True)
     assert not success and 'max_torque' in why
     node.describe(URDF)
-    tau = heard(node, joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
+    tau = send_message(node, joint_state(2.0, [0.4, 0.1], [0.0, 0.0]), 2.0, 0.0)[1]
     assert tau is not None and np.abs(tau).max() <= 1.5
     assert status(node, 'feed-forward').values['torque limits'] == 'robot_description'
 
@@ -262,37 +251,37 @@ URDF = """<robot name="two"><link name="base"/><link name="one"/><link name="two
 <limit effort="1.5" velocity="1" lower="-2" upper="2"/></joint></robot>"""
 
 
-def test_a_description_names_axes_limits_and_joints_without_end():
-    found = describe_arm(URDF, ('a', 'b'))
-    assert found.geometry.joints == ('a', 'b') and found.continuous == ('a',)
-    assert found.max_effort == (1.5, 1.5) and not found.problem
+def test_a_description_gives_axes_limits_and_continuous_joints():
+    report = describe_arm(URDF, ('a', 'b'))
+    assert report.geometry.joints == ('a', 'b') and report.continuous == ('a',)
+    assert report.max_effort == (1.5, 1.5) and not report.problem
     assert 'no joint c' in describe_arm(URDF, ('a', 'c')).problem
     assert 'order' in describe_arm(URDF, ('b', 'a')).problem
     assert describe_arm('<robot', ('a',)).problem
 
 
-def test_a_gripper_that_speaks_first_does_not_become_the_arm(live):
+def test_a_gripper_that_publishes_first_does_not_become_the_arm(live):
     node = live()
-    heard(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
+    send_message(node, joint_state(1.0, [0.1], [0.0], ['finger']), 1.0, 0.0)
     assert node.arm.joints == ('finger',)
-    heard(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
+    send_message(node, joint_state(1.1, [0.1, 0.2], [0.1, 0.2]), 1.1, 0.0)
     assert node.arm.joints == ('a', 'b')
-    heard(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
+    send_message(node, joint_state(1.2, [0.1], [0.0], ['finger']), 1.2, 0.0)
     assert node.arm.joints == ('a', 'b')
 
 
-def test_joints_by_alphabet_are_warned_of(live):
+def test_joints_in_alphabetical_order_cause_a_warning(live):
     names = ['elbow_joint', 'shoulder_lift_joint', 'shoulder_pan_joint']
     node = live()
-    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
-    warnings = [text for is_bad, text in node.news if is_bad]
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names), 1.0)
+    warnings = [text for is_warning, text in node.log_lines if is_warning]
     assert len(warnings) == 1 and ', '.join(reversed(names)) in warnings[0]
     node = live()
-    heard(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
-    assert not any(is_bad for is_bad, _ in node.news)
+    send_message(node, joint_state(1.0, [0.1, 0.2, 0.3], [0.0, 0.0, 0.0], names[::-1]), 1.0)
+    assert not any(is_warning for is_warning, _ in node.log_lines)
 
 
-def test_rollback_goes_back_by_payload(live, model_file):
+def test_rollback_returns_to_the_previous_payload(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     first = node.models.model
     for epoch in (1, 1, 1, 2, 2):
@@ -302,26 +291,26 @@ def test_rollback_goes_back_by_payload(live, model_file):
     assert not node.rollback(3.0)[0]
 
 
-def test_what_happened_is_news_for_the_log(live, model_file, tmp_path):
+def test_events_are_logged(live, model_file, tmp_path):
     node = live(model_file=str(model_file))
-    text = node.news.popleft()[1]
-    assert 'a, b' in text and 'loaded from' in text and 'bound of the torque' in text
+    text = node.log_lines.popleft()[1]
+    assert 'a, b' in text and 'loaded from' in text and 'torque limits' in text
     node.models.path = str(tmp_path / 'none' / 'model.json')
-    node.save_alone()
-    assert node.news[-1][0] and status(node, 'model').level != OK
+    node.save_automatically()
+    assert node.log_lines[-1][0] and status(node, 'model').level != OK
 
 
-def test_drives_that_are_off_teach_nothing(live, model_file):
+def test_samples_with_drives_off_are_left_out(live, model_file):
     node = live(model_file=str(model_file), settle_time=0.0)
     now = feed(node, 20)
     node.payload_changed(now)
     feed(node, 60, now + 1.0, mass=0.0)
     assert node.arm.epoch.n_samples < 20
-    found = status(node, 'learning', now + 13.0)
-    assert found.level == WARN and 'effort_off' in found.message
+    report = status(node, 'learning', now + 13.0)
+    assert report.level == WARN and 'effort_off' in report.message
 
 
-def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
+def test_a_model_of_broken_effort_is_rolled_back_automatically(live, model_file):
     node = live(model_file=str(model_file), auto_fit=False, settle_time=0.0)
     good, now = node.models.model, feed(node, 20)
     node.payload_changed(now)
@@ -331,9 +320,9 @@ def test_a_model_of_broken_effort_is_rolled_back_by_itself(live, model_file):
     node.arm.use(entry.model, good, 60)
     feed(node, 40, now + 1.0)
     assert node.models.model is good
-    assert 'rolled back by itself' in node.arm.epoch.describe()
-    assert node.news[-1][0] and status(node, 'learning').level == ERROR
-    # A few samples are no proof that the effort has healed.
-    assert 'needed after broken effort' in node.arm.epoch.can_fit()
+    assert 'rolled back automatically' in node.arm.epoch.describe()
+    assert node.log_lines[-1][0] and status(node, 'learning').level == ERROR
+    # After broken effort more samples are required.
+    assert 'needed after broken effort' in node.arm.epoch.missing_for_fit()
     node.payload_changed(now + 20.0)
-    assert not node.arm.epoch.is_suspect
+    assert not node.arm.epoch.had_broken_effort
