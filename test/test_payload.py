@@ -132,7 +132,7 @@ def test_axes_of_another_arm_show():
     result = fit(samples, FitOptions('chain', geometry=wrong))
     assert not result.report.chain.clean and result.report.warnings
     model = fit(samples, FitOptions('chain')).model
-    with pytest.raises(ModelMismatchError, match='do not repeat the model'):
+    with pytest.raises(ModelMismatchError, match='do not reproduce the model'):
         update(model, recorded(arms.iiwa7(), LATER[:50], 1), geometry=wrong)
 
 
@@ -154,10 +154,10 @@ def test_joints_in_another_order_are_matched(old):
 
 def test_other_joints_say_so(old):
     samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
-    with pytest.raises(ModelMismatchError, match='axes are known of'):
+    with pytest.raises(ModelMismatchError, match='the known axes are of'):
         fit(samples.joints(samples.names[::-1]), FitOptions('chain', geometry=IIWA))
     other = Geometry(tuple('abcdefg'), IIWA.rotations, IIWA.origins, 'l', np.eye(3))
-    with pytest.raises(ModelMismatchError, match='the model is of'):
+    with pytest.raises(ModelMismatchError, match='model is of'):
         update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=other)
     with pytest.raises(OptionError, match='of no use to potential'):
         FitOptions('potential', geometry=IIWA)

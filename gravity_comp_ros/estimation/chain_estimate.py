@@ -154,7 +154,7 @@ def _left_by(chain: Chain, regression: Regression) -> FloatArray:
         found = WeightedNuisance(beside.columns, weights, beside.spread).coefficients(
             weights * left.T)
         residual = left - np.tensordot(found, beside.columns, axes=(0, 0)).T
-        trust = robust.trust(residual, least)
+        trust = robust.huber_weights(residual, least)
     return np.asarray(residual)
 
 

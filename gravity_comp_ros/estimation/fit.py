@@ -76,8 +76,8 @@ class FitOptions:
         if self.geometry is None:
             return None
         if self.geometry.joints != samples.names:
-            raise ModelMismatchError(f'axes are known of {", ".join(self.geometry.joints)}, but '
-                                     f'the samples are of {", ".join(samples.names)}')
+            raise ModelMismatchError(f'the known axes are of {", ".join(self.geometry.joints)}, '
+                                     f'but the samples are of {", ".join(samples.names)}')
         return self.geometry.rotations
 
     def to_json(self) -> dict[str, Any]:

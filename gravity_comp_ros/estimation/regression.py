@@ -93,7 +93,7 @@ class Regression:
 
     def trusting(self, residual: FloatArray) -> Regression:
         """Return the same with samples trusted as a residual (m, N) in N·m asks for."""
-        return replace(self, trust=robust.trust(residual, floor(self.samples.tau)))
+        return replace(self, trust=robust.huber_weights(residual, floor(self.samples.tau)))
 
     def thinned(self, most: int) -> Regression:
         """Return at most `most` of the condensed samples, evenly spread along the path."""

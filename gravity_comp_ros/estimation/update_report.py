@@ -8,7 +8,7 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
-from gravity_comp_ros.estimation.update_step import Step
+from gravity_comp_ros.estimation.update_step import UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import std_anywhere, unsure_joint
 from gravity_comp_ros.models.sparse.admm import AdmmResult
@@ -51,7 +51,7 @@ class UpdateDetails:
                 'solver': solver, 'warnings': list(self.warnings)}
 
 
-def details(old: GravityModel, found: Step, samples: JointSamples, rmse: FloatArray,
+def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: FloatArray,
             sigma: FloatArray) -> UpdateDetails:
     """
     Return what is reported of a step.
@@ -60,13 +60,13 @@ def details(old: GravityModel, found: Step, samples: JointSamples, rmse: FloatAr
     :param rmse: of the new model on them (N,), N·m. :param sigma: noise (N,), N·m.
     """
     before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
-    difference = found.model.predict(samples.q) - old.predict(samples.q)
-    spread = found.model.predict_std(samples.q).max(axis=0)
-    warnings = _unsure(found.model, sigma)
+    difference = step.model.predict(samples.q) - old.predict(samples.q)
+    spread = step.model.predict_std(samples.q).max(axis=0)
+    warnings = _unsure(step.model, sigma)
     if len(samples) < _FEW:
         warnings.insert(0, f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at 5 Hz, '
                         f'an update is as sure as it says')
-    if found.tool is not None and not found.is_tool:
+    if step.payload is not None and not step.is_payload:
         warnings.append('a rigid body on the last link does not explain what changed; the mass '
                         'and centre told here are only the nearest to it')
 
@@ -74,10 +74,10 @@ def details(old: GravityModel, found: Step, samples: JointSamples, rmse: FloatAr
         return dict(zip(old.joints, values.tolist()))
 
     return UpdateDetails(
-        found.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
+        step.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
         by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
-        by_joint(np.abs(difference).max(axis=0)), found.changed, found.tool,
-        found.change.log_evidence, found.change.lasso, tuple(warnings))
+        by_joint(np.abs(difference).max(axis=0)), step.changed, step.payload,
+        step.change.log_evidence, step.change.lasso, tuple(warnings))
 
 
 def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
