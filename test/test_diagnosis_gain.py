@@ -1,6 +1,7 @@
 """What an effect is worth, block by block, and how sure that is."""
 
-from gravity_comp_ros.evaluation.gain import gain, gain_in_places, gain_of_motion, not_worse
+from gravity_comp_ros.evaluation.gain import (
+    gain, gain_in_few_blocks, gain_of_fast_motion, within_standard_error)
 import numpy as np
 import pytest
 
@@ -27,9 +28,9 @@ def test_no_gain_has_no_small_p_and_tests_count():
 def test_within_one_standard_error_is_not_worse():
     rng = np.random.default_rng(5)
     errors = rng.chisquare(50, size=(60, 1))
-    assert not_worse(errors, errors)
-    assert not_worse(errors, errors * 0.5)
-    assert not not_worse(errors, errors * np.exp(rng.normal(0.2, 0.1, size=(60, 1))))
+    assert within_standard_error(errors, errors)
+    assert within_standard_error(errors, errors * 0.5)
+    assert not within_standard_error(errors, errors * np.exp(rng.normal(0.2, 0.1, size=(60, 1))))
 
 
 def test_what_few_blocks_have_is_found_where_the_others_lose_little():
@@ -38,7 +39,7 @@ def test_what_few_blocks_have_is_found_where_the_others_lose_little():
     after = before * np.exp(rng.normal(0.01, 0.02, size=(60, 1)))
     after[:6] = 0.05 * before[:6]
     assert gain(before, after, tests=1.0).p > 1e-3
-    assert gain_in_places(before, after, tests=1.0).p < 1e-9
+    assert gain_in_few_blocks(before, after, tests=1.0).p < 1e-9
 
 
 def test_quiet_blocks_do_not_hide_a_torque_of_fast_motion():
@@ -48,18 +49,18 @@ def test_quiet_blocks_do_not_hide_a_torque_of_fast_motion():
     before = np.where(np.arange(80) % 4 == 0, 1000.0, 1.0)[:, None]
     lost = np.exp(rng.normal(0.4, 1.2, size=(80, 1)))
     after = np.where(before > 10.0, 0.1 * before, lost * before)
-    assert gain_in_places(before, after, tests=1.0).p > 1e-3
-    seen = gain_of_motion(before, after, tests=2.0)
+    assert gain_in_few_blocks(before, after, tests=1.0).p > 1e-3
+    seen = gain_of_fast_motion(before, after, tests=2.0)
     assert seen.p < 1e-9 and seen.share > 0.85
-    assert seen.p == pytest.approx(2.0 * gain_of_motion(before, after, tests=1.0).p)
+    assert seen.p == pytest.approx(2.0 * gain_of_fast_motion(before, after, tests=1.0).p)
 
 
 def test_one_loud_block_is_no_evidence_of_motion_where_most_lose():
     before, after = np.ones((40, 1)), np.full((40, 1), 1.2)
     before[3], after[3] = 1e4, 1.0
-    assert gain_of_motion(before, after, tests=1.0).share > 0.9
+    assert gain_of_fast_motion(before, after, tests=1.0).share > 0.9
     before[3], after[3] = 100.0, 1.0
-    assert gain_of_motion(before, after, tests=1.0).p == 1.0
+    assert gain_of_fast_motion(before, after, tests=1.0).p == 1.0
 
 
 def test_chance_alone_gives_no_small_p_of_motion():
@@ -68,6 +69,6 @@ def test_chance_alone_gives_no_small_p_of_motion():
         rng = np.random.default_rng(seed)
         before = rng.chisquare(20, size=(60, 1))
         after = before * np.exp(rng.normal(0.0, 0.1, size=(60, 1)))
-        smallest.append(gain_of_motion(before, after, tests=1.0).p)
+        smallest.append(gain_of_fast_motion(before, after, tests=1.0).p)
     # p is right to within what 200 tries can show.
     assert np.mean(np.array(smallest) < 0.05) < 0.1 and min(smallest) > 1e-4

@@ -25,7 +25,7 @@ def test_gravity_does_not_bend_towards_the_torque_of_motion(known, seed, most):
     assert alone < 2.0 * most if known else alone > 3.0 * worst(ARM, found.model)
     # The torque of motion is a nuisance term: nothing of it is predicted.
     assert not found.model.applied.effects and found.report.known_axes == known
-    assert found.report.choice.why.endswith('rigid-body dynamics was fitted beside it')
+    assert found.report.choice.why.endswith('rigid-body dynamics was a nuisance term')
     left = samples.tau - found.model.predict(samples.q)
     np.testing.assert_allclose(list(found.report.rmse.values()),
                                np.sqrt((left ** 2).mean(axis=0)), rtol=1e-9)

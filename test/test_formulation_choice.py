@@ -34,8 +34,9 @@ def old():
 
 def offsets_of(choice) -> dict[int, float]:
     """Return the offsets of a choice in N·m, by joint number."""
-    terms = choice.estimate.regression.nuisance.columns
-    return {c.joint: float(x) for c, x in zip(terms, choice.estimate.beside) if c.kind == OFFSET}
+    estimate = choice.estimate
+    return {c.joint: float(x) for c, x in zip(estimate.regression.nuisance.columns,
+                                              estimate.coefficients) if c.kind == OFFSET}
 
 
 @pytest.mark.parametrize('offset, with_bare', [(0.03, False), (0.5, True)])
@@ -44,7 +45,7 @@ def test_a_chain_found_without_offsets_takes_only_those_that_matter(old, offset,
     regression = build_regression(recorded(offset, 2))
     usual = choose(regression, SparseOptions(), start=old.chain)
     assert offsets_of(usual)[ELBOW] == pytest.approx(offset, abs=0.03)
-    bare = choose(regression, SparseOptions(), start=old.chain, bare=True)
+    bare = choose(regression, SparseOptions(), start=old.chain, no_offsets=True)
     assert bare.formulation == 'chain'
     assert ('without an offset' in bare.why) == (not with_bare)
     if with_bare:

@@ -1,7 +1,7 @@
 """The order of joints that explains their torques."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.joint_order_search import order_of_torques
+from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 import numpy as np
 import pytest
@@ -29,9 +29,9 @@ def test_the_order_of_an_arm_is_found(seed):
     shuffled = list(np.random.default_rng(seed + 100).permutation(NAMES))
     if tuple(shuffled) == NAMES:
         shuffled.reverse()
-    assert order_of_torques(samples.joints(shuffled)) == NAMES
+    assert joint_order_from_torques(samples.joints(shuffled)) == NAMES
 
 
 @pytest.mark.parametrize('seed', range(1))
 def test_the_right_order_stays(seed):
-    assert order_of_torques(recorded(seed)) is None
+    assert joint_order_from_torques(recorded(seed)) is None

@@ -56,6 +56,6 @@ def test_a_short_motion_puts_no_gravity_into_friction_and_offset(recordings):
     short = bare.select(bare.t < 20.0)
     model = gc.fit(gc.Recording(short))
     wrong = model.predict(short.q[::50]) - arm.gravity(short.q[::50])
-    assert any('has not settled' in warning for warning in model.report.warnings)
+    assert any('has not converged' in warning for warning in model.report.warnings)
     # Friction and damping that are taken for gravity make no more than their own size.
     assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 8.0

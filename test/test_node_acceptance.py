@@ -10,7 +10,7 @@ from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.description.urdf import read_urdf
 from gravity_comp_ros.errors import FitError, OptionError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
-from gravity_comp_ros.estimation.settled import unsettled
+from gravity_comp_ros.estimation.subset_stability import instability
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.expansion import expand
 from gravity_comp_ros.node.absolute_tests import (
@@ -229,20 +229,20 @@ def bent(model, angle):
 def test_a_model_that_still_changes_has_not_settled(base):
     case = recorded('multisine', 3, 60.0, 0.0, None, 'bare', np.random.default_rng(0))
     noise = np.full(7, 0.1)
-    assert unsettled(base, case.samples, noise, lambda early: base) is None
-    found = unsettled(bent(base, 0.3), case.samples, noise, lambda early: base)
-    assert found is not None and 'has not settled' in found and 'N·m' in found
+    assert instability(base, case.samples, noise, lambda early: base) is None
+    found = instability(bent(base, 0.3), case.samples, noise, lambda early: base)
+    assert found is not None and 'has not converged' in found and 'N·m' in found
     parts = []
-    unsettled(base, case.samples, noise, lambda part: parts.append(part) or base)
+    instability(base, case.samples, noise, lambda part: parts.append(part) or base)
     first, last = parts
     assert len(first) == 0.85 * len(case.samples) and first.t[0] == case.samples.t[0]
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A model that its first part agrees with may still be contradicted by its last.
-    found = unsettled(base, case.samples, noise,
+    found = instability(base, case.samples, noise,
                       lambda part: base if len(part) == 255 else bent(base, 0.3))
     assert 'the first 90 of 300 samples changed' in found
 
     def too_few(part):
         raise FitError('10 samples are too few')
 
-    assert 'make no model yet' in unsettled(base, case.samples, noise, too_few)
+    assert 'too few for a model' in instability(base, case.samples, noise, too_few)

@@ -18,10 +18,10 @@ def test_finite_is_what_numpy_calls_finite(values):
     st.lists(st.floats(1e-6, 1e6), min_size=n, max_size=n))))
 def test_bounds_hold_where_every_number_keeps_its_own(given_both):
     values, most = (np.array(part) for part in given_both)
-    assert Bounds(most).hold(values) == (np.abs(values) <= most).all()
+    assert Bounds(most).contain(values) == (np.abs(values) <= most).all()
 
 
 def test_huge_finite_numbers_are_finite_and_no_bound_holds_nan():
     assert all_finite(np.full(3, 1e300))
-    assert not Bounds(np.full(2, 1e300)).hold(np.array([0.0, np.nan]))
-    assert not Bounds(np.array([1.0, 2.0])).hold(np.array([1.0 + 1e-12, 0.0]))
+    assert not Bounds(np.full(2, 1e300)).contain(np.array([0.0, np.nan]))
+    assert not Bounds(np.array([1.0, 2.0])).contain(np.array([1.0 + 1e-12, 0.0]))

@@ -27,7 +27,7 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.regression import recorded_accelerations
-from gravity_comp_ros.estimation.settled import unsettled
+from gravity_comp_ros.estimation.subset_stability import instability
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
@@ -68,9 +68,9 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
         qdd = recorded_accelerations(recording.samples, slow)
         result, joint = fit_gravity(slow, options, progress, qdd), None
         changing = _still_changes(slow, result, options, qdd)
-        result = result.warned(changing) if changing else result
+        result = result.with_warning(changing) if changing else result
     if recording.ungated:
-        result = result.warned(recording.ungated)
+        result = result.with_warning(recording.ungated)
     held = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': held.to_json(recording.reports) if held else None}
@@ -90,7 +90,7 @@ def _still_changes(samples: JointSamples, result: FitResult, options: FitOptions
         known = None if qdd is None else qdd[rows_of(samples, early)]
         return fit_gravity(early, how, qdd=known).model
 
-    found = unsettled(result.model, samples, noise, fit_again)
+    found = instability(result.model, samples, noise, fit_again)
     return '' if found is None else f'{found}. Record more motion'
 
 

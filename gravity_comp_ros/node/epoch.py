@@ -158,7 +158,7 @@ class Epoch:
 
     def lacking(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `min_span`."""
-        return self.coverage().lacking(self._options.min_span)
+        return self.coverage().joints_below_span(self._options.min_span)
 
     def can_fit(self) -> str | None:
         """Return None if there is enough for a fit, else what is missing."""

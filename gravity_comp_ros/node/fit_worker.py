@@ -16,7 +16,7 @@ from gravity_comp_ros.node.fit_process import AnyJob
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_evidence import find_payload
 from gravity_comp_ros.planning.plan import plan
-from gravity_comp_ros.worker.serve import Tell, Work
+from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
 
 _chains = BaseChains()
@@ -27,7 +27,7 @@ def fitting() -> Work:
     return do
 
 
-def do(job: AnyJob, tell: Tell) -> Outcome | Findings | Seen:
+def do(job: AnyJob, tell: ProgressCallback) -> Outcome | Findings | Seen:
     """Do a job of any kind."""
     if isinstance(job, Question):
         return ask(job)

@@ -145,7 +145,7 @@ class Reader:
         if not all_finite(q):
             self.counts[POSITION_NOT_FINITE] += 1
             return None
-        if not self._possible.hold(q):
+        if not self._possible.contain(q):
             self.counts[POSITION_ABSURD] += 1
             return None
         stamp = message.header.stamp

@@ -97,7 +97,7 @@ class InstantEffects:
             return total
         if self.options is not None:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
-        moment = JointSamples.moment(self._model.joints, q, qd)
+        moment = JointSamples.single_sample(self._model.joints, q, qd)
         motion = Motion(moment, self._zeros[0], gravity[None], self._zeros[1], self._width,
                         self._model)
         for term in self._terms:
@@ -127,7 +127,7 @@ def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
     """Return an effect, after it was asked for a torque once: a loop is no place for surprises."""
     n, joint = model.n_joints, joint_number(model, effect)
     pose = np.zeros((1, n))
-    motion = Motion(JointSamples.moment(model.joints, pose[0], pose[0]), pose, pose,
+    motion = Motion(JointSamples.single_sample(model.joints, pose[0], pose[0]), pose, pose,
                     np.zeros((1, n, n)), np.ones(n), model)
     try:
         symbols = [c.symbol for c in
