@@ -1,4 +1,4 @@
-"""The order of joints that explains their torques."""
+"""Search for the kinematic order of joints from their torques."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
@@ -24,7 +24,7 @@ def recorded(seed):
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_the_order_of_an_arm_is_found(seed):
+def test_a_wrong_order_is_corrected(seed):
     samples = recorded(seed)
     shuffled = list(np.random.default_rng(seed + 100).permutation(NAMES))
     if tuple(shuffled) == NAMES:
@@ -33,5 +33,5 @@ def test_the_order_of_an_arm_is_found(seed):
 
 
 @pytest.mark.parametrize('seed', range(1))
-def test_the_right_order_stays(seed):
+def test_the_right_order_is_kept(seed):
     assert joint_order_from_torques(recorded(seed)) is None
