@@ -25,7 +25,7 @@ def walk(seed, count, step, runs=1):
        st.integers(1, 3), st.integers(10, 200))
 def test_stretches_are_consecutive_samples_of_a_run(seed, count, step, runs, most):
     samples = walk(seed, count, step, runs)
-    stretches = condense(samples, CondenseOptions(most=most))
+    stretches = condense(samples, CondenseOptions(max_stretches=most))
     assert 1 <= len(stretches.first) <= most + 1
     assert (stretches.count >= 1).all()
     assert (np.diff(stretches.first) >= stretches.count[:-1]).all()
@@ -55,9 +55,9 @@ def test_an_arm_at_rest_is_one_stretch():
     assert len(condense(samples).first) <= 51
 
 
-@pytest.mark.parametrize('make', [lambda: CondenseOptions(most=1),
-                                  lambda: CondenseOptions(travel=0.0),
-                                  lambda: CondenseOptions(rest=1.0)])
+@pytest.mark.parametrize('make', [lambda: CondenseOptions(max_stretches=1),
+                                  lambda: CondenseOptions(max_travel=0.0),
+                                  lambda: CondenseOptions(min_travel=1.0)])
 def test_options_out_of_range(make):
     with pytest.raises(OptionError, match='condense'):
         make()

@@ -21,21 +21,22 @@ import numpy as np
 @dataclass(frozen=True)
 class CondenseOptions:
     """
-    Limits of condensing: at most `most` stretches, each of `rest` to `travel` rad.
+    Limits of condensing: number of stretches, and travel of a stretch in rad.
 
     :raises OptionError: if a value is out of range.
     """
 
-    most: int = 1000
-    travel: float = 0.02
-    rest: float = 2e-3
+    max_stretches: int = 1000
+    max_travel: float = 0.02
+    min_travel: float = 2e-3
 
     def __post_init__(self) -> None:
-        if self.most < 10:
-            raise OptionError(f'condense: most is {self.most} stretches; it must be 10 or more')
-        if not 0.0 < self.rest <= self.travel < np.inf:
-            raise OptionError(f'condense: rest {self.rest} rad and travel {self.travel} rad; both '
-                              f'must be positive, travel no less than rest')
+        if self.max_stretches < 10:
+            raise OptionError(f'condense: max_stretches is {self.max_stretches}; it must be 10 or '
+                              f'more')
+        if not 0.0 < self.min_travel <= self.max_travel < np.inf:
+            raise OptionError(f'condense: travel of {self.min_travel} to {self.max_travel} rad; '
+                              f'both must be positive, the second no smaller than the first')
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +84,11 @@ def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()
     begins = np.diff(samples.runs, prepend=-1) != 0
     steps[begins] = 0.0
     path = np.cumsum(steps)
-    travel = float(np.clip(path[-1] / options.most, options.rest, options.travel))
+    travel = float(np.clip(path[-1] / options.max_stretches, options.min_travel,
+                           options.max_travel))
     number = np.floor(path / travel)
     new = begins | (np.diff(number, prepend=-1.0) != 0.0)
     first = np.flatnonzero(new)
     count = np.diff(np.append(first, m))
-    every = -(-len(first) // options.most)
+    every = -(-len(first) // options.max_stretches)
     return Condensation(first[::every], count[::every], m)

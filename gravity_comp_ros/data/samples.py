@@ -195,9 +195,9 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
         tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
 
 
-def evenly_picked(count: int, most: int) -> IntArray:
-    """Return the numbers of at most `most` of `count` samples, evenly spaced from 0."""
-    return np.arange(0, count, -(-max(count, 1) // most))
+def evenly_picked(count: int, max_count: int) -> IntArray:
+    """Return the numbers of at most `max_count` of `count` samples, evenly spaced from 0."""
+    return np.arange(0, count, -(-max(count, 1) // max_count))
 
 
 def _joined(parts: list[NDArray]) -> NDArray:

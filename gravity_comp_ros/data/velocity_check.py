@@ -51,15 +51,15 @@ def checked_velocity(samples: JointSamples) -> tuple[JointSamples, str]:
     Inconsistent velocities are replaced by the slope of the positions.
     """
     ratio = velocity_ratio(samples)
-    wrong = np.flatnonzero((ratio < _MIN_RATIO) | (ratio > _MAX_RATIO))
-    if not wrong.size:
+    inconsistent = np.flatnonzero((ratio < _MIN_RATIO) | (ratio > _MAX_RATIO))
+    if not inconsistent.size:
         return samples, ''
     qd = samples.qd.copy()
     for run in run_slices(samples):
         slope = np.nan_to_num(differentiate(samples.t[run], samples.q[run]), nan=0.0)
-        for n in wrong:
+        for n in inconsistent:
             qd[run, n] = slope[:, n]
-    names = ', '.join(f'{samples.names[n]} ({ratio[n]:.2g} times)' for n in wrong)
+    names = ', '.join(f'{samples.names[n]} ({ratio[n]:.2g} times)' for n in inconsistent)
     return replace(samples, qd=qd), (
         f'velocity contradicts position on {names}: the slope of the positions is used instead. '
         f'Check the units of velocity in the driver')

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.condense import Condensation, condense, CondenseOptions
+from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
@@ -110,8 +110,8 @@ class Regression:
                        robust_weights=self.robust_weights[keep], effects=effects)
 
 
-def build_regression(samples: JointSamples, options: CondenseOptions = CondenseOptions(),
-                     qdd: FloatArray | None = None, effects: FloatArray | None = None,
+def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
+                     effects: FloatArray | None = None,
                      condensation: Condensation | None = None,
                      excluded: frozenset[tuple[str, int]] = frozenset(),
                      effect_std: FloatArray | None = None,
@@ -127,7 +127,7 @@ def build_regression(samples: JointSamples, options: CondenseOptions = CondenseO
     :param effect_std: (K,) as in `Regression`.
     :param geometry: known axes: the torque of motion of a nominal arm is subtracted first.
     """
-    condensation = condensation or condense(samples, options)
+    condensation = condensation or condense(samples)
     qdd = accelerations(samples) if qdd is None else qdd
     fits_inertia = _excites_inertia(samples, qdd)
     if geometry is not None:

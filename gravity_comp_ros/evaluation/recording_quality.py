@@ -159,11 +159,11 @@ def _shares(samples: JointSamples, n: int) -> tuple[float | None, float | None]:
 def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,
                    options: GateOptions) -> list[str]:
     limit = options.max_speed
-    shown = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
+    limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
     if slow_share < _MIN_SLOW_SHARE:
         fastest = max(joints, key=lambda name: joints[name].max_speed)
-        return [f'too fast: every joint is under {shown} in only {100 * slow_share:.1f} % of the '
-                f'samples ({kept} kept by the gate), {fastest} reaches '
+        return [f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
+                f'the samples ({kept} kept by the gate), {fastest} reaches '
                 f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
                 f'inertia together; `fit` can use it, with friction and inertia as nuisance '
                 f'terms, but gravity is more accurate from slow motion']
@@ -218,9 +218,9 @@ def _reversed(joints: dict[str, JointFacts]) -> list[str]:
 
 def _joints_to_reverse(joints: dict[str, JointFacts]) -> tuple[str, ...]:
     """Return the joints to read with the opposite sign."""
-    found = _reversed(joints)
+    reversed_ = _reversed(joints)
     # A single joint may have reversed wiring; several indicate another sign convention.
-    return tuple(joints) if len(found) > 1 else tuple(found)
+    return tuple(joints) if len(reversed_) > 1 else tuple(reversed_)
 
 
 def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:

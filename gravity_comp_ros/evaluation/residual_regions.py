@@ -51,10 +51,10 @@ def find_regions(samples: JointSamples, predicted: FloatArray, outside: BoolArra
                  joint: int) -> list[ResidualRegion]:
     """Return the worst regions of one joint, the worst first; none if its error is even."""
     residual = samples.tau[:, joint] - predicted[:, joint]
-    found = [region for candidate in _candidates(samples, predicted, outside, joint)
-             if (region := _region(samples, residual, candidate)) is not None]
+    regions = [region for candidate in _candidates(samples, predicted, outside, joint)
+               if (region := _region(samples, residual, candidate)) is not None]
     best: dict[str, ResidualRegion] = {}
-    for region in sorted(found, key=lambda each: -each.ratio):
+    for region in sorted(regions, key=lambda each: -each.ratio):
         best.setdefault(region.axis, region)
     return list(best.values())[:_MAX_REGIONS]
 
