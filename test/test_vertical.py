@@ -91,7 +91,7 @@ def test_gravity_on_a_wall_is_as_good_as_on_a_floor(angle):
     assert np.degrees(result.report.base_tilt) == pytest.approx(angle, abs=1.0)
     assert result.report.to_json()['chain']['base_tilt'] == result.report.base_tilt
     first = result.report.warnings[0]
-    assert 'turned by' in first and ('ceiling' in first) == (angle > 135.0)
+    assert 'tilted by' in first and ('ceiling' in first) == (angle > 135.0)
     assert angle_between(result.model.geometry.rotations, AXES.rotations) > NEAR
 
 

@@ -15,8 +15,8 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.estimation.chain_estimate import ChainEstimate
 from gravity_comp_ros.estimation.fit import Estimate
+from gravity_comp_ros.estimation.sparse_estimate import energy_columns, scaled_inverse
 from gravity_comp_ros.evaluation.blocks import cut
-from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 from scipy import special
 
@@ -40,10 +40,7 @@ def clustered_std(estimate: Estimate) -> tuple[FloatArray, float]:
     rows = np.concatenate([columns, _gravity_columns(estimate)]) * weights.T
     flat = rows.reshape(len(rows), -1)
     scores = blocks.sums((rows * (weights * residual).T).sum(axis=1).T)
-    information = flat @ flat.T
-    lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=1e-10,
-                             hermitian=True) / np.outer(lengths, lengths)
+    inverse = scaled_inverse(flat @ flat.T)
     covariance = inverse @ (scores.T @ scores) @ inverse * blocks.count / max(blocks.count - 1, 1)
     clustered = np.sqrt(np.maximum(np.diag(covariance)[:len(independent)], 0.0))
     quantile = float(special.stdtrit(max(blocks.count - 1, 2), 0.975))
@@ -53,11 +50,9 @@ def clustered_std(estimate: Estimate) -> tuple[FloatArray, float]:
 def _gravity_columns(estimate: Estimate) -> FloatArray:
     """Return d torque / d parameter of gravity, (P, N, m)."""
     gravity, samples = estimate.choice.estimate, estimate.regression.samples
-    n, m = samples.n_joints, samples.n_samples
     if isinstance(gravity, ChainEstimate):
         free = np.diag(gravity.fit.covariance) > 0.0
         return gravity.chain.jacobian(samples.q)[free]
     if gravity.energy is None:
-        return np.zeros((0, n, m))
-    columns = EnergyDesign(samples.q, np.ones(samples.q.shape)).columns(gravity.energy.indices)
-    return columns.T.reshape(-1, n, m)
+        return np.zeros((0, *samples.q.T.shape))
+    return energy_columns(gravity.energy, samples.q)

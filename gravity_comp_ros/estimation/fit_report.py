@@ -146,8 +146,7 @@ def _tilt_warning(tilt: float) -> list[str]:
     line = (f'the base is tilted by {np.degrees(tilt):.1f} degrees against the description: '
             f'gravity is fitted along the vertical of the torque')
     if tilt > _UPSIDE_DOWN:
-        line += ('. The arm is mounted upside down, or its effort has the opposite sign; check '
-                 'which')
+        line += '. Check whether the arm hangs from a ceiling or its effort has the opposite sign'
     return [line]
 
 

@@ -85,8 +85,7 @@ def _solve(regression: Regression, formulation: str, options: SparseOptions,
         energy, fits = fit_potential(samples, options, start, terms.columns, terms.trust,
                                      terms.spread)
         torques = tuple(energy.gradient(n, joint) for joint in range(n))
-        columns = EnergyDesign(samples.q, np.ones(samples.q.shape)).columns(energy.indices)
-        gravity = columns.T.reshape(-1, n, samples.n_samples)
+        gravity = energy_columns(energy, samples.q)
     else:
         torques, fits = fit_per_joint(samples, options,
                                       old if isinstance(old, tuple) else None, terms.columns,
@@ -96,6 +95,12 @@ def _solve(regression: Regression, formulation: str, options: SparseOptions,
     weights = (1.0 if terms.trust is None else np.sqrt(terms.trust)) / sigma
     return SparseEstimate(torques, energy, fits, regression,
                           *_coefficients(regression, gravity, weights, torques))
+
+
+def energy_columns(energy: Expansion, q: FloatArray) -> FloatArray:
+    """Return d torque / d weight (P, N, m) of an energy at poses q (m, N)."""
+    columns = EnergyDesign(q, np.ones(q.shape)).columns(energy.indices)
+    return columns.T.reshape(-1, *q.T.shape)
 
 
 def _torque_columns(q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray:
@@ -132,7 +137,12 @@ def _coefficients(regression: Regression, gravity: FloatArray, weights: FloatArr
     every = np.concatenate([(gravity * weights.T).reshape(-1, samples.tau.size), rows])
     precision = every @ every.T
     precision[len(gravity):, len(gravity):] += np.diag(prior_std ** -2)
-    lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    inverse = np.linalg.pinv(precision / np.outer(lengths, lengths), rcond=1e-10, hermitian=True)
-    covariance = inverse / np.outer(lengths, lengths)
-    return np.asarray(coefficients), np.asarray(covariance[len(gravity):, len(gravity):])
+    covariance = scaled_inverse(precision)[len(gravity):, len(gravity):]
+    return np.asarray(coefficients), np.asarray(covariance)
+
+
+def scaled_inverse(information: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse (K, K) of an information matrix, scaled to a unit diagonal."""
+    lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.outer(lengths, lengths)
+    return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)
