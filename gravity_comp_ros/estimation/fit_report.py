@@ -144,7 +144,7 @@ def _tilt_warning(tilt: float) -> list[str]:
     if tilt < NEAR:
         return []
     line = (f'the base is tilted by {np.degrees(tilt):.1f} degrees against the description: '
-            f'gravity is fitted along the vertical of the torque')
+            f'gravity is fitted along the vertical estimated from the torque')
     if tilt > _UPSIDE_DOWN:
         line += '. Check whether the arm hangs from a ceiling or its effort has the opposite sign'
     return [line]
@@ -156,8 +156,8 @@ def _zero_angle_warning(angles: Mapping[str, float]) -> list[str]:
         return []
     named = ', '.join(f'{name} by {np.degrees(angle):.1f}' for name, angle in angles.items())
     return [f'the zero angles differ from those of the description (encoder offsets, true minus '
-            f'reported angle, in degrees: {named}): gravity is fitted with the zero angles of the '
-            f'torque. Calibrate the encoders, or correct the description']
+            f'reported angle, in degrees: {named}): gravity is fitted with zero angles estimated '
+            f'from the torque. Calibrate the encoders, or correct the description']
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
