@@ -1,4 +1,4 @@
-"""Known axes: inertia is not taken for a tilt of the base, and a tilt that is there is found."""
+"""Tilt of the base on known axes: not due to inertia, and identified if present."""
 
 from bench.planning.scenes import known_axes
 from gravity_comp_ros.api.recording import Recording
@@ -27,7 +27,7 @@ def moved(seed, speed, band, arm=ARM, rate=50.0, noise=0.1):
 
 
 def fitted(samples):
-    """Return the result as the command has it: of the samples that pass the gate."""
+    """Return the result of the fit command, of the samples that pass the gate."""
     return fit_model(Recording(samples), FitOptions('chain', geometry=AXES))[0]
 
 
@@ -38,42 +38,42 @@ def error(model, arm):
 
 
 @pytest.mark.parametrize('seed', [0, 2, 3])
-def test_inertia_is_not_taken_for_a_tilt(seed):
-    found = fitted(moved(seed, 0.15, 0.3)[1])
-    assert found.report.base_tilt == 0.0
-    assert error(found.model, ARM) < 0.3
+def test_inertia_does_not_appear_as_a_tilt(seed):
+    result = fitted(moved(seed, 0.15, 0.3)[1])
+    assert result.report.base_tilt == 0.0
+    assert error(result.model, ARM) < 0.3
 
 
 @pytest.mark.parametrize('tilt', [1.0, 3.0, 5.0])
-def test_a_tilt_is_found_as_large_as_it_is(tilt):
+def test_a_tilt_is_identified(tilt):
     arm = with_base_tilt(ARM, 0.8 * np.radians(tilt), 0.6 * np.radians(tilt))
-    found = fitted(moved(3, 0.15, 0.3, arm)[1])
-    assert np.degrees(found.report.base_tilt) == pytest.approx(tilt, abs=0.15)
-    assert error(found.model, arm) < 0.3
+    result = fitted(moved(3, 0.15, 0.3, arm)[1])
+    assert np.degrees(result.report.base_tilt) == pytest.approx(tilt, abs=0.15)
+    assert error(result.model, arm) < 0.3
 
 
-def test_slow_motion_gains_as_well():
+def test_slow_motion_is_accurate_as_well():
     assert error(fitted(moved(1, 0.12, 0.1)[1]).model, ARM) < 0.1
 
 
-def test_what_starts_and_stops_quickly_has_the_accelerations_of_the_whole_recording():
+def test_uneven_motion_uses_accelerations_of_the_whole_recording():
     motion, samples = moved(0, 0.15, 0.6)
     slow = Recording(samples).slow
     rows = np.searchsorted(samples.t, slow.t)
     whole, own = recorded_accelerations(samples, slow), accelerations(slow)
     off, own_off = (np.abs(qdd - motion.qdd[rows]).max() for qdd in (whole, own))
     assert off < 0.005 and own_off > 0.02
-    # Of motion that changes slowly those of the slow samples serve.
+    # Those of the slow samples suffice for smooth motion.
     samples = moved(0, 0.1, 0.05)[1]
     assert recorded_accelerations(samples, Recording(samples).slow) is None
 
 
-def test_the_nominal_arm_has_most_of_the_torque_of_motion():
+def test_the_nominal_arm_models_most_of_the_torque_of_motion():
     motion, samples = moved(4, 0.15, 0.3, noise=0.0)
-    left = without_motion(samples, AXES, motion.qdd).tau - gravity_torque(ARM, motion.q)
-    there = (inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
-             - gravity_torque(ARM, motion.q))
-    assert np.sqrt((left ** 2).mean()) < 0.1 * np.sqrt((there ** 2).mean())
+    residual = without_motion(samples, AXES, motion.qdd).tau - gravity_torque(ARM, motion.q)
+    torque = (inverse_dynamics(ARM, motion.q, motion.qd, motion.qdd)
+              - gravity_torque(ARM, motion.q))
+    assert np.sqrt((residual ** 2).mean()) < 0.1 * np.sqrt((torque ** 2).mean())
 
 
 def test_samples_at_rest_have_no_torque_of_motion():

@@ -6,7 +6,7 @@ from bench.planning.poor import KINDS as POOR_KINDS, RATE
 from bench.planning.run import judged
 from bench.planning.scenes import ARMS, KINDS, known_axes, Scene
 from bench.planning.table import calibration, settled
-from gravity_comp_ros.data.runs import clock_time
+from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -79,7 +79,7 @@ def test_a_later_recording_continues_the_session():
     old, motion = scene.recorded(), random_slow(scene.recorded(), PlanOptions(20.0), 0)
     new = scene.later(motion)
     np.testing.assert_allclose(new.q, motion.q, atol=1e-9)
-    assert clock_time(concatenate([old, new]))[-1] == pytest.approx(90.0 + new.t[-1])
+    assert session_time(concatenate([old, new]))[-1] == pytest.approx(90.0 + new.t[-1])
     # A warm gear has less friction than a cold one on the same motion.
     cold = synthesise(six_axis(), motion).tau[:, JOINT]
     fresh = scene._samples(motion, 1).tau[:, JOINT]

@@ -1,4 +1,4 @@
-"""The ring: bounded, in order of time, and diverse rather than recent."""
+"""Sample buffer: bounded, in order of time, with diverse instead of recent poses."""
 
 from gravity_comp_ros.data.sample_buffer import SampleRing
 from gravity_comp_ros.errors import DataError, OptionError
@@ -11,7 +11,7 @@ def offer(ring, t, q, qd=0.0, tau=0.0):
     ring.offer(t, np.full(1, q), np.full(1, qd), np.full(1, tau))
 
 
-def test_keeps_everything_until_it_is_full():
+def test_all_samples_are_kept_until_it_is_full():
     ring = SampleRing(['j'], 3)
     for k in range(3):
         offer(ring, k, 0.1 * k, tau=k)
@@ -21,7 +21,7 @@ def test_keeps_everything_until_it_is_full():
     assert samples.n_runs == 1
 
 
-def test_the_older_of_the_closest_pair_leaves():
+def test_the_older_of_the_closest_pair_is_removed():
     ring = SampleRing(['j'], 3)
     for t, q in enumerate([0.0, 0.1, 1.0]):
         offer(ring, t, q)
@@ -39,7 +39,7 @@ def test_both_directions_of_a_pose_are_kept():
 
 
 @pytest.mark.parametrize('noise', [0.0, 1e-4, 3e-3])
-def test_an_hour_of_standing_still_does_not_push_out_the_motion(noise):
+def test_an_hour_at_rest_does_not_replace_the_motion(noise):
     rng = np.random.default_rng(3)
     ring = SampleRing([f'j{k}' for k in range(7)], 300)
     t = np.arange(500) / 5.0
@@ -58,7 +58,7 @@ def test_an_hour_of_standing_still_does_not_push_out_the_motion(noise):
     assert np.all(still > 0.95 * (motion.max(axis=0) - motion.min(axis=0)))
 
 
-def test_a_creep_is_not_one_sample_carried_along():
+def test_a_slow_creep_is_kept_as_many_samples():
     ring = SampleRing(['j'], 100)
     for k in range(1000):
         offer(ring, 0.2 * k, 2e-4 * k)
@@ -66,7 +66,7 @@ def test_a_creep_is_not_one_sample_carried_along():
     assert len(ring) == 100
 
 
-def test_time_going_back_starts_a_new_run():
+def test_decreasing_time_starts_a_new_run():
     ring = SampleRing(['j'], 10)
     for t, q in [(5.0, 0.0), (6.0, 0.1), (1.0, 0.2), (2.0, 0.3)]:
         offer(ring, t, q)
@@ -75,14 +75,14 @@ def test_time_going_back_starts_a_new_run():
     np.testing.assert_array_equal(samples.t, [5, 6, 1, 2])
 
 
-def test_coverage_of_nothing_and_of_something():
+def test_coverage():
     ring = SampleRing(['a', 'b'], 10)
-    assert ring.coverage().n_samples == 0 and ring.coverage().lacking(0.1) == ('a', 'b')
+    assert ring.coverage().n_samples == 0 and ring.coverage().joints_below_span(0.1) == ('a', 'b')
     assert len(ring.samples()) == 0
     ring.offer(0.0, np.array([0.0, 1.0]), np.zeros(2), np.zeros(2))
     ring.offer(1.0, np.array([0.5, 1.05]), np.zeros(2), np.zeros(2))
     np.testing.assert_allclose(ring.coverage().span, [0.5, 0.05])
-    assert ring.coverage().lacking(0.1) == ('b',)
+    assert ring.coverage().joints_below_span(0.1) == ('b',)
 
 
 def test_bad_input_is_refused():
@@ -97,13 +97,13 @@ def test_bad_input_is_refused():
 @settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.floats(-3, 3), st.floats(-0.1, 0.1)), max_size=60),
        st.integers(2, 12))
-def test_the_ring_is_bounded_and_its_neighbours_are_right(poses, capacity):
+def test_the_buffer_is_bounded_and_its_neighbours_are_correct(poses, capacity):
     ring = SampleRing(['j'], capacity)
     for t, (q, qd) in enumerate(poses):
         offer(ring, float(t), q, qd, tau=float(t))
         assert len(ring) <= capacity
     samples = ring.samples()
-    # A sample travels whole: what it says now is what was offered at its time.
+    # All values of a sample are those offered at its time.
     for t, q, qd, tau in zip(samples.t, samples.q, samples.qd, samples.tau):
         assert (q[0], qd[0], tau[0]) == (*poses[int(t)], t)
     n = len(ring)

@@ -1,4 +1,4 @@
-"""Few-sample update after a tool change."""
+"""Few-sample update after a payload change."""
 
 from bench.cases import generated
 from gravity_comp_ros.data.samples import JointSamples
@@ -27,7 +27,7 @@ def after(arm, q, seed: int = 1) -> JointSamples:
 
 @pytest.fixture(scope='module')
 def old():
-    """Return the iiwa without a tool and the model of it from Yu 2022, Eq. (17)."""
+    """Return the iiwa without payload and its model from Yu 2022, Eq. (17)."""
     arm, q = arms.iiwa7(), motions.eq17().q
     samples = samples_of(q, arms.gravity_torque(arm, q), NOISE, 0, arm.joints)
     return arm, fit(samples, FitOptions('chain')).model
@@ -59,11 +59,11 @@ def test_band_after_an_update(old, wide):
         assert inside.mean() >= 0.9
 
 
-def test_a_tool_comes_and_goes(old, wide):
+def test_a_payload_is_added_and_removed(old, wide):
     arm, model = old
     loaded = arms.with_payload(arm, arms.Payload(2.0, (0.0, 0.0, 0.1)))
-    with_tool = update(model, after(loaded, LATER[:50]))
-    without = update(with_tool.model, after(arm, LATER[50:100], 2))
+    loaded_result = update(model, after(loaded, LATER[:50]))
+    without = update(loaded_result.model, after(arm, LATER[50:100], 2))
     assert rmse(without.model, arm, LATER) <= 0.1
     assert rmse(without.model, arm, wide) <= 0.3
     assert len(without.model.provenance['updates']) == 2
@@ -76,7 +76,7 @@ def test_no_change_changes_little(old, wide):
     assert result.report.changed == {}
 
 
-def test_report_tells_the_effect_of_the_tool(old, tmp_path):
+def test_report_contains_the_torque_of_the_payload(old, tmp_path):
     arm = arms.with_payload(old[0], arms.Payload(2.0, (0.0, 0.0, 0.1)))
     result = update(old[1], after(arm, LATER[:50]))
     report = result.report
@@ -91,8 +91,8 @@ def test_report_tells_the_effect_of_the_tool(old, tmp_path):
     np.testing.assert_array_equal(loaded.predict_std(LATER), result.model.predict_std(LATER))
 
 
-def test_an_axis_that_nothing_showed_is_found_with_the_tool(old, wide):
-    # Joint 7 of the bare iiwa carries no moment; the tool's off-axis moment shows its axis.
+def test_an_unidentified_axis_is_identified_with_the_payload(old, wide):
+    # The axis of joint 7 without payload has no moment; that of the payload identifies it.
     arm = arms.with_payload(old[0], arms.Payload(2.0, (0.05, 0.0, 0.1)))
     assert not old[1].chain.moments[6].any()
     model = update(old[1], after(arm, LATER[:50])).model
@@ -111,7 +111,7 @@ def test_update_of_an_arm_without_right_angles():
     assert rmse(result.model, loaded, new) <= 0.2 < rmse(model, loaded, new)
 
 
-def test_an_update_says_how_unsure_it_is(old):
+def test_an_update_warns_of_a_large_uncertainty(old):
     loaded = arms.with_payload(old[0], arms.Payload(2.0, (0.02, 0.03, 0.1)))
     few = update(old[1], after(loaded, LATER[:12]))
     assert any('may be off by' in words for words in few.report.warnings)
@@ -130,7 +130,7 @@ def test_update_of_a_potential(old):
     assert np.isfinite(result.model.predict_std(LATER)).all()
 
 
-def test_what_cannot_be_updated_says_so(old):
+def test_invalid_updates_are_refused(old):
     arm, model = old
     with pytest.raises(FitError, match='an update needs 10'):
         update(model, after(arm, LATER[:9]))

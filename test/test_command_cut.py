@@ -4,7 +4,7 @@ import json
 
 import gravity_comp_ros as gc
 from gravity_comp_ros import cli
-from gravity_comp_ros.data.runs import clock_time
+from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.recordings.bag import read_bag
 from gravity_comp_ros.recordings.mcap_writer import JointTopic, write_bag, WriteOptions
 import numpy as np
@@ -50,7 +50,7 @@ def test_parts_of_a_split_are_the_whole_and_on_one_clock(bag, tmp_path, capsys):
     assert files == [str(tmp_path / f'part-{k}.mcap') for k in (1, 2, 3)]
     parts, whole = gc.read(files), read_bag(bag)
     np.testing.assert_array_equal(parts.samples.tau, whole.samples.tau)
-    np.testing.assert_allclose(clock_time(parts.samples), whole.samples.t, atol=1e-6)
+    np.testing.assert_allclose(session_time(parts.samples), whole.samples.t, atol=1e-6)
 
 
 @pytest.mark.parametrize('wrong, words', [

@@ -110,7 +110,7 @@ def test_one_way_motion_cannot_show_friction(capsys):
     sure = [f for f in found['findings'] if f['verdict'] in ('established', 'likely')]
     assert not [f for f in sure if f['joint'] == 'shoulder' and 'friction' in f['effect']]
     assert 'one way only' in found['joints']['shoulder']['untestable']['coulomb_friction']
-    assert any('one way only: shoulder' in remark for remark in found['data']['remarks'])
+    assert any('one direction only: shoulder' in remark for remark in found['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
     assert 'coulomb_friction on shoulder: the joint moves one way only' in ' '.join(out.split())
 

@@ -1,4 +1,4 @@
-"""Comparison: figures by hand, the JSON that is promised, and where a model fails."""
+"""Comparison: figures calculated by hand, JSON schema, regions of large residual."""
 
 import json
 
@@ -31,7 +31,7 @@ def against(samples: JointSamples, predicted, outside=None) -> Comparison:
 
 
 def sine_model(*weights: float) -> GravityModel:
-    """Return joints j0, j1, ... of which each bears weight sin q of its own."""
+    """Return joints j0, j1, ... with torque weight * sin q each."""
     n = len(weights)
     torques = tuple(Expansion(np.array([3 ** (n - 1 - k)]), np.array([w]))
                     for k, w in enumerate(weights))
@@ -41,20 +41,20 @@ def sine_model(*weights: float) -> GravityModel:
 
 def test_figures_by_hand():
     # Residuals 1, -1, 3, 1: mean 1, mean square 3, variance 2; the torque ranges over 10.
-    found = against(samples_of([0.0, 4.0, 10.0, 6.0]), [[-1.0], [5.0], [7.0], [5.0]])
-    joint = found.joints['a']
+    comparison = against(samples_of([0.0, 4.0, 10.0, 6.0]), [[-1.0], [5.0], [7.0], [5.0]])
+    joint = comparison.joints['a']
     assert (joint.n, joint.max_abs, joint.bias) == (4, 3.0, 1.0)
     assert joint.rmse == pytest.approx(np.sqrt(3))
     assert joint.std == pytest.approx(np.sqrt(2))
     assert joint.nrmse == pytest.approx(np.sqrt(3) / 10)
     assert joint.rmse_constant == pytest.approx(np.sqrt(13))   # of 0, 4, 10, 6 around 5
-    np.testing.assert_allclose(found.residual[:, 0], [1.0, -1.0, 3.0, 1.0])
+    np.testing.assert_allclose(comparison.residual[:, 0], [1.0, -1.0, 3.0, 1.0])
 
 
 def test_a_constant_torque_has_no_nrmse():
-    found = against(samples_of([2.0, 2.0, 2.0]), [[1.0], [2.0], [3.0]])
-    assert found.joints['a'].nrmse is None
-    assert found.joints['a'].rmse == pytest.approx(np.sqrt(2 / 3))
+    comparison = against(samples_of([2.0, 2.0, 2.0]), [[1.0], [2.0], [3.0]])
+    assert comparison.joints['a'].nrmse is None
+    assert comparison.joints['a'].rmse == pytest.approx(np.sqrt(2 / 3))
 
 
 def test_a_perfect_prediction():
@@ -68,14 +68,14 @@ def test_the_worst_joint():
     assert against(samples, np.array([[1.0, 3.0, 2.0]] * 5)).worst == 'b'
 
 
-def test_a_model_is_compared_by_name():
+def test_joints_are_matched_by_name():
     q = np.random.default_rng(0).uniform(-1, 1, (30, 2))
     samples = samples_of(np.sin(q) * [5.0, 2.0], q=q, names=('j0', 'j1'))
     model = sine_model(5.0, 2.0)
     for one in (samples, samples.joints(['j1', 'j0'])):
-        found = compare(model, one)
-        assert list(found.joints) == ['j0', 'j1']
-        assert max(joint.rmse for joint in found.joints.values()) < 1e-12
+        comparison = compare(model, one)
+        assert list(comparison.joints) == ['j0', 'j1']
+        assert max(joint.rmse for joint in comparison.joints.values()) < 1e-12
 
 
 def test_a_missing_joint_and_no_samples():
@@ -91,26 +91,26 @@ def test_poses_outside_the_trained_range_are_counted():
     assert compare(sine_model(1.0), samples).share_outside == 0.5
 
 
-def test_the_json_is_what_is_promised():
+def test_the_json_has_the_documented_keys():
     rng = np.random.default_rng(0)
     q = rng.uniform(-1, 1, (200, 2))
     tau = 0.1 * rng.normal(size=q.shape) + 2.0 * (q > 0.7)
-    found = json.loads(json.dumps(compare(
+    comparison = json.loads(json.dumps(compare(
         sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1'))).to_json(),
         allow_nan=False))
-    assert set(found['joints']) == {'j0', 'j1'}
-    for joint in found['joints'].values():
+    assert set(comparison['joints']) == {'j0', 'j1'}
+    for joint in comparison['joints'].values():
         assert {'n', 'rmse', 'nrmse', 'std', 'max_abs', 'where'} <= set(joint)
         assert joint['n'] == 200 and isinstance(joint['n'], int)
         assert 0 < joint['nrmse'] < 1 and joint['where']
-        for place in joint['where']:
-            assert set(place) >= {'axis', 'low', 'high', 'n', 'rmse', 'bias', 'words'}
-    assert found['worst_joint'] in found['joints']
+        for region in joint['where']:
+            assert set(region) >= {'axis', 'low', 'high', 'n', 'rmse', 'bias', 'words'}
+    assert comparison['worst_joint'] in comparison['joints']
 
 
 def test_a_joint_without_range_is_null_in_json():
-    found = against(samples_of(np.ones(3)), np.zeros((3, 1))).to_json()
-    assert json.loads(json.dumps(found))['joints']['a']['nrmse'] is None
+    comparison = against(samples_of(np.ones(3)), np.zeros((3, 1))).to_json()
+    assert json.loads(json.dumps(comparison))['joints']['a']['nrmse'] is None
 
 
 def motion_with(seed: int) -> tuple[JointSamples, np.ndarray]:
@@ -122,46 +122,46 @@ def motion_with(seed: int) -> tuple[JointSamples, np.ndarray]:
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_an_error_in_a_region_of_positions_is_named_first(seed):
+def test_an_error_in_a_region_of_positions_is_reported_first(seed):
     samples, exact = motion_with(seed)
     q = samples.q[:, 1]
     low, high = np.quantile(q, [0.75, 1.0])
     predicted = exact.copy()
     predicted[:, 1] -= 0.8 * ((q >= low) & (q <= high))
-    place = against(samples, predicted).joints['iiwa_joint_2'].where[0]
-    assert place.axis in ('position', 'load')
-    if place.axis == 'position':
-        assert place.high > low and place.bias > 0.2
-        assert f'{place.low:.2f} to {place.high:.2f} rad' in place.words
+    region = against(samples, predicted).joints['iiwa_joint_2'].where[0]
+    assert region.axis in ('position', 'load')
+    if region.axis == 'position':
+        assert region.high > low and region.bias > 0.2
+        assert f'{region.low:.2f} to {region.high:.2f} rad' in region.words
 
 
-def test_an_error_in_a_region_of_random_poses_is_named_first():
+def test_an_error_in_a_region_of_random_poses_is_reported_first():
     motion = motions.random_poses(ARM.lower, ARM.upper, 600, seed=4)
     samples = synthesise(ARM, motion, SynthesisOptions(static=True, seed=4,
                                                        noise=NoiseOptions(absolute=0.1)))
     predicted = arms.gravity_torque(ARM, motion.q)
     here = (motion.q[:, 3] > 0.0) & (motion.q[:, 3] < 0.7)
     predicted[here, 3] += 1.0
-    place = against(samples, predicted).joints['iiwa_joint_4'].where[0]
-    assert place.axis == 'position'
-    assert -0.1 < place.low < place.high < 0.8 and place.bias == pytest.approx(-1.0, abs=0.1)
-    assert place.rmse == pytest.approx(1.0, abs=0.1) and place.ratio > 3
+    region = against(samples, predicted).joints['iiwa_joint_4'].where[0]
+    assert region.axis == 'position'
+    assert -0.1 < region.low < region.high < 0.8 and region.bias == pytest.approx(-1.0, abs=0.1)
+    assert region.rmse == pytest.approx(1.0, abs=0.1) and region.ratio > 3
 
 
 @pytest.mark.parametrize('sign, words', [(1, 'moving up'), (-1, 'moving down')])
 @pytest.mark.parametrize('seed', range(3))
-def test_an_error_in_one_direction_is_named_first(seed, sign, words):
+def test_an_error_in_one_direction_is_reported_first(seed, sign, words):
     samples, exact = motion_with(seed)
     predicted = exact.copy()
     predicted[:, 2] -= 0.7 * (sign * samples.qd[:, 2] > 1e-3)
-    place = against(samples, predicted).joints['iiwa_joint_3'].where[0]
-    assert place.axis == 'direction' and place.words.startswith(words)
-    assert place.bias == pytest.approx(0.7, abs=0.05)
+    region = against(samples, predicted).joints['iiwa_joint_3'].where[0]
+    assert region.axis == 'direction' and region.words.startswith(words)
+    assert region.bias == pytest.approx(0.7, abs=0.05)
 
 
 @pytest.mark.parametrize('bad', range(3))
-def test_an_error_in_one_run_is_named_first(bad):
-    # The same motion every time, so that no other condition sets the bad run apart.
+def test_an_error_in_one_run_is_reported_first(bad):
+    # The same motion every time, so that no other condition distinguishes the bad run.
     motion, parts, predictions = motions.eq17(), [], []
     for run in range(3):
         part = synthesise(ARM, motion, SynthesisOptions(static=True, seed=run,
@@ -169,23 +169,23 @@ def test_an_error_in_one_run_is_named_first(bad):
         parts.append(JointSamples.single_run(part.names, part.t, part.q, part.qd,
                                              part.tau + 0.6 * (run == bad), f'tour{run}'))
         predictions.append(arms.gravity_torque(ARM, motion.q))
-    found = against(concatenate(parts), np.concatenate(predictions))
-    for joint in found.joints.values():
+    comparison = against(concatenate(parts), np.concatenate(predictions))
+    for joint in comparison.joints.values():
         assert joint.where[0].axis == 'run'
         assert joint.where[0].words.startswith(f'in run tour{bad}:')
 
 
-def test_an_error_outside_the_trained_range_is_named():
+def test_an_error_outside_the_trained_range_is_reported():
     rng = np.random.default_rng(1)
     q = rng.uniform(-1.6, 1.6, (400, 2))
     outside = np.abs(q).max(axis=1) > 1.0
     tau = 0.1 * rng.normal(size=q.shape) + outside[:, None] * rng.normal(size=q.shape)
-    found = compare(sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1')))
-    for joint in found.joints.values():
-        assert 'trained range' in [place.axis for place in joint.where]
+    comparison = compare(sine_model(0.0, 0.0), samples_of(tau, q=q, names=('j0', 'j1')))
+    for joint in comparison.joints.values():
+        assert 'trained range' in [region.axis for region in joint.where]
 
 
-def test_one_lucky_stretch_is_no_place():
+def test_an_error_in_a_single_visit_is_no_region():
     # The error is large on one of five visits to the right end, and on none of the others.
     t = np.arange(500) * 0.1
     q = np.sin(2 * np.pi * t / 10)[:, None]
@@ -193,21 +193,21 @@ def test_one_lucky_stretch_is_no_place():
     tau = 0.1 * rng.normal(size=(500, 1))
     tau[(q[:, 0] > 0.7) & (t > 20) & (t < 30)] += 0.5
     joint = against(samples_of(tau, q=q), np.zeros((500, 1))).joints['a']
-    assert 'position' not in [place.axis for place in joint.where]
+    assert 'position' not in [region.axis for region in joint.where]
 
 
 @pytest.mark.parametrize('kind', ['poses', 'motion'])
-def test_white_noise_names_no_place(kind):
+def test_white_noise_has_no_regions(kind):
     named = total = 0
     for seed in range(20):
         motion = motions.eq17() if kind == 'motion' else motions.random_poses(
             ARM.lower, ARM.upper, 200, seed)
         samples = synthesise(ARM, motion, SynthesisOptions(
             static=True, seed=seed, noise=NoiseOptions(absolute=0.1)))
-        found = against(samples, arms.gravity_torque(ARM, motion.q))
-        named += sum(bool(joint.where) for joint in found.joints.values())
-        total += len(found.joints)
-    print(f'{kind}: a place was named for {named} of {total} joints with nothing but noise')
+        comparison = against(samples, arms.gravity_torque(ARM, motion.q))
+        named += sum(bool(joint.where) for joint in comparison.joints.values())
+        total += len(comparison.joints)
+    print(f'{kind}: a region was reported for {named} of {total} joints with white noise')
     assert named <= 0.02 * total
 
 
@@ -215,12 +215,12 @@ def test_band_counts_by_hand():
     samples = samples_of([0.0, 0.1, -0.1, 0.3, -0.3, 0.2])
     outside = np.array([False, False, False, False, True, True])
     band, zero = np.full((6, 1), 0.25), np.zeros((6, 1))
-    found = compare_prediction(samples, zero, outside, band)
-    assert (found.band.trained.n, found.band.trained.share) == (4, 0.75)
-    assert (found.band.outside.n, found.band.outside.share) == (2, 0.5)
-    assert found.joints['a'].band == found.band
-    assert found.to_json()['band'] == {'trained': {'n': 4, 'share': 0.75},
-                                       'outside': {'n': 2, 'share': 0.5}}
+    comparison = compare_prediction(samples, zero, outside, band)
+    assert (comparison.band.trained.n, comparison.band.trained.share) == (4, 0.75)
+    assert (comparison.band.outside.n, comparison.band.outside.share) == (2, 0.5)
+    assert comparison.joints['a'].band == comparison.band
+    assert comparison.to_json()['band'] == {'trained': {'n': 4, 'share': 0.75},
+                                            'outside': {'n': 2, 'share': 0.5}}
     nowhere = compare_prediction(samples, zero, np.zeros(6, dtype=bool), band).band.outside
     assert (nowhere.n, nowhere.share) == (0, None)
     assert compare_prediction(samples, zero, outside).band is None
@@ -233,21 +233,22 @@ def small_motion() -> JointSamples:
 
 
 @pytest.mark.parametrize('formulation', ['chain', 'potential'])
-def test_the_band_of_a_model_holds_what_it_promises(small_motion, formulation):
+def test_the_band_of_a_model_covers_95_percent(small_motion, formulation):
     model = fit(small_motion, FitOptions(formulation)).model
     noise = SynthesisOptions(NoiseOptions(absolute=0.1), seed=1, static=True)
     samples = concatenate([synthesise(ARM, motion, noise) for motion in (
         motions.eq17(start=100.0), motions.random_poses(ARM.lower, ARM.upper, 300))])
-    found = compare(model, samples)
-    assert 0.92 <= found.band.trained.share <= 0.98
-    assert found.band.outside.share >= 0.9
+    comparison = compare(model, samples)
+    assert 0.92 <= comparison.band.trained.share <= 0.98
+    assert comparison.band.outside.share >= 0.9
     spread = np.hypot(model.predict_std(samples.q), model.noise)
     inside = np.abs(samples.tau - model.predict(samples.q)) <= 1.96 * spread
-    counted = [part.n * part.share for part in (found.band.trained, found.band.outside)]
-    assert found.band.trained.n + found.band.outside.n == inside.size
+    counted = [part.n * part.share for part in (comparison.band.trained, comparison.band.outside)]
+    assert comparison.band.trained.n + comparison.band.outside.n == inside.size
     assert sum(counted) == pytest.approx(inside.sum())
 
 
 def test_a_model_without_uncertainty_has_no_band(small_motion):
-    found = compare(fit(small_motion, FitOptions('per_joint')).model, small_motion)
-    assert found.band is None and found.to_json()['joints'][ARM.joints[0]]['band'] is None
+    comparison = compare(fit(small_motion, FitOptions('per_joint')).model, small_motion)
+    assert comparison.band is None
+    assert comparison.to_json()['joints'][ARM.joints[0]]['band'] is None

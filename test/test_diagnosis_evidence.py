@@ -60,10 +60,10 @@ def test_a_fold_of_one_run_has_blocks_of_all_its_parts():
 def test_places_are_runs_or_stretches_of_few_runs():
     one, two, six = (cut(recording((n_rows,) * n_runs), np.zeros((n_rows * n_runs, 2)))
                      for n_rows, n_runs in ((3000, 1), (1500, 2), (500, 6)))
-    assert (np.diff(one.places) >= 0).all() and one.places.max() == 4
-    assert two.places.max() == 5
-    assert [set(two.places[two.run == run]) for run in (0, 1)] == [{0, 1, 2}, {3, 4, 5}]
-    np.testing.assert_array_equal(six.places, six.run)
+    assert (np.diff(one.clusters) >= 0).all() and one.clusters.max() == 4
+    assert two.clusters.max() == 5
+    assert [set(two.clusters[two.run == run]) for run in (0, 1)] == [{0, 1, 2}, {3, 4, 5}]
+    np.testing.assert_array_equal(six.clusters, six.run)
 
 
 def test_longer_memory_makes_longer_blocks():

@@ -67,7 +67,7 @@ def test_short_one_way_and_narrow():
     short = synthesise(ARM, motions.eq17(duration=4, start=2.0), NOISE)
     facts = describe(short)
     assert any('keeps 20 of 20 samples' in text for text in facts.remarks)
-    one_way = remarks(short, 'one way only')[0]
+    one_way = remarks(short, 'one direction only')[0]
     for name, joint in facts.joints.items():
         assert (name in one_way) == (joint.travel >= 0.01 and joint.reversals == 0)
     assert 'iiwa_joint_4' in one_way

@@ -1,4 +1,4 @@
-"""Gravity of fast motion, beside rigid-body dynamics, judged over the whole joint range."""
+"""Gravity from fast motion, fitted with rigid-body dynamics; errors over the joint range."""
 
 from bench.estimator.fast_motion import recorded, worst
 from bench.planning.scenes import known_axes
@@ -13,25 +13,25 @@ import pytest
 ARM = iiwa7()
 
 
-@pytest.mark.parametrize('known, seed, most', [
+@pytest.mark.parametrize('known, seed, limit', [
     (True, 0, 0.03), (True, 7, 0.05), (False, 0, 0.06), (False, 7, 0.1)])
-def test_gravity_does_not_bend_towards_the_torque_of_motion(known, seed, most):
+def test_gravity_does_not_absorb_the_torque_of_motion(known, seed, limit):
     options = FitOptions(geometry=known_axes(ARM) if known else None)
     samples = recorded(ARM, seed, 1.0, 0.3, 0.0, 60.0)
-    found = fit_gravity(samples, options)
-    assert worst(ARM, found.model) < most
-    # Rows of inertia, one for each joint, are not enough; a nominal arm on known axes nearly is.
+    result = fit_gravity(samples, options)
+    assert worst(ARM, result.model) < limit
+    # Constant inertia is not sufficient; a nominal arm on known axes nearly is.
     alone = worst(ARM, fit(samples, options).model)
-    assert alone < 2.0 * most if known else alone > 3.0 * worst(ARM, found.model)
-    # The torque of motion is a nuisance term: nothing of it is predicted.
-    assert not found.model.applied.effects and found.report.known_axes == known
-    assert found.report.choice.why.endswith('rigid-body dynamics was fitted beside it')
-    left = samples.tau - found.model.predict(samples.q)
-    np.testing.assert_allclose(list(found.report.rmse.values()),
-                               np.sqrt((left ** 2).mean(axis=0)), rtol=1e-9)
+    assert alone < 2.0 * limit if known else alone > 3.0 * worst(ARM, result.model)
+    # The torque of motion is a nuisance term and not predicted.
+    assert not result.model.applied.effects and result.report.known_axes == known
+    assert result.report.choice.why.endswith('rigid-body dynamics was a nuisance term')
+    residual = samples.tau - result.model.predict(samples.q)
+    np.testing.assert_allclose(list(result.report.rmse.values()),
+                               np.sqrt((residual ** 2).mean(axis=0)), rtol=1e-9)
 
 
-def test_effects_that_are_added_leave_gravity_right():
+def test_gravity_stays_accurate_with_added_effects():
     samples = recorded(ARM, 3, 1.0, 0.8, 0.01, 60.0)
     model = fit_gravity(samples, FitOptions(geometry=known_axes(ARM))).model
     added = refit(samples, model, requests(['coulomb_friction'], samples.names))
@@ -39,9 +39,9 @@ def test_effects_that_are_added_leave_gravity_right():
     assert {e.name for e in added.model.applied.effects} == {'coulomb_friction'}
 
 
-def test_slow_motion_is_fitted_as_before():
+def test_slow_motion_is_fitted_without_dynamics():
     samples = recorded(ARM, 0, 0.1, 0.05, 0.0, 60.0)
-    first, found = fit(samples), fit_gravity(samples)
+    first, result = fit(samples), fit_gravity(samples)
     q = samples.q[::10]
-    np.testing.assert_array_equal(found.model.predict(q), first.model.predict(q))
-    assert 'rigid-body' not in found.report.choice.why
+    np.testing.assert_array_equal(result.model.predict(q), first.model.predict(q))
+    assert 'rigid-body' not in result.report.choice.why

@@ -1,4 +1,4 @@
-"""Offsets beside a chain that began from one without: only where the torque asks for them."""
+"""Offsets of a fit that starts from a chain without: only if they reduce the residual."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.estimation.fit import fit, FitOptions
@@ -26,7 +26,7 @@ def recorded(offset: float, seed: int) -> JointSamples:
 
 @pytest.fixture(scope='module')
 def old():
-    """Return a model whose chain was found without offsets."""
+    """Return a model whose chain was fitted without offsets."""
     model = fit(recorded(0.0, 1), FitOptions('chain')).model
     assert not model.nuisance.of(OFFSET)
     return model
@@ -34,30 +34,31 @@ def old():
 
 def offsets_of(choice) -> dict[int, float]:
     """Return the offsets of a choice in N·m, by joint number."""
-    terms = choice.estimate.regression.nuisance.columns
-    return {c.joint: float(x) for c, x in zip(terms, choice.estimate.beside) if c.kind == OFFSET}
+    estimate = choice.estimate
+    return {c.joint: float(x) for c, x in zip(estimate.regression.nuisance.columns,
+                                              estimate.coefficients) if c.kind == OFFSET}
 
 
-@pytest.mark.parametrize('offset, with_bare', [(0.03, False), (0.5, True)])
-def test_a_chain_found_without_offsets_takes_only_those_that_matter(old, offset, with_bare):
-    """Both offsets are significant: the smaller one explains nearly nothing of the torque."""
+@pytest.mark.parametrize('offset, kept', [(0.03, False), (0.5, True)])
+def test_a_chain_without_offsets_gets_only_relevant_ones(old, offset, kept):
+    """Both offsets are significant, but the smaller one hardly reduces the residual."""
     regression = build_regression(recorded(offset, 2))
-    usual = choose(regression, SparseOptions(), start=old.chain)
-    assert offsets_of(usual)[ELBOW] == pytest.approx(offset, abs=0.03)
-    bare = choose(regression, SparseOptions(), start=old.chain, bare=True)
-    assert bare.formulation == 'chain'
-    assert ('without an offset' in bare.why) == (not with_bare)
-    if with_bare:
-        assert offsets_of(bare) == pytest.approx(offsets_of(usual))
+    standard = choose(regression, SparseOptions(), start=old.chain)
+    assert offsets_of(standard)[ELBOW] == pytest.approx(offset, abs=0.03)
+    simpler = choose(regression, SparseOptions(), start=old.chain, no_offsets=True)
+    assert simpler.formulation == 'chain'
+    assert ('without an offset' in simpler.why) == (not kept)
+    if kept:
+        assert offsets_of(simpler) == pytest.approx(offsets_of(standard))
     else:
-        assert not offsets_of(bare)
-        for found in (usual, bare):
-            left = found.estimate.residual()
-            assert np.sqrt((left ** 2).mean(axis=0)) == pytest.approx(np.full(4, NOISE), rel=0.1)
+        assert not offsets_of(simpler)
+        for choice in (standard, simpler):
+            rms = np.sqrt((choice.estimate.residual() ** 2).mean(axis=0))
+            assert rms == pytest.approx(np.full(4, NOISE), rel=0.1)
 
 
 @pytest.mark.parametrize('offset', [0.03, 0.5])
-def test_an_old_model_tells_a_fit_whether_its_chain_had_offsets(old, offset):
-    """The fit that begins from it has the offset only if that matters."""
-    found = fit(recorded(offset, 2), old=old).model.nuisance.of(OFFSET)
-    assert set(found) == ({ARM.joints[ELBOW]} if offset == 0.5 else set())
+def test_a_fit_considers_whether_the_old_chain_had_offsets(old, offset):
+    """The fit that starts from it has an offset only if that is relevant."""
+    offsets = fit(recorded(offset, 2), old=old).model.nuisance.of(OFFSET)
+    assert set(offsets) == ({ARM.joints[ELBOW]} if offset == 0.5 else set())

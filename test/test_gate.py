@@ -1,4 +1,4 @@
-"""The gate: hand-worked decisions, and the same decision online and offline."""
+"""Slow-motion gate: decisions calculated by hand, equal online and offline."""
 
 from gravity_comp_ros.data.gate import (
     ACCELERATING, FAST, Gate, GateOptions, NOT_FINITE, RATE, slow_samples, TIME)
@@ -24,7 +24,7 @@ def test_speed_of_any_joint_closes_the_gate():
     assert gate.offer(0.3, q, np.array([0.0, -0.2])) is None
 
 
-def test_time_and_values_that_make_no_sense():
+def test_invalid_times_and_values_are_dropped():
     gate = Gate(1)
     q = np.zeros(1)
     assert gate.offer(1.0, q, q) is None
@@ -43,13 +43,13 @@ def test_rate_keeps_one_in_each_period():
     assert np.all(np.diff(result.samples.t) > 0.09)
 
 
-def test_input_at_the_asked_rate_passes_whole_although_it_jitters():
+def test_input_at_the_requested_rate_passes_in_spite_of_jitter():
     rng = np.random.default_rng(1)
     t = np.arange(500) / 5.0 + rng.uniform(-0.04, 0.04, 500)
     assert slow_samples(still(t), GateOptions(rate_hz=5.0)).kept == 500
 
 
-def test_random_poses_pass_whole():
+def test_all_random_poses_pass():
     rng = np.random.default_rng(2)
     t, q = np.arange(200) * 2.0, rng.uniform(-3, 3, (200, 7))
     samples = JointSamples.single_run([f'j{k}' for k in range(7)], t, q, 0 * q, 0 * q)
@@ -71,7 +71,7 @@ def test_acceleration_is_the_mean_over_the_window():
 @pytest.mark.parametrize('bad', [
     {'max_speed': 0.0}, {'max_speed': float('nan')}, {'max_speed': ()}, {'rate_hz': -1.0},
     {'max_acceleration': (1.0, -1.0)}, {'acceleration_window': 0.0}])
-def test_options_that_make_no_sense_are_refused(bad):
+def test_invalid_options_are_refused(bad):
     with pytest.raises(OptionError, match=next(iter(bad))):
         GateOptions(**bad)
 

@@ -1,4 +1,4 @@
-"""The fits that held-out errors of a refit come from are made as the model is."""
+"""Fits for the held-out errors of a refit have the structure of the final model."""
 
 from gravity_comp_ros.api.recording import Recording
 from gravity_comp_ros.api.steps import add_to_model, fit_model
@@ -20,12 +20,12 @@ def run(seed):
     """Return a minute of slow motion with friction on joint 4, as in the walk-through."""
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
                                motions.MultisineOptions(0.12), 60.0, 20.0)
-    rubs = hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance
+    friction = hidden('coulomb_friction:iiwa_joint_4=0.8', ARM).disturbance
     return synthesise(ARM, motion, SynthesisOptions(NoiseOptions(0.0, 0.1), seed,
-                                                    disturbances=(rubs,)))
+                                                    disturbances=(friction,)))
 
 
-def test_a_chain_that_starts_from_another_has_its_right_angles():
+def test_a_warm_start_keeps_right_angles():
     regression = build_regression(Recording(run(1)).slow)
     first = estimate_chain(regression)
     again = estimate_chain(regression, start=first.chain, warm=True)
@@ -35,12 +35,12 @@ def test_a_chain_that_starts_from_another_has_its_right_angles():
 
 
 @pytest.mark.parametrize('seeds', [(1, 2), (11, 12), (5, 6)])
-def test_errors_on_other_runs_are_those_of_the_model_with_its_right_angles(seeds):
+def test_held_out_fits_keep_right_angles(seeds):
     recording = Recording(concatenate([run(seed) for seed in seeds]))
     added = add_to_model(fit_model(recording)[0].model, recording,
                          ['coulomb_friction:iiwa_joint_4'])
     errors = [added.errors[name] for name in ARM.joints]
-    # The noise is 0.1 N·m. Axes at any angle would leave up to 1.4 N·m of joint 2.
+    # The noise is 0.1 N·m. With free angles the error of joint 2 is up to 1.4 N·m.
     assert max(error.after for error in errors) < 0.35
     assert all(error.after < 1.05 * error.before for error in errors[1:])
     assert errors[3].after < 0.3 * errors[3].before

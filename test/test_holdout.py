@@ -1,4 +1,4 @@
-"""Held-out data: judged samples are never fitted ones, nor their neighbours."""
+"""Hold-out: held-out samples and their neighbours are not fitted."""
 
 from gravity_comp_ros.data.holdout import HoldoutOptions, split, within
 from gravity_comp_ros.data.samples import concatenate, JointSamples
@@ -14,7 +14,7 @@ def ramp(count: int, label: str = 'run', step: float = 0.2) -> JointSamples:
     return JointSamples.single_run(('a', 'b'), t, q, np.zeros_like(q), q, label)
 
 
-def test_single_run_is_cut_into_two_blocks_of_time():
+def test_two_blocks_of_a_single_run_are_held_out():
     # 101 samples over 20 s: a fifth of each half is its last 2 s.
     parts = split(ramp(101), HoldoutOptions(fraction=0.2, guard=1.0))
     assert [(b.run, b.start, b.end) for b in parts.blocks] == [
@@ -26,7 +26,7 @@ def test_single_run_is_cut_into_two_blocks_of_time():
     assert gaps.min() > 1.0
 
 
-def test_of_several_runs_whole_ones_are_held_out():
+def test_whole_runs_of_several_are_held_out():
     samples = concatenate([ramp(10, f'run{k}') for k in range(5)])
     parts = split(samples, HoldoutOptions(fraction=0.4))
     assert set(parts.held_out.runs) == {3, 4}
@@ -45,17 +45,17 @@ def test_a_run_without_samples_does_not_count():
 @settings(max_examples=40, deadline=None)
 @given(count=st.integers(30, 300), fraction=st.floats(0.05, 0.6), guard=st.floats(0, 0.5),
        runs=st.integers(1, 4))
-def test_nothing_is_both_fitted_and_judged(count, fraction, guard, runs):
+def test_no_sample_is_both_fitted_and_held_out(count, fraction, guard, runs):
     samples = concatenate([ramp(count, str(k)) for k in range(runs)])
     parts = split(samples, HoldoutOptions(fraction, guard))
     fitted = set(zip(parts.fitted.runs.tolist(), parts.fitted.t.tolist()))
-    judged = set(zip(parts.held_out.runs.tolist(), parts.held_out.t.tolist()))
-    assert fitted and judged and not fitted & judged
+    held_out = set(zip(parts.held_out.runs.tolist(), parts.held_out.t.tolist()))
+    assert fitted and held_out and not fitted & held_out
     assert within(samples, parts.blocks).sum() == parts.held_out.n_samples
 
 
 @pytest.mark.parametrize('fraction', [0.0, 1.0, -0.1, float('nan')])
-def test_a_fraction_that_leaves_nothing_is_refused(fraction):
+def test_a_fraction_out_of_range_is_refused(fraction):
     with pytest.raises(OptionError, match='fraction'):
         HoldoutOptions(fraction=fraction)
 

@@ -1,7 +1,7 @@
-"""Joint order from the torques."""
+"""Search for the kinematic order of joints from their torques."""
 
 from gravity_comp_ros.data.samples import JointSamples
-from gravity_comp_ros.estimation.joint_order_search import order_of_torques
+from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.models.kinematic.chain import aligned, Chain
 import numpy as np
 import pytest
@@ -24,14 +24,14 @@ def recorded(seed):
 
 
 @pytest.mark.parametrize('seed', range(10))
-def test_the_order_of_an_arm_is_identified(seed):
+def test_a_wrong_order_is_corrected(seed):
     samples = recorded(seed)
     shuffled = list(np.random.default_rng(seed + 100).permutation(NAMES))
     if tuple(shuffled) == NAMES:
         shuffled.reverse()
-    assert order_of_torques(samples.joints(shuffled)) == NAMES
+    assert joint_order_from_torques(samples.joints(shuffled)) == NAMES
 
 
 @pytest.mark.parametrize('seed', range(1))
-def test_the_correct_order_is_kept(seed):
-    assert order_of_torques(recorded(seed)) is None
+def test_the_right_order_is_kept(seed):
+    assert joint_order_from_torques(recorded(seed)) is None

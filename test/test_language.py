@@ -53,7 +53,7 @@ WORDS = {
     r'so (many|much|few|little)(?! (that|as))': 'the number, at least',
     r'how (right|sure|good|wrong|likely|alike)': 'accuracy, certainty',
     r'(a|an|the|each|every|of|its|no|other) ties?': 'ambiguous pair, alternatives',
-    r'settles? (it|them|what|which|whether)|what settles|unsettled|'
+    r'settles? (it|them|what|which|whether)|what settles|instability|'
     r'(model|fit|recording|question|plan|verdict|effect)s? (has |have |is |are )?(not )?settled':
         'resolves, converged',
     r'(takes?|taken|took|taking) off': 'subtracts, removes, reduces',

@@ -1,4 +1,4 @@
-"""A tool weighed where lengths are known, and chains whose axes are known."""
+"""Payload estimates on known axes, and fits of chains on known axes."""
 
 from pathlib import Path
 
@@ -45,34 +45,33 @@ def old():
 def test_mass_and_centre_from_ten_seconds(old, formulation, seed, mass, com):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(mass, com))
     result = update(old[formulation], recorded(loaded, LATER[:50], seed), geometry=IIWA)
-    found = result.report.payload
-    assert found.mass.value == pytest.approx(mass, rel=0.03)
-    centre = [found.centre[axis].value for axis in 'xyz']
+    payload = result.report.payload
+    assert payload.mass.value == pytest.approx(mass, rel=0.03)
+    centre = [payload.centre[axis].value for axis in 'xyz']
     assert centre == pytest.approx(com, abs=0.005)
-    low, high = found.mass.ci95
+    low, high = payload.mass.ci95
     assert 0.005 < high - low < 0.1
-    assert found.link == 'iiwa_link_7' and result.report.warnings == ()
+    assert payload.link == 'iiwa_link_7' and result.report.warnings == ()
     assert result.model.formulation == 'chain'
     assert worst(result.model, loaded, LATER) <= 0.05
     assert worst(result.model, loaded, np.random.default_rng(1).uniform(
         -arms.iiwa7().upper, arms.iiwa7().upper, (300, 7))) <= 0.15
 
 
-def test_intervals_hold_the_truth_as_often_as_they_say(old):
+def test_intervals_cover_the_truth(old):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(2.0, COM))
     truth = np.array([2.0, *COM])
-    # The old model's own error is the same in all of these, so they are no independent trials.
+    # The trials share the error of the old model, so they are not independent.
     inside = []
     for seed in range(12):
-        found = update(old['chain'], recorded(loaded, LATER[:50], seed),
-                       geometry=IIWA).report.payload
-        limits = np.array([found.mass.ci95,
-                           *(found.centre[axis].ci95 for axis in 'xyz')])
+        payload = update(old['chain'], recorded(loaded, LATER[:50], seed),
+                         geometry=IIWA).report.payload
+        limits = np.array([payload.mass.ci95, *(payload.centre[axis].ci95 for axis in 'xyz')])
         inside.append((limits[:, 0] <= truth) & (truth <= limits[:, 1]))
     assert np.mean(inside) >= 0.85
 
 
-def test_a_tool_that_comes_off_has_a_negative_mass(old):
+def test_a_removed_payload_has_a_negative_mass(old):
     loaded = arms.with_payload(arms.iiwa7(), arms.Payload(1.5, COM))
     held = update(old['chain'], recorded(loaded, LATER[:50], 1), geometry=IIWA).model
     bare = update(held, recorded(arms.iiwa7(), LATER[50:100], 2), geometry=IIWA)
@@ -80,14 +79,14 @@ def test_a_tool_that_comes_off_has_a_negative_mass(old):
     assert worst(bare.model, arms.iiwa7(), LATER) <= 0.05
 
 
-def test_no_tool_has_no_centre(old):
-    found = update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=IIWA)
-    low, high = found.report.payload.mass.ci95
-    assert low < 0.0 < high and found.report.payload.centre is None
+def test_no_payload_has_no_centre(old):
+    updated = update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=IIWA)
+    low, high = updated.report.payload.mass.ci95
+    assert low < 0.0 < high and updated.report.payload.centre is None
 
 
-def test_what_is_no_tool_is_not_called_one(old):
-    # A weight on the upper arm: nothing on the last link pulls at joint 2 alone.
+def test_a_change_that_is_no_payload_is_reported(old):
+    # A weight on the upper arm: no payload changes the torque of joint 2 alone.
     q = LATER[:50]
     tau = arms.gravity_torque(arms.iiwa7(), q)
     tau[:, 1] += 6.0 * np.sin(q[:, 1])
@@ -104,17 +103,17 @@ def test_tilted_arms_of_any_angles(seed):
     geometry, q = geometry_of(arm), generated.small_motion(arm, seed).q
     result = fit(recorded(arm, q, seed), FitOptions('chain', geometry=geometry))
     assert worst(result.model, arm, poses(300, arm.n_joints, reach=2.6)) <= 0.06
-    # Nobody told the tilt; it is found, to a few mrad.
+    # The tilt is unknown to the fit and identified to a few mrad.
     up = -arm.model.gravity.linear / np.linalg.norm(arm.model.gravity.linear)
     assert result.report.base_tilt == pytest.approx(np.arccos(up[2]), abs=0.01)
     loaded = arms.with_payload(arm, arms.Payload(1.0, COM))
     new = generated.small_motion(arm, seed, start=100.0).q[:50]
-    found = update(result.model, recorded(loaded, new, seed + 1), geometry=geometry)
-    assert found.report.payload.mass.value == pytest.approx(1.0, rel=0.05)
-    assert worst(found.model, loaded, poses(300, arm.n_joints, reach=2.6)) <= 0.25
+    updated = update(result.model, recorded(loaded, new, seed + 1), geometry=geometry)
+    assert updated.report.payload.mass.value == pytest.approx(1.0, rel=0.05)
+    assert worst(updated.model, loaded, poses(300, arm.n_joints, reach=2.6)) <= 0.25
 
 
-def test_known_axes_leave_the_moments_alone():
+def test_only_moments_are_fitted_on_known_axes():
     arm = arms.iiwa7()
     result = fit(recorded(arm, motions.eq17().q, 0), FitOptions('chain', geometry=IIWA))
     np.testing.assert_allclose(result.model.chain.axes, IIWA.rotations, atol=1e-12)
@@ -124,7 +123,7 @@ def test_known_axes_leave_the_moments_alone():
                FitOptions('auto', geometry=IIWA)).model.formulation == 'chain'
 
 
-def test_axes_of_another_arm_show():
+def test_axes_of_another_arm_are_rejected():
     wrong = Geometry(IIWA.joints, np.concatenate([IIWA.rotations[:3], IIWA.rotations[4:],
                                                   IIWA.rotations[3:4]]),
                      IIWA.origins, IIWA.link, IIWA.link_rotation)
@@ -132,7 +131,7 @@ def test_axes_of_another_arm_show():
     result = fit(samples, FitOptions('chain', geometry=wrong))
     assert not result.report.chain.clean and result.report.warnings
     model = fit(samples, FitOptions('chain')).model
-    with pytest.raises(ModelMismatchError, match='do not repeat the model'):
+    with pytest.raises(ModelMismatchError, match='do not reproduce the model'):
         update(model, recorded(arms.iiwa7(), LATER[:50], 1), geometry=wrong)
 
 
@@ -144,20 +143,20 @@ def test_joints_in_another_order_are_matched(old):
     result = update(old['chain'], mixed, geometry=IIWA)
     assert result.model.joints == IIWA.joints
     assert result.report == update(old['chain'], new, geometry=IIWA).report
-    # A potential may have learned the joints in any order.
+    # A potential may have its joints in any order.
     samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
     model = fit(samples.joints(mixed.names), FitOptions('potential')).model
-    found = update(model, mixed, geometry=IIWA)
-    assert found.model.joints == IIWA.joints
-    assert found.report.payload.mass.value == pytest.approx(2.0, rel=0.03)
+    updated = update(model, mixed, geometry=IIWA)
+    assert updated.model.joints == IIWA.joints
+    assert updated.report.payload.mass.value == pytest.approx(2.0, rel=0.03)
 
 
-def test_other_joints_say_so(old):
+def test_axes_of_other_joints_are_refused(old):
     samples = recorded(arms.iiwa7(), motions.eq17().q, 0)
-    with pytest.raises(ModelMismatchError, match='axes are known of'):
+    with pytest.raises(ModelMismatchError, match='the known axes are of'):
         fit(samples.joints(samples.names[::-1]), FitOptions('chain', geometry=IIWA))
     other = Geometry(tuple('abcdefg'), IIWA.rotations, IIWA.origins, 'l', np.eye(3))
-    with pytest.raises(ModelMismatchError, match='the model is of'):
+    with pytest.raises(ModelMismatchError, match='model is of'):
         update(old['chain'], recorded(arms.iiwa7(), LATER[:50], 1), geometry=other)
     with pytest.raises(OptionError, match='of no use to potential'):
         FitOptions('potential', geometry=IIWA)

@@ -1,4 +1,4 @@
-"""A payload taken up in the course of a recording: what follows is predicted with it."""
+"""Payload picked up during a recording: predictions include it afterwards."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.predict import predict_torque
@@ -12,23 +12,23 @@ import numpy as np
 NOISE = 0.1
 
 
-def recorded(seconds, first, start, picked_up, seed):
-    """Return Eq. (17) from `first` s on; 2 kg are taken up after `picked_up` s."""
+def recorded(seconds, first, start, time, seed):
+    """Return Eq. (17) from `first` s on; 2 kg are picked up after `time` s."""
     arm, motion = iiwa7(), eq17(seconds, 2.5, first)
-    after = (motion.t >= picked_up)[:, None]
+    after = (motion.t >= time)[:, None]
     tau = np.where(after, gravity_torque(with_payload(arm, Payload(2.0)), motion.q),
                    gravity_torque(arm, motion.q))
     tau += NOISE * np.random.default_rng(seed).standard_normal(tau.shape)
     return JointSamples.single_run(arm.joints, motion.t, motion.q, motion.qd, tau, start=start)
 
 
-def test_gravity_is_that_of_the_end():
+def test_gravity_includes_the_last_payload():
     samples = recorded(120.0, 0.0, 1.7e9, 60.0, 1)
     before = fit(samples).model
     result = refit(samples, before, requests(['payload_change'], before.joints))
     assert not result.implausible
     later = recorded(100.0, 300.0, 1.7e9 + 1000.0, 0.0, 2)
-    for wrong in (samples.tau - predict_torque(result.model, samples),
-                  later.tau - predict_torque(result.model, later),
-                  later.tau - result.model.predict(later.q)):
-        assert np.sqrt((wrong ** 2).mean(axis=0)).max() < 1.5 * NOISE
+    for residual in (samples.tau - predict_torque(result.model, samples),
+                     later.tau - predict_torque(result.model, later),
+                     later.tau - result.model.predict(later.q)):
+        assert np.sqrt((residual ** 2).mean(axis=0)).max() < 1.5 * NOISE

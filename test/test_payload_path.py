@@ -1,4 +1,4 @@
-"""The first payload shows how a load travels along an arm of unknown lengths."""
+"""Payload path: the first payload determines the direction of later changes."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def samples(arm, seed, start, duration, payload=None):
 
 @pytest.fixture(scope='module', params=[0, 1, 2])
 def learned(request):
-    """Return an arm, its seed, its model without a load, and the one with the first payload."""
+    """Return an arm, its seed, and its models without payload and with the first one."""
     seed = request.param
     arm = generated_arm(seed, right_angles=True)
     bare = fit(samples(arm, seed, 0.0, 100.0), FitOptions('chain')).model
@@ -35,11 +35,11 @@ def learned(request):
 def error(model, arm, payload):
     q = np.random.default_rng(3).uniform(model.coverage.q_min, model.coverage.q_max,
                                          (500, arm.n_joints))
-    wrong = model.predict(q) - gravity_torque(with_payload(arm, payload), q)
-    return np.sqrt((wrong ** 2).mean(axis=0)).max()
+    difference = model.predict(q) - gravity_torque(with_payload(arm, payload), q)
+    return np.sqrt((difference ** 2).mean(axis=0)).max()
 
 
-def test_the_path_acts_like_the_payload(learned):
+def test_the_path_has_the_torque_of_the_payload(learned):
     arm, _, bare, first = learned
     assert bare.payload_path is None
     box = np.stack([bare.coverage.q_min, bare.coverage.q_max])
@@ -52,16 +52,16 @@ def test_the_path_acts_like_the_payload(learned):
     assert np.sqrt(((change - true) ** 2).mean(axis=0)).max() < 0.2
 
 
-def test_the_next_payload_takes_less_motion(learned):
+def test_the_next_payload_requires_less_motion(learned):
     arm, seed, _, first = learned
-    few = samples(arm, seed, 160.0, 8.0, SECOND)
-    found = update(first, few).model
-    assert error(found, arm, SECOND) < 0.35
-    plain = update(replace(first, payload_path=None), few).model
-    assert error(found, arm, SECOND) < 1.1 * error(plain, arm, SECOND) + 0.02
+    short = samples(arm, seed, 160.0, 8.0, SECOND)
+    updated = update(first, short).model
+    assert error(updated, arm, SECOND) < 0.35
+    without_path = update(replace(first, payload_path=None), short).model
+    assert error(updated, arm, SECOND) < 1.1 * error(without_path, arm, SECOND) + 0.02
 
 
-def test_the_larger_change_is_kept_and_goes_through_a_file(learned, tmp_path):
+def test_the_larger_change_is_kept_and_saved(learned, tmp_path):
     arm, seed, bare, first = learned
     second = update(first, samples(arm, seed, 160.0, 20.0, SECOND)).model
     np.testing.assert_array_equal(second.payload_path.weights, first.payload_path.weights)
@@ -69,5 +69,5 @@ def test_the_larger_change_is_kept_and_goes_through_a_file(learned, tmp_path):
     read = load_model(tmp_path / 'm.json')
     np.testing.assert_array_equal(read.payload_path.indices, second.payload_path.indices)
     np.testing.assert_array_equal(read.payload_path.weights, second.payload_path.weights)
-    # What is no more than noise teaches nothing.
+    # A change within the noise is not kept.
     assert payload_path(bare, update(bare, samples(arm, seed, 100.0, 20.0)).model) is None

@@ -191,7 +191,7 @@ def test_files_without_a_trajectory(tmp_path, name, text):
 
 def test_a_trajectory_is_checked():
     one = np.zeros((2, 1))
-    with pytest.raises(DataError, match='times increase'):
+    with pytest.raises(DataError, match='increasing times'):
         Trajectory(('a',), np.zeros(2), one, one, one)
     with pytest.raises(DataError, match='qd has shape'):
         Trajectory(('a',), np.arange(2.0), one, np.zeros((2, 2)), one)

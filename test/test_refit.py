@@ -40,23 +40,23 @@ def values(model, target):
 
 
 @pytest.mark.parametrize('formulation', ['per_joint', 'potential', 'chain'])
-def test_every_formulation_stays_what_it_is(formulation):
+def test_a_refit_keeps_the_formulation(formulation):
     model = fitted(formulation)
-    made = added(model, *FRICTION).model
-    assert made.formulation == formulation and (made.chain is None) == (model.chain is None)
+    result = added(model, *FRICTION).model
+    assert result.formulation == formulation and (result.chain is None) == (model.chain is None)
     if formulation == 'per_joint':
-        assert made.energy is None
+        assert result.energy is None
     else:
         q = two_links(9).q
-        torque = np.column_stack([_slope(made, q, n) for n in range(2)])
-        np.testing.assert_allclose(made.predict(q), torque, atol=1e-6)
-        assert (made.predict_std(q) > 0.0).all()
-    assert values(made, FRICTION[0])['F_c'] == pytest.approx(COULOMB, abs=0.05)
-    assert values(made, FRICTION[1])['F_v'] == pytest.approx(VISCOUS, rel=0.1)
+        torque = np.column_stack([_slope(result, q, n) for n in range(2)])
+        np.testing.assert_allclose(result.predict(q), torque, atol=1e-6)
+        assert (result.predict_std(q) > 0.0).all()
+    assert values(result, FRICTION[0])['F_c'] == pytest.approx(COULOMB, abs=0.05)
+    assert values(result, FRICTION[1])['F_v'] == pytest.approx(VISCOUS, rel=0.1)
 
 
 def _slope(model, q, joint):
-    """Return d U / d q of a joint from energies alone: the torques must have a potential."""
+    """Return d U / d q of a joint from energies: the torques must have a potential."""
     from gravity_comp_ros.models.sparse import dictionary
     step = np.zeros(q.shape[1])
     step[joint] = 1e-5
@@ -65,38 +65,38 @@ def _slope(model, q, joint):
     return (energy[1] - energy[0]) / 2e-5
 
 
-def test_a_setting_is_found_by_the_training_part():
-    # 0.8 N·m more at creeping speed, which is gone beyond 0.03 rad/s.
+def test_nonlinear_parameters_are_fitted_to_training_data():
+    # 0.8 N·m more at creeping speed, which decays at about 0.03 rad/s.
     extra = 0.8 * np.exp(-(SAMPLES.qd[:, 0] / 0.03) ** 2) * np.tanh(SAMPLES.qd[:, 0] / 0.005)
     tau = SAMPLES.tau + np.column_stack([extra, np.zeros(len(extra))])
     samples = replace(SAMPLES, tau=tau)
-    made = added(fitted(samples=samples), *FRICTION, 'stribeck_friction:shoulder',
-                 samples=samples)
-    effect = made.model.applied.effects[-1]
+    result = added(fitted(samples=samples), *FRICTION, 'stribeck_friction:shoulder',
+                   samples=samples)
+    effect = result.model.applied.effects[-1]
     assert effect.setting['speed'] == pytest.approx(0.03, rel=0.35)
     assert effect.coefficients['F_s'].value == pytest.approx(0.8, rel=0.25)
-    # The width over which the sign turns is told with Stribeck's hump in the way.
-    assert made.errors['shoulder'].after < 1.5 * NOISE
+    # The width of the friction sign is identified in spite of Stribeck friction.
+    assert result.errors['shoulder'].after < 1.5 * NOISE
 
 
-def test_before_and_after_are_of_samples_that_were_not_fitted():
-    # What is not there must not seem to help; fitted errors would fall every time.
+def test_errors_before_and_after_are_held_out():
+    # An absent effect must not seem to help; errors on fitted samples would always fall.
     tries = [added(MODEL, 'joint_spring:elbow', 'inertia:elbow',
                    samples=concatenate([two_links(10 + k), two_links(30 + k)])) for k in range(5)]
     assert all(t.errors['elbow'].after > 0.97 * t.errors['elbow'].before for t in tries)
 
 
-def test_rows_that_are_held_out_have_no_influence():
+def test_unused_samples_have_no_influence():
     use = SAMPLES.runs == 0
     spoilt = replace(SAMPLES, tau=np.where(use[:, None], SAMPLES.tau, 0.0))
-    # The direction of motion is told from all samples; with it fixed, nothing else may enter.
+    # The direction of motion uses all samples; everything else only those in use.
     a = added(MODEL, 'torque_offset:elbow', samples=SAMPLES, use=use).model
     b = added(MODEL, 'torque_offset:elbow', samples=spoilt, use=use).model
     assert values(a, 'torque_offset:elbow') == values(b, 'torque_offset:elbow')
     np.testing.assert_array_equal(a.energy.weights, b.energy.weights)
 
 
-def test_only_slow_samples_count_unless_told_otherwise():
+def test_slow_samples_are_fitted_by_default():
     fast = two_links(3)
     fast = JointSamples.single_run(JOINTS, fast.t / 3, fast.q, 3 * fast.qd, fast.tau, 'fast')
     samples = concatenate([SAMPLES, fast])
@@ -109,30 +109,30 @@ def test_only_slow_samples_count_unless_told_otherwise():
     assert few.n_samples == int((np.abs(samples.qd) <= 0.1).all(axis=1).sum())
 
 
-def test_an_effect_that_a_recording_does_not_show_stays_as_it_was():
-    made = added(MODEL, *FRICTION).model
+def test_an_effect_that_a_recording_does_not_excite_is_kept():
+    result = added(MODEL, *FRICTION).model
     still = two_links(5, one_way=True)
-    later = added(made, 'torque_offset:elbow', samples=still)
+    later = added(result, 'torque_offset:elbow', samples=still)
     assert FRICTION[0] in later.kept
-    assert values(later.model, FRICTION[0]) == values(made, FRICTION[0])
-    # What remains of the recording is not blamed on anything else.
+    assert values(later.model, FRICTION[0]) == values(result, FRICTION[0])
+    # No other term absorbs its torque.
     assert later.errors['elbow'].after < 1.2 * NOISE
 
 
-def test_predictions_take_nothing_from_measured_torque():
-    made = added(MODEL, *FRICTION, 'torque_offset:elbow').model
+def test_predictions_are_independent_of_measured_torque():
+    result = added(MODEL, *FRICTION, 'torque_offset:elbow').model
     samples = two_links(7)
     blind = replace(samples, tau=np.zeros_like(samples.tau))
-    np.testing.assert_array_equal(predict_torque(made, samples), predict_torque(made, blind))
-    np.testing.assert_allclose(predict_torque(made, samples) - made.predict(samples.q),
-                               effect_torque(made, samples))
+    np.testing.assert_array_equal(predict_torque(result, samples), predict_torque(result, blind))
+    np.testing.assert_allclose(predict_torque(result, samples) - result.predict(samples.q),
+                               effect_torque(result, samples))
     turned = samples.joints(JOINTS[::-1])
-    np.testing.assert_array_equal(predict_torque(made, turned), predict_torque(made, samples))
+    np.testing.assert_array_equal(predict_torque(result, turned), predict_torque(result, samples))
 
 
-def test_what_a_model_has_is_not_diagnosed_again():
-    made = added(MODEL, *FRICTION).model
-    names = {f.effect for f in diagnose(SAMPLES, made).findings if f.joint == 'shoulder'}
+def test_effects_of_a_model_are_not_diagnosed_again():
+    result = added(MODEL, *FRICTION).model
+    names = {f.effect for f in diagnose(SAMPLES, result).findings if f.joint == 'shoulder'}
     assert not names & {'coulomb_friction', 'viscous_friction'}
 
 
@@ -141,14 +141,14 @@ def test_rows_of_finds_every_sample_of_a_selection():
     np.testing.assert_array_equal(rows_of(SAMPLES, SAMPLES.select(keep)), np.flatnonzero(keep))
 
 
-def test_a_chain_holds_a_tilt_already():
+def test_a_chain_includes_the_tilt_of_its_base():
     with pytest.raises(DataError, match='first axis'):
         added(fitted('chain'), 'base_tilt')
 
 
-def test_requests_name_what_was_meant():
-    found = requests(['viscous_friction', 'base_tilt'], JOINTS)
-    assert [(r.target, r.named) for r in found] == [
+def test_requests_are_expanded_and_corrected():
+    parsed = requests(['viscous_friction', 'base_tilt'], JOINTS)
+    assert [(r.target, r.named) for r in parsed] == [
         ('viscous_friction:shoulder', False), ('viscous_friction:elbow', False),
         ('base_tilt', True)]
     with pytest.raises(OptionError, match='did you mean encoder_offset'):
@@ -176,7 +176,7 @@ def test_files_keep_effects_and_history(tmp_path):
         load_model(tmp_path / 'm.json')
 
 
-def test_a_model_of_gravity_alone_is_written_as_before(tmp_path):
+def test_a_model_without_effects_has_file_version_1(tmp_path):
     save_model(tmp_path / 'm.json', MODEL)
     document = json.loads((tmp_path / 'm.json').read_text())
     assert document['version'] == 1 and 'applied' not in document['model']
@@ -196,6 +196,6 @@ ONE = AppliedEffect('x', 'elbow', {}, {'b': Value(1.0, 'N·m', (0.9, 1.1))})
     lambda: replace(MODEL, applied=Applied((ONE,), {'width': np.ones(3)})),
     lambda: replace(MODEL, applied=Applied((replace(ONE, joint='knee'),), {'width': np.ones(2)})),
 ])
-def test_effects_that_make_no_sense_are_refused(make):
+def test_invalid_effects_are_refused(make):
     with pytest.raises(DataError):
         make()

@@ -1,4 +1,4 @@
-"""JointSamples: what is refused, what cannot be edited, how sets are cut and joined."""
+"""JointSamples: validation, immutability, selection and concatenation."""
 
 from dataclasses import FrozenInstanceError
 
@@ -34,7 +34,7 @@ def with_value(field: str, place, value) -> np.ndarray:
     return array
 
 
-def test_a_single_run_holds_what_it_was_given():
+def test_a_single_run_contains_the_given_values():
     samples = JointSamples.single_run(['x'], [0, 1], [[1], [2]], [[3], [4]], [[5], [6]], 'r')
     assert samples.names == ('x',) and samples.run_labels == ('r',)
     assert (samples.n_samples, len(samples), samples.n_joints, samples.n_runs) == (2, 2, 1, 1)
@@ -64,7 +64,7 @@ def test_a_single_run_holds_what_it_was_given():
     ({'t': np.array([0.0, 0.1, 0.1, 0.2, 0.3])}, r'time does not increase at sample 2 \(run r'),
     ({'t': np.array([0.0, 0.1, 0.2, 0.3, 0.2])}, 'time does not increase at sample 4'),
 ])
-def test_what_makes_no_sense_is_refused_in_one_line(changes, words):
+def test_invalid_samples_are_refused_in_one_line(changes, words):
     with pytest.raises(DataError, match=words) as caught:
         edited(**changes)
     assert '\n' not in str(caught.value)
@@ -97,7 +97,7 @@ def test_the_callers_array_is_not_the_samples_array():
     assert q.flags.writeable and samples.q[0, 0] == 0.0 and samples.tau[0, 0] == 0.0
 
 
-def test_a_read_only_view_of_a_writable_array_is_not_trusted():
+def test_a_read_only_view_of_a_writable_array_is_copied():
     q = np.zeros((2, 1))
     view = q.view()
     view.flags.writeable = False
@@ -110,33 +110,33 @@ def test_select_by_mask_and_by_number():
     samples = some(6)
     mask = np.array([True, False, True, False, False, True])
     for keep in (mask, np.flatnonzero(mask)):
-        chosen = samples.select(keep)
-        np.testing.assert_array_equal(chosen.t, samples.t[mask])
-        np.testing.assert_array_equal(chosen.tau, samples.tau[mask])
-        assert chosen.run_labels == samples.run_labels
+        selected = samples.select(keep)
+        np.testing.assert_array_equal(selected.t, samples.t[mask])
+        np.testing.assert_array_equal(selected.tau, samples.tau[mask])
+        assert selected.run_labels == samples.run_labels
 
 
 def test_select_keeps_labels_of_runs_that_lose_all_samples():
     samples = concatenate([some(3, label='x'), some(3, label='y')])
-    chosen = samples.select(samples.runs == 1)
-    assert chosen.run_labels == ('x', 'y') and [len(p) for p in chosen.each_run()] == [0, 3]
+    selected = samples.select(samples.runs == 1)
+    assert selected.run_labels == ('x', 'y') and [len(p) for p in selected.each_run()] == [0, 3]
 
 
-def test_joints_are_chosen_and_ordered_by_name():
+def test_joints_are_selected_and_ordered_by_name():
     samples = some()
-    chosen = samples.joints(['c', 'a'])
-    assert chosen.names == ('c', 'a')
+    selected = samples.joints(['c', 'a'])
+    assert selected.names == ('c', 'a')
     for field in ('q', 'qd', 'tau'):
-        np.testing.assert_array_equal(getattr(chosen, field),
+        np.testing.assert_array_equal(getattr(selected, field),
                                       getattr(samples, field)[:, [2, 0]])
 
 
-def test_a_joint_that_is_not_there():
+def test_a_missing_joint_is_refused():
     with pytest.raises(ModelMismatchError, match='no joint z in the data; it has a, b, c'):
         some().joints(['a', 'z'])
 
 
-def test_run_is_a_set_of_its_own():
+def test_run_returns_a_single_run():
     samples = concatenate([some(2, label='x'), some(4, label='y', seed=1)])
     second = samples.run(1)
     assert second.run_labels == ('y',) and set(second.runs) == {0}
@@ -158,14 +158,14 @@ def test_runs_of_different_robots_are_refused(names):
         concatenate([some(2, label='x'), some(2, names=names, label='y')])
 
 
-def test_nothing_to_join():
+def test_concatenate_without_parts_is_refused():
     with pytest.raises(DataError, match='no samples to join'):
         concatenate([])
 
 
 @settings(max_examples=50, deadline=None)
 @given(counts=st.lists(st.integers(0, 6), min_size=1, max_size=5))
-def test_joining_and_cutting_undo_each_other(counts):
+def test_each_run_reverses_concatenate(counts):
     parts = [some(count, label=f'r{k}', seed=k) for k, count in enumerate(counts)]
     joined = concatenate(parts)
     assert len(joined) == sum(counts)

@@ -8,7 +8,7 @@ from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, open_ways, turned, way_of
+from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, axis_sign_options, turned, way_of
 from gravity_comp_ros.effects.motion import accelerations, build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
@@ -105,7 +105,7 @@ def test_two_vertical_axes_have_independent_signs():
     chain = chain_of(arm)
     q, speed, rate = drawn(6, 300, 1)
     truth = of_motion(arm, q, speed, rate).ravel()
-    every, right = open_ways(chain, q), (way_of(chain), way_of(chain, 1))
+    every, right = axis_sign_options(chain, q), (way_of(chain), way_of(chain, 1))
     assert len(every) == 4 and right in every
     for start in (*(turned(chain, ways) for ways in every), mirrored(chain)):
         assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
@@ -118,8 +118,8 @@ def test_two_vertical_axes_have_independent_signs():
 
 def test_a_horizontal_second_axis_has_no_unknown_sign():
     chain, q = chain_of(ARMS['six_axis']()), drawn(6, 50, 0)[0]
-    assert open_ways(chain, q) == [(1.0,), (-1.0,)]
-    assert open_ways(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
+    assert axis_sign_options(chain, q) == [(1.0,), (-1.0,)]
+    assert axis_sign_options(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
 
 
 def mirrored(chain):

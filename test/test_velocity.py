@@ -1,4 +1,4 @@
-"""Differentiated velocities: no delay, nothing across gaps, no amplified noise."""
+"""Differentiation of positions: no delay, no leakage across gaps, little noise."""
 
 from gravity_comp_ros.data.differentiation import differentiate, DifferentiationOptions
 from gravity_comp_ros.errors import DataError, OptionError
@@ -9,13 +9,13 @@ import pytest
 
 @pytest.mark.parametrize(('rate', 'omega', 'error'), [
     (1000, 2 * np.pi, 0.005), (125, 2 * np.pi, 0.005), (30, 4.0, 0.003), (5, 0.25, 0.001)])
-def test_sine_at_usual_rates(rate, omega, error):
+def test_sine_at_common_rates(rate, omega, error):
     t = np.arange(0, 20, 1 / rate)
     speed = differentiate(t, np.sin(omega * t)[:, None])[:, 0]
-    wrong = np.abs(speed - omega * np.cos(omega * t)) / omega
+    deviation = np.abs(speed - omega * np.cos(omega * t)) / omega
     inner = (t > 0.5) & (t < t[-1] - 0.5)
-    assert wrong[inner].max() < error
-    assert wrong.max() < 12 * error
+    assert deviation[inner].max() < error
+    assert deviation.max() < 12 * error
 
 
 def test_no_delay():
@@ -36,13 +36,13 @@ def test_straight_line_is_exact_at_any_sampling(slope, offset, seed, count):
 
 
 @pytest.mark.parametrize(('count', 'rate'), [(5, 50.0), (40, 50.0), (500, 200.0)])
-def test_it_is_a_filter_of_savitzky_and_golay(count, rate):
+def test_the_filter_is_that_of_savitzky_and_golay(count, rate):
     from scipy.signal import savgol_filter
     t = np.arange(count) / rate
     q = np.random.default_rng(count).standard_normal((count, 3))
     length = min(max(2 * round(0.1 * rate) + 1, 5), count)
-    wanted = savgol_filter(q, length, 3, deriv=1, delta=1.0 / rate, axis=0)
-    np.testing.assert_allclose(differentiate(t, q), wanted, atol=1e-9)
+    expected = savgol_filter(q, length, 3, deriv=1, delta=1.0 / rate, axis=0)
+    np.testing.assert_allclose(differentiate(t, q), expected, atol=1e-9)
 
 
 def test_noise_of_the_encoder_stays_small():
@@ -51,7 +51,7 @@ def test_noise_of_the_encoder_stays_small():
     assert differentiate(t, noise).std() < 0.001  # plain differences would give 0.14 rad/s
 
 
-def test_nothing_leaks_across_a_gap():
+def test_no_leakage_across_a_gap():
     t = np.concatenate([np.arange(100), 1000 + np.arange(100)]) / 100
     q = np.concatenate([t[:100], 50 - 2 * t[100:]])[:, None]
     speed = differentiate(t, q)[:, 0]
@@ -59,14 +59,14 @@ def test_nothing_leaks_across_a_gap():
     np.testing.assert_allclose(speed[100:], -2, atol=1e-9)
 
 
-def test_sample_alone_between_gaps_is_unknown():
+def test_a_single_sample_between_gaps_has_no_velocity():
     t = np.concatenate([np.arange(20) / 10, [50.0], 100 + np.arange(20) / 10])
     speed = differentiate(t, t[:, None])[:, 0]
     assert np.isnan(speed[20])
     np.testing.assert_allclose(np.delete(speed, 20), 1)
 
 
-def test_too_short_for_a_speed():
+def test_too_few_samples_have_no_velocity():
     assert np.isnan(differentiate([1.0], [[2.0]])).all()
     assert differentiate([], np.empty((0, 2))).shape == (0, 2)
 
@@ -74,12 +74,12 @@ def test_too_short_for_a_speed():
 @pytest.mark.parametrize(('t', 'q'), [
     ([0.0, 1.0], [[1.0]]), ([0.0, 0.0], [[1.0], [2.0]]), ([1.0, 0.0], [[1.0], [2.0]]),
     ([0.0, 1.0], [1.0, 2.0])])
-def test_wrong_input(t, q):
+def test_invalid_input_is_refused(t, q):
     with pytest.raises(DataError, match='cannot differentiate'):
         differentiate(t, q)
 
 
 @pytest.mark.parametrize('bad', [{'window': 0}, {'window': float('nan')}, {'gap': 1}])
-def test_wrong_options(bad):
+def test_invalid_options_are_refused(bad):
     with pytest.raises(OptionError):
         DifferentiationOptions(**bad)

@@ -63,7 +63,7 @@ def paths(tmp_path_factory):
 
 
 def silent(stage, share):
-    """Tell nobody."""
+    """ProgressCallback nobody."""
 
 
 def do_next(session, bench, job=None):
@@ -267,7 +267,7 @@ def test_what_is_doubtful_of_a_model_stays_in_sight(paths, tmp_path):
         assert not one.trouble
         useless, = one.session.stage.warnings
         assert useless in html.unescape(status_html(one))
-        assert 'does not fall by more than chance' in useless
+        assert 'does not decrease significantly' in useless
         one.undo()
         shown = html.unescape(status_html(one))
         assert doubt in shown and useless not in shown

@@ -1,4 +1,4 @@
-"""Tasks of worker processes that tests start."""
+"""Tasks of worker processes in tests."""
 
 import time
 
@@ -6,18 +6,18 @@ from gravity_comp_ros.errors import DataError
 
 
 def doing():
-    """Return what does a job: a word, and what it is about."""
-    def work(job, tell):
-        word, about = job
+    """Return a job function; a job is a word and a value."""
+    def work(job, report):
+        word, value = job
         if word == 'sleep':
-            tell('sleeping', 0.5)
-            time.sleep(about)
+            report('sleeping', 0.5)
+            time.sleep(value)
         elif word == 'refuse':
-            raise DataError(about)
+            raise DataError(value)
         elif word == 'break':
-            raise KeyError(about)
+            raise KeyError(value)
         elif word == 'length':
-            return len(about)
+            return len(value)
         return word
 
     return work

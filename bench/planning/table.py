@@ -46,11 +46,11 @@ def settled(results: Sequence[dict[str, Any]]) -> str:
     rows = [(name, [r for r in results if _group(r) == name]) for name in groups]
     reported = [r for r in results if r.get('left') in OPEN]
     for name, cases in [*rows, ('all', list(results)), ('all reported open', reported)]:
-        unsettled = [r for r in cases if r['ways']]
-        counts = [sum(_is_right(r, way) for r in unsettled) for way in ways]
-        counts.append(sum(_is_right(r, advised(r)) for r in unsettled))
+        instability = [r for r in cases if r['ways']]
+        counts = [sum(_is_right(r, way) for r in instability) for way in ways]
+        counts.append(sum(_is_right(r, advised(r)) for r in instability))
         at_first = sum(r.get('before') == 'right' for r in cases)
-        lines.append(f'| {name} | {len(cases)} | {at_first} | {len(unsettled)} | '
+        lines.append(f'| {name} | {len(cases)} | {at_first} | {len(instability)} | '
                      + ' | '.join(map(str, counts)) + ' |')
     return '\n'.join(lines)
 

@@ -12,7 +12,7 @@ from gravity_comp_ros.data.gate import GateOptions
 from gravity_comp_ros.description.joint_order import AS_RECORDED, joint_order, JointOrder, TORQUES
 from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.estimation.fit import FitOptions, FitResult
-from gravity_comp_ros.estimation.joint_order_search import order_of_torques
+from gravity_comp_ros.estimation.joint_order_search import joint_order_from_torques
 from gravity_comp_ros.estimation.refit import RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.models.gravity_model import GravityModel
@@ -150,7 +150,7 @@ def order_by_torques(recording: Recording, result: FitResult) -> JointOrder | No
     chain = result.report.chain
     if chain is not None and chain.clean:
         return None
-    joints = order_of_torques(with_enough_motion(recording).slow)
+    joints = joint_order_from_torques(with_enough_motion(recording).slow)
     return None if joints is None else JointOrder(joints, TORQUES)
 
 

@@ -52,7 +52,7 @@ def fit(recording: Recording, *, formulation: str | None = None,
     learned = learn(recording, options, tuple(effects), progress=progress)
     result = learned.result
     for warning in filter(None, (learned.arm.axes.problem, joint_order_warning(learned))):
-        result = result.warned(warning)
+        result = result.with_warning(warning)
     return Model(result.model)
 
 

@@ -27,7 +27,7 @@ from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.refit import refit, RefitOptions
 from gravity_comp_ros.estimation.refit_result import Refit
 from gravity_comp_ros.estimation.regression import recorded_accelerations
-from gravity_comp_ros.estimation.settled import unsettled
+from gravity_comp_ros.estimation.subset_stability import instability
 from gravity_comp_ros.estimation.update import update, UpdateResult
 from gravity_comp_ros.evaluation.compare import compare, Comparison
 from gravity_comp_ros.models.gravity_model import GravityModel, UPDATED
@@ -68,9 +68,9 @@ def fit_model(recording: Recording, options: FitOptions = FitOptions(),
         qdd = recorded_accelerations(recording.samples, slow)
         result, refitted = fit_gravity(slow, options, progress, qdd), None
         warning = _convergence_warning(slow, result, options, qdd)
-        result = result.warned(warning) if warning else result
+        result = result.with_warning(warning) if warning else result
     if recording.ungated:
-        result = result.warned(recording.ungated)
+        result = result.with_warning(recording.ungated)
     holdout = recording.holdout
     provenance = {**result.model.provenance, **recording.to_json(),
                   'holdout': holdout.to_json(recording.reports) if holdout else None}
@@ -90,7 +90,7 @@ def _convergence_warning(samples: JointSamples, result: FitResult, options: FitO
         part_qdd = None if qdd is None else qdd[rows_of(samples, part)]
         return fit_gravity(part, options, qdd=part_qdd).model
 
-    change = unsettled(result.model, samples, noise, fit_part)
+    change = instability(result.model, samples, noise, fit_part)
     return '' if change is None else f'{change}. Record more motion'
 
 

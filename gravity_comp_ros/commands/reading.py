@@ -12,7 +12,7 @@ from gravity_comp_ros.api.steps import MIN_SLOW_SAMPLES, with_enough_motion
 from gravity_comp_ros.commands.arguments import gate, read_options
 from gravity_comp_ros.commands.terminal import ProgressCallback
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.estimation.regression import uneven
+from gravity_comp_ros.estimation.regression import excites_inertia
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.printable import counted
 from gravity_comp_ros.recordings.bag import ReadReport
@@ -43,7 +43,7 @@ def load_enough(args: argparse.Namespace, report: ProgressCallback,
         with suppress(DataError):
             slow = read_slow(args.bags, read_options(args), gate(args), report)
             # Slow samples that start and stop quickly need what lies between them.
-            if slow.samples.n_samples >= MIN_SLOW_SAMPLES and not uneven(slow.samples):
+            if slow.samples.n_samples >= MIN_SLOW_SAMPLES and not excites_inertia(slow.samples):
                 return slow
     return with_enough_motion(load(args, report))
 

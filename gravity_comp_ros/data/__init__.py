@@ -1,1 +1,1 @@
-"""Samples of motion: the slow-motion gate, the sample buffer, hold-out, differentiation."""
+"""Motion samples: slow-motion gate, sample buffer, hold-out, differentiation."""

@@ -1,12 +1,12 @@
 """
-Fewer samples that say the same: means over short stretches of the path.
+Condensed samples: means over short stretches of the path.
 
-What a fit needs grows with the poses and directions of motion that a recording has, not with its
-length. The path length s = sum over samples of max_n |dq_n| is cut into stretches of equal travel,
-each replaced by the means of its samples. A mean is exact for everything that is linear in
-coefficients; gravity bends by no more than travel^2 / 24 of its second derivative within a
-stretch. Where stretches of the longest travel are still too many, every k-th is taken, so that
-the poses stay evenly spread along the path.
+The information in a recording grows with its poses and directions of motion, not with its length.
+The path length s = sum over samples of max_n |dq_n| is divided into stretches of equal travel,
+each replaced by the means of its samples. This is exact for linear terms, whose columns are
+averaged as well; the error in gravity, evaluated at the mean pose, is at most travel^2 / 24 times
+its second derivative. If there are too many stretches of the longest travel, every k-th is used,
+so the poses stay evenly spread along the path.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ import numpy as np
 @dataclass(frozen=True)
 class CondenseOptions:
     """
-    At most `most` stretches, each at most `travel` rad long, at least `rest` rad.
+    Limits of condensing: number of stretches, and travel of a stretch in rad.
 
     :raises OptionError: if a value is out of range.
     """
 
-    most: int = 1000
-    travel: float = 0.02
-    rest: float = 2e-3
+    max_stretches: int = 1000
+    max_travel: float = 0.02
+    min_travel: float = 2e-3
 
     def __post_init__(self) -> None:
-        if self.most < 10:
-            raise OptionError(f'condense: at most {self.most} stretches; ask for 10 or more')
-        if not 0.0 < self.rest <= self.travel < np.inf:
-            raise OptionError(f'condense: rest {self.rest} rad and travel {self.travel} rad; both '
-                              f'must be positive, travel no less than rest')
+        if self.max_stretches < 10:
+            raise OptionError(f'condense: max_stretches is {self.max_stretches}; it must be 10 or '
+                              f'more')
+        if not 0.0 < self.min_travel <= self.max_travel < np.inf:
+            raise OptionError(f'condense: travel of {self.min_travel} to {self.max_travel} rad; '
+                              f'both must be positive, the second no smaller than the first')
 
 
 @dataclass(frozen=True, eq=False)
 class Condensation:
-    """The stretches of M samples: where each begins, and how many samples it has (m,)."""
+    """The stretches of M samples: first sample (m,) and number of samples (m,) of each."""
 
     first: IntArray
     count: IntArray
@@ -48,7 +49,7 @@ class Condensation:
 
     @property
     def is_identity(self) -> bool:
-        """Return whether every sample is a stretch by itself."""
+        """Return whether every stretch is a single sample."""
         return len(self.first) == self.n_samples
 
     def mean(self, values: FloatArray) -> FloatArray:
@@ -58,7 +59,7 @@ class Condensation:
         if int(self.count.sum()) == self.n_samples:
             total = np.add.reduceat(values, self.first, axis=0)
         else:
-            # Pairs of begin and end; every second sum is of samples between stretches.
+            # Pairs of begin and end; every second sum is of samples between two stretches.
             ends = self.first + self.count
             bounds = np.column_stack([self.first, ends]).ravel()
             padded = np.concatenate([values, np.zeros((1, *values.shape[1:]))])
@@ -66,7 +67,7 @@ class Condensation:
         return np.asarray(total / self.count.reshape(-1, *[1] * (values.ndim - 1)))
 
     def samples(self, samples: JointSamples) -> JointSamples:
-        """Return the stretches as samples; time is that of the middle."""
+        """Return the means of samples over stretches, time included."""
         if self.is_identity:
             return samples
         return JointSamples(samples.names, self.mean(samples.t), self.mean(samples.q),
@@ -75,7 +76,7 @@ class Condensation:
 
 
 def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()) -> Condensation:
-    """Return stretches of the samples; few samples stay as they are unless the arm rests."""
+    """Return stretches of the samples; few samples of a moving arm are not merged."""
     m = samples.n_samples
     if m == 0:
         return Condensation(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), 0)
@@ -83,10 +84,11 @@ def condense(samples: JointSamples, options: CondenseOptions = CondenseOptions()
     begins = np.diff(samples.runs, prepend=-1) != 0
     steps[begins] = 0.0
     path = np.cumsum(steps)
-    travel = float(np.clip(path[-1] / options.most, options.rest, options.travel))
-    place = np.floor(path / travel)
-    new = begins | (np.diff(place, prepend=-1.0) != 0.0)
+    travel = float(np.clip(path[-1] / options.max_stretches, options.min_travel,
+                           options.max_travel))
+    number = np.floor(path / travel)
+    new = begins | (np.diff(number, prepend=-1.0) != 0.0)
     first = np.flatnonzero(new)
     count = np.diff(np.append(first, m))
-    every = -(-len(first) // options.most)
+    every = -(-len(first) // options.max_stretches)
     return Condensation(first[::every], count[::every], m)

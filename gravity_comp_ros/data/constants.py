@@ -1,5 +1,5 @@
-"""Physical constants, each in one place."""
+"""Physical constants."""
 
-# ISO 80000-3, in m/s². Arms stand between 9.78 (equator) and 9.83 (poles): a weighed mass is
-# right to a quarter of a per cent without the local value.
+# ISO 80000-3, in m/s². Local values are between 9.78 (equator) and 9.83 (poles): without the local
+# value, the error of an estimated mass is at most a quarter of a per cent.
 STANDARD_GRAVITY = 9.80665

@@ -1,4 +1,4 @@
-"""Joint speed from joint position, without delay."""
+"""Joint velocity from joint position, without delay."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ _ORDER = 3
 @dataclass(frozen=True)
 class DifferentiationOptions:
     """
-    How to differentiate: cubic fits over `window` s, none across a gap.
+    Options of differentiation: cubic fits over `window` s, none across a gap.
 
     A gap is an interval longer than `gap` times the median interval. At low rates the window
     grows to five samples.
 
-    :raises OptionError: if a value makes no sense.
+    :raises OptionError: if a value is out of range.
     """
 
     window: float = 0.2
@@ -36,11 +36,11 @@ class DifferentiationOptions:
 def differentiate(t: ArrayLike, q: ArrayLike,
                   options: DifferentiationOptions = DifferentiationOptions()) -> FloatArray:
     """
-    Return the speed (M, N) in rad/s of positions `q` (M, N) in rad at times `t` (M,) in s.
+    Return the velocity (M, N) in rad/s of positions `q` (M, N) in rad at times `t` (M,) in s.
 
-    Each stretch without a gap is brought to a regular grid and fitted by a sliding cubic
-    (Savitzky and Golay), which shifts nothing in time. A sample alone between two gaps has no
-    speed that could be known: its row is NaN.
+    Each stretch without a gap is interpolated on a regular grid and fitted by a sliding cubic
+    (Savitzky and Golay), which causes no delay. The row of a single sample between two gaps is
+    NaN.
 
     :raises DataError: if shapes disagree or time does not increase.
     """
@@ -65,7 +65,7 @@ def differentiate(t: ArrayLike, q: ArrayLike,
 
 
 def _stretch(t: FloatArray, q: FloatArray, step: float, window: float) -> FloatArray:
-    """Return the speed over one stretch without a gap."""
+    """Return the velocity over one stretch without a gap."""
     if len(t) < 2:
         return np.full_like(q, np.nan)
     count = max(int(round((t[-1] - t[0]) / step)) + 1, 2)
@@ -85,14 +85,14 @@ def _sliding_slope(q: FloatArray, length: int) -> FloatArray:
     """
     Return the slope per row of cubics through `length` rows of q (M, N), an odd number.
 
-    `scipy.signal.savgol_filter` does the same, but its import takes as long as a fit.
+    `scipy.signal.savgol_filter` is equivalent, but its import takes as long as a fit.
     """
-    from scipy.ndimage import correlate1d  # time that most runs do not need to spend
+    from scipy.ndimage import correlate1d  # imported on demand: the import is slow
     half = length // 2
     powers = np.vander(np.arange(-half, half + 1.0), _ORDER + 1, increasing=True)
     cubic = np.linalg.pinv(powers)
     slope = np.asarray(correlate1d(q, cubic[1], axis=0, mode='nearest'))
-    # The first and the last cubic hold up to the ends.
+    # The first and the last cubic are used up to the ends.
     derivative = powers[:, :-1] * np.arange(1, _ORDER + 1)
     slope[:half] = (derivative @ (cubic[1:] @ q[:length]))[:half]
     slope[-half:] = (derivative @ (cubic[1:] @ q[-length:]))[-half:]

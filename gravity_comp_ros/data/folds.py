@@ -1,4 +1,4 @@
-"""Held-out parts: whole runs where there are enough, else contiguous blocks of time."""
+"""Folds for cross-validation: whole runs if there are enough, else contiguous blocks of time."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ def folds(runs: IntArray, n_folds: int = N_FOLDS) -> list[BoolArray]:
     """
     Return masks (M,) of test samples that together cover all samples once.
 
-    Neighbours in time are not independent, so no sample is judged by a model that was fitted
-    to the samples around it: a fold is one or more whole runs if there are at least three, and
-    one contiguous block out of `n_folds` otherwise.
+    Samples are autocorrelated, so a held-out sample must not be next to fitted ones: a fold is
+    one or more whole runs if there are at least three, otherwise one of `n_folds` contiguous
+    blocks.
     """
     present = np.unique(runs)
     if len(present) >= 3:

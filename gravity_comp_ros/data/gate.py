@@ -1,4 +1,4 @@
-"""The slow-motion gate: which samples hold gravity alone, by messages, blocks or whole runs."""
+"""Slow-motion gate: selection of samples without inertia, by message, by block or by run."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class GateOptions:
     Thresholds of the gate.
 
     `max_speed` in rad/s and `max_acceleration` in rad/s² are one number for all joints or one
-    per joint. Inertia only matters where speed changes quickly, so acceleration is not judged
-    unless a threshold is given; it is the mean over the last `acceleration_window` seconds or
-    more, because the difference of two neighbouring messages is mostly noise. Of the slow
-    samples one is kept in each interval of 1 / `rate_hz` seconds, all if it is None.
+    per joint. Acceleration has no limit by default. It is the mean over the last
+    `acceleration_window` seconds or more, because the difference of two consecutive messages is
+    mostly noise. One slow sample is kept in each interval of 1 / `rate_hz` seconds, all if it is
+    None.
 
-    The default speed keeps the motions of Yu 2022, Eq. (17), (up to 0.12 rad/s) whole.
+    The default speed keeps all samples of Yu 2022, Eq. (17), (up to 0.12 rad/s).
 
     :raises OptionError: if a threshold, window or rate is not a positive number.
     """
@@ -56,9 +56,9 @@ class GateOptions:
 
     def check_joints(self, n_joints: int) -> None:
         """
-        Check that thresholds per joint fit the arm.
+        Check the number of thresholds per joint.
 
-        :raises OptionError: if there is another number of thresholds than `n_joints`.
+        :raises OptionError: if it is not `n_joints`.
         """
         for name in ('max_speed', 'max_acceleration'):
             value = getattr(self, name)
@@ -68,7 +68,7 @@ class GateOptions:
 
     def limits(self, n_joints: int) -> tuple[FloatArray, FloatArray | None]:
         """
-        Return the greatest speed and, if it is judged, acceleration of each joint, (N,).
+        Return the maximum speed and acceleration (None without limit) of each joint, (N,).
 
         :raises OptionError: as `check_joints`.
         """
@@ -81,7 +81,7 @@ class GateOptions:
 
 @dataclass(frozen=True)
 class GateResult:
-    """What the gate kept of `total` samples, and how many it dropped for which reason."""
+    """The samples that the gate kept of `total`, and the number dropped by reason."""
 
     samples: JointSamples
     kept: int
@@ -91,10 +91,10 @@ class GateResult:
 
 class Gate:
     """
-    The gate message by message.
+    The gate for single messages.
 
     :param n_joints: the number N of joints.
-    :raises OptionError: if the options hold another number of thresholds.
+    :raises OptionError: if the options have another number of thresholds.
     """
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
@@ -105,7 +105,7 @@ class Gate:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: the next sample starts a new run."""
+        """Start a new run with the next sample."""
         self._recent.clear()
         self._first = math.nan
         self._last = -math.inf
@@ -113,7 +113,7 @@ class Gate:
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray) -> str | None:
         """
-        Return None if the sample passes, else the reason why not, one of `REASONS`.
+        Return None if the sample passes, else the reason, one of `REASONS`.
 
         :param t: time in s.
         :param q: positions (N,) in rad.
@@ -126,21 +126,22 @@ class Gate:
         if math.isnan(self._first):
             self._first = t
         self._last = t
-        calm = self._max_acceleration is None or self._is_calm(t, qd, self._max_acceleration)
-        if not self._slow.hold(qd):
+        limit = self._max_acceleration
+        steady = limit is None or self._is_steady(t, qd, limit)
+        if not self._slow.contain(qd):
             return FAST
-        if not calm:
+        if not steady:
             return ACCELERATING
         if self._options.rate_hz is not None:
-            # Slots centred on multiples of the period: input at the very rate that is asked
-            # for passes whole although its stamps jitter.
+            # Slots are centred on multiples of the period, so that input at the requested rate
+            # passes completely in spite of jitter in its stamps.
             slot = math.floor((t - self._first) * self._options.rate_hz + 0.5)
             if slot <= self._last_slot:
                 return RATE
             self._last_slot = slot
         return None
 
-    def _is_calm(self, t: float, qd: FloatArray, limit: FloatArray) -> bool:
+    def _is_steady(self, t: float, qd: FloatArray, limit: FloatArray) -> bool:
         recent = self._recent
         recent.append((t, np.array(qd, dtype=np.float64)))
         horizon = t - self._options.acceleration_window
@@ -154,10 +155,10 @@ class Gate:
 
 class BlockGate:
     """
-    The gate of one run block by block, so that no recording need fit in memory.
+    The gate of one run for blocks of samples, for recordings larger than memory.
 
     :param n_joints: the number N of joints.
-    :raises OptionError: if the options hold another number of thresholds.
+    :raises OptionError: if the options have another number of thresholds.
     """
 
     def __init__(self, n_joints: int, options: GateOptions = GateOptions()) -> None:
@@ -165,7 +166,7 @@ class BlockGate:
         self._max_speed, self._max_acceleration = options.limits(n_joints)
         self._first: float | None = None
         self._last_slot = -np.inf
-        # What the acceleration of the next sample may refer to.
+        # Samples within the acceleration window of the next sample.
         self._recent_t, self._recent_qd = np.zeros(0), np.zeros((0, n_joints))
         self.dropped: Counter[str] = Counter()
 
@@ -181,50 +182,50 @@ class BlockGate:
         if self._first is None:
             self._first = float(t[0])
         fast = np.any(np.abs(qd) > self._max_speed, axis=1)
-        jerky = self._jerky(t, qd) & ~fast
-        slow = np.flatnonzero(~(fast | jerky))
+        accelerating = self._accelerating(t, qd) & ~fast
+        slow = np.flatnonzero(~(fast | accelerating))
         kept = np.zeros(len(t), dtype=bool)
         kept[slow[self._one_per_slot(t[slow], self._first)]] = True
-        for reason, lost in ((FAST, fast), (ACCELERATING, jerky), (RATE, ~(fast | jerky | kept))):
-            if lost.any():
-                self.dropped[reason] += int(lost.sum())
+        for reason, dropped in ((FAST, fast), (ACCELERATING, accelerating),
+                                (RATE, ~(fast | accelerating | kept))):
+            if dropped.any():
+                self.dropped[reason] += int(dropped.sum())
         return kept
 
     def _one_per_slot(self, t: FloatArray, first: float) -> BoolArray:
         if self._options.rate_hz is None or not len(t):
             return np.ones(len(t), dtype=bool)
-        # One sample is kept in each interval.
         slots = np.floor((t - first) * self._options.rate_hz + 0.5)
         fresh = np.concatenate([[slots[0] > self._last_slot], slots[1:] > slots[:-1]])
         self._last_slot = max(self._last_slot, float(slots[-1]))
         return fresh
 
-    def _jerky(self, t: FloatArray, qd: FloatArray) -> BoolArray:
+    def _accelerating(self, t: FloatArray, qd: FloatArray) -> BoolArray:
         if self._max_acceleration is None:
             return np.zeros(len(t), dtype=bool)
         window = self._options.acceleration_window
         times = np.concatenate([self._recent_t, t])
         speeds = np.concatenate([self._recent_qd, qd])
-        found = _accelerating(times, speeds, self._max_acceleration, window)[
-            len(self._recent_t):]
+        exceeds = _accelerating(times, speeds, self._max_acceleration, window)
+        result = exceeds[len(self._recent_t):]
         begin = max(int(np.searchsorted(times, times[-1] - window, side='right')) - 1, 0)
         self._recent_t, self._recent_qd = times[begin:].copy(), speeds[begin:].copy()
-        return found
+        return result
 
 
 def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) -> GateResult:
     """
-    Return the samples that a gate, new at the start of every run, lets through.
+    Return the samples that pass the gate, which starts again with every run.
 
-    :raises OptionError: if the options hold another number of thresholds than joints.
+    :raises OptionError: if the options have another number of thresholds than joints.
     """
     options.check_joints(samples.n_joints)
     kept = np.zeros(len(samples), dtype=bool)
     dropped: Counter[str] = Counter()
     for run in range(samples.n_runs):
-        here = np.flatnonzero(samples.runs == run)
+        rows = np.flatnonzero(samples.runs == run)
         gate = BlockGate(samples.n_joints, options)
-        kept[here] = gate.offer(samples.t[here], samples.qd[here])
+        kept[rows] = gate.offer(samples.t[rows], samples.qd[rows])
         dropped += gate.dropped
     return GateResult(samples.select(kept), int(kept.sum()), len(samples),
                       {reason: dropped[reason] for reason in REASONS if dropped[reason]})
@@ -232,7 +233,7 @@ def slow_samples(samples: JointSamples, options: GateOptions = GateOptions()) ->
 
 def _accelerating(t: FloatArray, qd: FloatArray, limit: FloatArray,
                   window: float) -> BoolArray:
-    """Return which samples of a run exceed the mean acceleration `limit`."""
+    """Return the mask (M,) of samples of a run that exceed the mean acceleration `limit`."""
     then = np.searchsorted(t, t - window, side='right') - 1
     known = then >= 0
     then = np.maximum(then, 0)

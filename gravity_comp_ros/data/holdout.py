@@ -1,4 +1,4 @@
-"""Hold samples out of a fit, so that a model is judged on data that it never saw."""
+"""Hold-out of samples from a fit, for an evaluation on unseen data."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 from numpy.typing import NDArray
 
-# Two blocks, because the end of a motion alone is often like no other part of it.
+# Number of blocks of a single run: the end of a motion alone is often not representative.
 _BLOCKS = 2
 
 
 @dataclass(frozen=True)
 class HoldoutOptions:
     """
-    How much to hold out.
+    Options of the hold-out.
 
-    Of several runs whole runs are held out, the last ones, `fraction` of all but at least one.
-    Of a single run, two blocks of consecutive time are, `fraction` of its duration together:
-    neighbouring samples are alike, so scattered ones would flatter the model. Samples within
-    `guard` seconds of a block are used for nothing.
+    With several runs, the last `fraction` of the runs is held out, at least one. With a single
+    run, two blocks of consecutive time are held out, `fraction` of its duration together; samples
+    are autocorrelated, so the error on scattered ones would be too small. Samples within `guard`
+    seconds of a block are not used.
 
     :raises OptionError: if the fraction is not between 0 and 1, or the guard is negative.
     """
@@ -50,9 +50,9 @@ class Block:
 @dataclass(frozen=True)
 class Split:
     """
-    Samples to fit, samples to judge, and the `blocks` of time that the latter lie in.
+    Fitted samples, held-out samples, and the `blocks` of time of the latter.
 
-    `guarded` are the same blocks with their margins, in which nothing is fitted.
+    `guarded` are the same blocks with their margins, in which no sample is fitted.
     """
 
     fitted: JointSamples
@@ -63,7 +63,7 @@ class Split:
 
 def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> Split:
     """
-    Return samples to fit and samples to judge.
+    Divide samples into fitted and held-out ones.
 
     :raises DataError: if one of the two would be empty.
     """
@@ -80,7 +80,7 @@ def split(samples: JointSamples, options: HoldoutOptions = HoldoutOptions()) -> 
 
 
 def within(samples: JointSamples, blocks: Sequence[Block]) -> NDArray[np.bool_]:
-    """Return which samples (M,) lie in one of the blocks."""
+    """Return the mask (M,) of samples in one of the blocks."""
     inside = np.zeros(samples.n_samples, dtype=bool)
     for block in blocks:
         inside |= ((samples.runs == block.run) & (samples.t >= block.start)

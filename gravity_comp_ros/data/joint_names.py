@@ -1,4 +1,4 @@
-"""How a user names a joint: by its name, or by its number from 1."""
+"""Joint names from user input: a name, or a number from 1."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def joint_named(text: str, joints: Sequence[str]) -> str | None:
-    """Return the joint called `text`, else the one with that number, None if there is neither."""
+    """Return the joint with this name, else with this number, None if there is neither."""
     if text in joints:
         return text
     if text.isdecimal() and 1 <= int(text) <= len(joints):

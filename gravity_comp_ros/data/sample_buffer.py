@@ -1,4 +1,4 @@
-"""`SampleRing`: a bounded store that keeps diverse poses rather than the last ones."""
+"""Bounded sample buffer that keeps diverse poses instead of the latest ones."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.errors import DataError, OptionError
 import numpy as np
 
-# Two samples of one pose, one moving up and one moving down, are not alike: their difference
-# is the friction. A difference of 0.1 rad/s counts as much as one of 0.1 rad.
-SECONDS_PER_RADIAN = 1.0
+# Weight of velocity, in s, in the distance of two samples: samples of one pose with opposite
+# directions of motion differ by friction.
+VELOCITY_WEIGHT = 1.0
 
-# Below this distance in rad a sample says nothing new: it takes the place of the kept one. So
-# a ring that is not full yet counts poses, not seconds of standing still.
-SAME_POSE = 1e-3
+# Minimum distance, in rad, of a new sample that is added; a closer one replaces the kept one, so
+# that an arm at rest does not fill the buffer.
+MIN_DISTANCE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
     """
-    The poses that `n_samples` samples cover.
+    The range of poses of `n_samples` samples.
 
-    `q_min` and `q_max` (N,) in rad are NaN where there are no samples.
+    `q_min` and `q_max` (N,) in rad are NaN without samples.
     """
 
     names: tuple[str, ...]
@@ -33,11 +33,11 @@ class Coverage:
 
     @property
     def span(self) -> FloatArray:
-        """The range of every joint, (N,) in rad; 0 where there are no samples."""
+        """The range of every joint, (N,) in rad; 0 without samples."""
         return np.nan_to_num(self.q_max - self.q_min)
 
-    def lacking(self, span: float) -> tuple[str, ...]:
-        """Return the joints that have moved over less than `span` rad."""
+    def joints_below_span(self, span: float) -> tuple[str, ...]:
+        """Return the joints with a range of less than `span` rad."""
         return tuple(name for name, x in zip(self.names, self.span) if x < span)
 
 
@@ -45,11 +45,11 @@ class SampleRing:
     """
     At most `capacity` samples of N joints.
 
-    Samples are neighbours where pose and velocity are alike. A sample that is the same as a
-    kept one replaces it. Once the ring is full, every other new sample joins and then the older
-    one of the closest pair leaves: an hour of standing still replaces itself and leaves the
-    motion before it alone. Memory is O(capacity); an offer costs O(capacity · N), and as much
-    again for every sample whose nearest neighbour left.
+    The distance of two samples is that of their poses and velocities. A sample closer than
+    `MIN_DISTANCE` to a kept one replaces it. In a full buffer every other new sample is added and
+    the older one of the closest pair is removed: an arm at rest replaces its own samples, and
+    those of earlier motion stay. Memory is O(capacity); an offer costs O(capacity · N), and as
+    much again for every sample whose nearest neighbour is removed.
 
     :param names: joint names.
     :param capacity: the number of samples to keep, at least 2.
@@ -61,7 +61,7 @@ class SampleRing:
             raise OptionError(f'buffer: capacity is {capacity}; it must be at least 2')
         self._names = tuple(names)
         n = len(self._names)
-        # One row more than the capacity: the newcomer is judged as one of them.
+        # One row more than the capacity, for the new sample before one is removed.
         rows = capacity + 1
         self._capacity = capacity
         self._count = 0
@@ -85,7 +85,7 @@ class SampleRing:
 
     def offer(self, t: float, q: FloatArray, qd: FloatArray, tau: FloatArray) -> None:
         """
-        Take a sample in; where the ring is full, one leaves.
+        Add a sample; from a full buffer one is removed.
 
         A time that does not increase starts a new run.
 
@@ -97,29 +97,29 @@ class SampleRing:
         """
         sample = np.array((q, qd, tau), dtype=np.float64)
         if not (np.isfinite(sample).all() and np.isfinite(t)):
-            raise DataError('buffer: a sample is not finite; drop it before it gets here')
+            raise DataError('buffer: a sample is not finite')
         if t <= self._last:
             self._run += 1
         self._last = t
-        feature = np.concatenate((sample[0], sample[1] * SECONDS_PER_RADIAN))
+        feature = np.concatenate((sample[0], sample[1] * VELOCITY_WEIGHT))
         distances = self._distances(feature)
-        same = int(np.argmin(distances)) if self._count else -1
-        if same >= 0 and distances[same] < SAME_POSE ** 2:
-            # The feature stays: a slow creep must not carry one sample along for ever.
-            self._put(same, t, sample)
+        nearest = int(np.argmin(distances)) if self._count else -1
+        if nearest >= 0 and distances[nearest] < MIN_DISTANCE ** 2:
+            # The feature is not replaced: otherwise a slow creep would move a single sample.
+            self._put(nearest, t, sample)
             return
         row = self._count
         self._count += 1
         self._features[row] = feature
         self._put(row, t, sample)
-        self._join(row, distances)
+        self._link(row, distances)
         if self._count > self._capacity:
             first = int(np.argmin(self._near[:self._count]))
             second = int(self._nearest[first])
             self._remove(first if self._order[first] < self._order[second] else second)
 
     def samples(self) -> JointSamples:
-        """Return what the ring holds, in order of time, with runs numbered from 0."""
+        """Return the samples in order of time, with runs numbered from 0."""
         n = self._count
         order = np.lexsort((self._t[:n], self._runs[:n]))
         runs, numbers = np.unique(self._runs[:n][order], return_inverse=True)
@@ -129,7 +129,7 @@ class SampleRing:
                             values[:, 2], numbers.reshape(-1), labels, (0.0,) * len(labels))
 
     def coverage(self) -> Coverage:
-        """Return the range of every joint over the samples that the ring holds."""
+        """Return the range of every joint over the samples."""
         nothing = np.full(len(self._names), np.nan)
         if not self._count:
             return Coverage(self._names, 0, nothing, nothing)
@@ -147,8 +147,8 @@ class SampleRing:
         difference = self._features[:self._count] - feature
         return np.einsum('ij,ij->i', difference, difference)
 
-    def _join(self, row: int, distances: FloatArray) -> None:
-        """Make the newest row known; `distances` are those to the rows before it."""
+    def _link(self, row: int, distances: FloatArray) -> None:
+        """Update nearest neighbours for the newest row with `distances` to the rows before it."""
         self._near[row], self._nearest[row] = np.inf, -1
         if row == 0:
             return
@@ -168,8 +168,8 @@ class SampleRing:
         nearest = self._nearest[:last]
         nearest[nearest == last] = row
         for orphan in orphans:
-            place = row if orphan == last else int(orphan)
-            distances = self._distances(self._features[place])
-            distances[place] = np.inf
-            nearest[place] = np.argmin(distances)
-            self._near[place] = distances[nearest[place]]
+            moved = row if orphan == last else int(orphan)
+            distances = self._distances(self._features[moved])
+            distances[moved] = np.inf
+            nearest[moved] = np.argmin(distances)
+            self._near[moved] = distances[nearest[moved]]

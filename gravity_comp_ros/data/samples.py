@@ -1,4 +1,4 @@
-"""`JointSamples`: the one currency in which motion data travels through the package."""
+"""`JointSamples`: samples of joint motion, the data type of the whole package."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class JointSamples:
     M immutable samples of N joints, from one or several runs.
 
     `names` has N unique joint names; `t` (M,) is time in s, strictly increasing within a run;
-    `q` (M, N) in rad, `qd` (M, N) in rad/s and `tau` (M, N) in N·m (the torque that the drive
-    supplies: positive tau accelerates q upwards). `runs` (M,) numbers the run that each sample
-    belongs to, in non-decreasing order from 0; `run_labels` names the runs. Samples of a run
-    are in order of time. `starts` has for each run the time on one clock, in s, at which its t
-    is 0; it is empty where no such clock is known. Arrays are finite and read-only.
+    `q` (M, N) in rad, `qd` (M, N) in rad/s and `tau` (M, N) in N·m (the torque of the drive:
+    positive tau accelerates q upwards). `runs` (M,) is the run number of each sample, in
+    non-decreasing order from 0; `run_labels` are the names of the runs. Samples of a run are in
+    order of time. `starts` has for each run the time on a common clock, in s, at which its t is
+    0; it is empty without a known clock. Arrays are finite and read-only.
 
     :raises DataError: if shapes disagree, a value is not finite, names repeat, or time does
         not increase within a run.
@@ -61,16 +61,14 @@ class JointSamples:
         m, n = self.t.shape[0] if self.t.ndim == 1 else -1, len(self.names)
         for field, shape in (('t', (m,)), ('q', (m, n)), ('qd', (m, n)), ('tau', (m, n)),
                              ('runs', (m,))):
-            found = getattr(self, field).shape
-            if m < 0 or found != shape:
-                raise DataError(
-                    f'samples: {field} has shape {found}; expected {shape} for '
-                    f'{n} joints')
+            actual = getattr(self, field).shape
+            if m < 0 or actual != shape:
+                raise DataError(f'samples: {field} has shape {actual}; expected {shape} for '
+                                f'{n} joints')
         if m and (self.runs[0] < 0 or np.any(np.diff(self.runs) < 0)
                   or self.runs[-1] >= len(self.run_labels)):
-            raise DataError(
-                f'samples: run numbers must rise from 0 and stay under the '
-                f'{len(self.run_labels)} run labels')
+            raise DataError(f'samples: run numbers must rise from 0 and stay under the '
+                            f'{len(self.run_labels)} run labels')
 
     def _check_values(self) -> None:
         for field in ('t', 'q', 'qd', 'tau'):
@@ -101,16 +99,16 @@ class JointSamples:
                    () if start is None else (start,))
 
     @classmethod
-    def moment(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:
+    def single_sample(cls, names: tuple[str, ...], q: FloatArray, qd: FloatArray) -> JointSamples:
         """
-        Return one sample of q (N,) and qd (N,), without torque, for a loop of a thousand a second.
+        Return one sample of q (N,) and qd (N,), without torque, for a loop at 1 kHz.
 
-        It holds views of finite arrays, and nothing is checked.
+        It contains views of the arrays, which must be finite; there are no checks.
         """
-        made = object.__new__(cls)
-        made.__dict__.update(names=names, t=_ONE_TIME, q=q[None], qd=qd[None], runs=_ONE_RUN,
-                             tau=np.zeros((1, len(q))), run_labels=('moment',), starts=())
-        return made
+        samples = object.__new__(cls)
+        samples.__dict__.update(names=names, t=_ONE_TIME, q=q[None], qd=qd[None], runs=_ONE_RUN,
+                                tau=np.zeros((1, len(q))), run_labels=('single',), starts=())
+        return samples
 
     @property
     def n_samples(self) -> int:
@@ -129,7 +127,7 @@ class JointSamples:
 
     def select(self, keep: ArrayLike) -> JointSamples:
         """
-        Return the samples that `keep` picks, in their order; all run labels stay.
+        Return the selected samples in their order, with all run labels.
 
         :param keep: boolean mask (M,) or rising sample numbers.
         """
@@ -155,9 +153,9 @@ class JointSamples:
 
     def run(self, number: int) -> JointSamples:
         """Return the samples of one run, as a set with that single run."""
-        here = self.runs == number
-        return JointSamples(self.names, self.t[here], self.q[here], self.qd[here],
-                            self.tau[here], np.zeros(int(here.sum()), dtype=np.int64),
+        rows = self.runs == number
+        return JointSamples(self.names, self.t[rows], self.q[rows], self.qd[rows],
+                            self.tau[rows], np.zeros(int(rows.sum()), dtype=np.int64),
                             (self.run_labels[number],),
                             self.starts[number:number + 1])
 
@@ -169,9 +167,9 @@ class JointSamples:
 
 def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
     """
-    Return all samples of `parts` as one set; every run stays a run of its own.
+    Return all samples of `parts` as one set, with separate runs.
 
-    Joints are matched by name: the first part gives the order.
+    Joints are matched by name, in the order of the first part.
 
     :raises DataError: if there are no parts.
     :raises ModelMismatchError: if the joint names of two parts differ.
@@ -197,16 +195,16 @@ def concatenate(parts: Iterable[JointSamples]) -> JointSamples:
         tuple(start for p in parts for start in p.starts) if all(p.starts for p in parts) else ())
 
 
-def evenly_picked(count: int, most: int) -> IntArray:
-    """Return the numbers of at most `most` of `count` samples, evenly spaced from the first."""
-    return np.arange(0, count, -(-max(count, 1) // most))
+def evenly_picked(count: int, max_count: int) -> IntArray:
+    """Return the numbers of at most `max_count` of `count` samples, evenly spaced from 0."""
+    return np.arange(0, count, -(-max(count, 1) // max_count))
 
 
 def _joined(parts: list[NDArray]) -> NDArray:
-    """Return all parts as one array, read-only: the samples take it as it is."""
-    found = np.concatenate(parts)
-    found.flags.writeable = False
-    return found
+    """Return all parts as one read-only array, which `JointSamples` does not copy again."""
+    array = np.concatenate(parts)
+    array.flags.writeable = False
+    return array
 
 
 def _check_names(names: tuple[str, ...]) -> None:
@@ -218,9 +216,9 @@ def _check_names(names: tuple[str, ...]) -> None:
 
 
 def _frozen(values: ArrayLike, dtype: type) -> NDArray:
-    """Return a read-only array; a copy unless it is one already, so that no caller can edit."""
+    """Return a read-only array, copied unless it is read-only already."""
     array: NDArray = np.asarray(values, dtype=dtype)
-    # A read-only view may show an array that can still be edited.
+    # The base of a read-only view may still be writeable.
     if array.flags.writeable or array.base is not None:
         array = array.copy()
         array.flags.writeable = False

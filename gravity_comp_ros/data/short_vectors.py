@@ -1,8 +1,8 @@
 """
-Checks of vectors of a few numbers, for what is done a thousand times a second.
+Fast checks of vectors of a few numbers, for loops at 1 kHz.
 
-Each call of numpy takes its microsecond, however short the vector is; Python itself looks at seven
-numbers in less.
+A numpy call takes about a microsecond even for a short vector; a Python loop over seven numbers
+takes less.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import numpy as np
 
 
 def all_finite(values: FloatArray) -> bool:
-    """Return whether no number of a vector is infinite or NaN."""
+    """Return whether all numbers of a vector are finite."""
     return all(map(math.isfinite, values.tolist()))
 
 
 class Bounds:
     """
-    Bounds of the size of every number of a vector.
+    Symmetric bounds of every number of a vector.
 
-    :param most: the largest absolute values (N,), all positive.
+    :param maxima: the maximum absolute values (N,), all positive.
     """
 
-    def __init__(self, most: FloatArray) -> None:
-        self._most = most
-        self._tightest = float(most.min(initial=np.inf))
+    def __init__(self, maxima: FloatArray) -> None:
+        self._maxima = maxima
+        self._tightest = float(maxima.min(initial=np.inf))
 
-    def hold(self, values: FloatArray) -> bool:
-        """Return whether a vector (N,) keeps every bound; one with NaN does not."""
+    def contain(self, values: FloatArray) -> bool:
+        """Return whether a vector (N,) is within all bounds, which NaN is not."""
         tightest = self._tightest
         for value in values.tolist():
             if not -tightest <= value <= tightest:
-                return bool((np.abs(values) <= self._most).all())
+                return bool((np.abs(values) <= self._maxima).all())
         return True

@@ -1,4 +1,4 @@
-"""A joint motion to be played, sampled in time."""
+"""Joint trajectory, sampled in time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Trajectory:
     """
     Points of a motion: `t` (M,) in s from 0, `q`, `qd`, `qdd` (M, N) in rad, rad/s, rad/s².
 
-    `effort` (M, N) in N·m is the feed-forward torque, if there is one.
+    `effort` (M, N) in N·m is the feed-forward torque, None without one.
 
     :raises DataError: if shapes disagree, a number is not finite, or time does not increase.
     """
@@ -31,10 +31,10 @@ class Trajectory:
         for name in ('q', 'qd', 'qdd', 'effort'):
             values = getattr(self, name)
             if values is not None and (values.shape != shape or not np.isfinite(values).all()):
-                raise DataError(f'trajectory: {name} has shape {values.shape} or holds a number '
-                                f'that is not finite; expected {shape}')
+                raise DataError(f'trajectory: {name} has shape {values.shape} or contains a '
+                                f'number that is not finite; expected {shape}')
         if len(self.t) < 2 or not np.isfinite(self.t).all() or (np.diff(self.t) <= 0.0).any():
-            raise DataError('trajectory: it needs two points or more, whose times increase')
+            raise DataError('trajectory: at least two points with increasing times are required')
 
     @property
     def duration(self) -> float:
@@ -58,7 +58,7 @@ class Trajectory:
 
 def _quintic(p0: FloatArray, p1: FloatArray, v0: FloatArray, v1: FloatArray, a0: FloatArray,
              a1: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the coefficients of the fifth-order polynomial over 0 to 1 with these ends."""
+    """Return the coefficients of the quintic polynomial over 0 to 1 with these end conditions."""
     d, dv, da = p1 - p0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
     return (p0, v0, 0.5 * a0, 10.0 * d - 4.0 * dv + 0.5 * da, -15.0 * d + 7.0 * dv - da,
             6.0 * d - 3.0 * dv + 0.5 * da)

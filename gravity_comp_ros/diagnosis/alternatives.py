@@ -8,7 +8,7 @@ from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.criteria import Criteria
 from gravity_comp_ros.diagnosis.selection import Selection
 from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.evaluation.gain import not_worse
+from gravity_comp_ros.evaluation.gain import within_standard_error
 
 
 def alternatives(selection: Selection, candidate: Candidate,
@@ -29,7 +29,7 @@ def alternatives(selection: Selection, candidate: Candidate,
               and (c.key not in selection.refused or _is_usual(c, candidate))]
     found: dict[tuple[str, int | None], Candidate] = {}
     for other, now, then in criteria.with_each_instead(candidate, others, chosen):
-        if not_worse(now, then) and (_is_usual(other, candidate)
+        if within_standard_error(now, then) and (_is_usual(other, candidate)
                                      or criteria.is_physical(other, [*rest, other])):
             found.setdefault(other.key, other)
     for also in (_spring_at_rest(criteria, candidate, chosen),
@@ -85,4 +85,4 @@ def _spring_at_rest(criteria: Criteria, candidate: Candidate,
     rest = [c for c in chosen if c is not candidate and c not in pair.values()]
     now, then = (criteria.fits.errors(candidate.acts_on, effects)
                  for effects in (chosen, [*rest, *pair.values()]))
-    return spring if not_worse(now, then) else None
+    return spring if within_standard_error(now, then) else None

@@ -13,7 +13,7 @@ from gravity_comp_ros.diagnosis.estimates import p_of_size
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import SelectionOptions
 from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_motion, share
+from gravity_comp_ros.evaluation.gain import Gain, gain, gain_of_fast_motion, share
 import numpy as np
 
 Key = tuple[str, int | None]
@@ -74,7 +74,7 @@ class Criteria:
         the range gains nothing there.
         """
         if trial.regressor.expectation == Expectation.MOTION:
-            return gain_of_motion(before, after, self.tests(trial))
+            return gain_of_fast_motion(before, after, self.tests(trial))
         tests = self.tests(trial)
         found = gain(before, after, tests)
         usual = trial.regressor.name in USUAL

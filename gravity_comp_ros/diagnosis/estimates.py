@@ -81,7 +81,7 @@ def p_of_size(fits: Fits, chosen: Sequence[AnyTrial], candidate: AnyTrial) -> fl
     all of the effect: blocks of one motion may agree on what is nothing elsewhere.
     """
     rows, fit = fits.rows[candidate.place], fits.fit(candidate.place, chosen)
-    places = rows.group_of_rows(fits.blocks.places)
+    places = rows.group_of_rows(fits.blocks.clusters)
     told = float(largest_part(rows, candidate.columns, places)[0]) < _ONE_PLACE
     if told and _p_of_first(fits, chosen, candidate, fit, places) >= _DOUBT:
         return 1.0
@@ -110,7 +110,7 @@ def half_widths(fits: Fits, chosen: Sequence[Candidate], joint: int,
     fit, speed = fits.fit(joint, chosen), np.abs(motion.samples.qd[:, joint])
     rows, widths = fits.rows[joint], []
     for groups in (rows.group_of_rows(np.arange(fits.blocks.count)),
-                   rows.group_of_rows(fits.blocks.places), _by_speed(speed)[rows.row_of]):
+                   rows.group_of_rows(fits.blocks.clusters), _by_speed(speed)[rows.row_of]):
         spread = _covariance(fits, chosen, joint, fit, groups)
         wide = special.stdtrit(max(int(groups.max()), 2), 0.975)
         told = largest_part(rows, fit.columns, groups) < _ONE_PLACE

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from gravity_comp_ros.errors import OptionError
 
 # Where gravity imitates all but this share of the torque of an effect, the size is uncertain.
-LEAST_LEFT = 0.03
+MIN_UNABSORBED = 0.03
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class SelectionOptions:
     alpha: float = 0.01
     least_share: float = 0.004
     least_rare_share: float = 0.1
-    least_shown: float = LEAST_LEFT
+    least_shown: float = MIN_UNABSORBED
     evident_share: float = 0.4
     evident_rare_share: float = 0.8
     most: int = 40
@@ -79,7 +79,7 @@ class VerdictOptions:
     least_reduction: float = 0.01
     most_runs: float = 0.8
     alike: float = 0.95
-    least_left: float = LEAST_LEFT
+    least_left: float = MIN_UNABSORBED
     least_part: float = 0.03
     least_of_confounder: float = 0.2
 

@@ -16,7 +16,7 @@ from gravity_comp_ros.diagnosis.candidates import Candidate
 from gravity_comp_ros.diagnosis.criteria import Criteria
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.evaluation.gain import Gain, not_worse
+from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
 import numpy as np
 
 _ROUNDS = 4
@@ -207,9 +207,9 @@ class _Search:
             others = criteria.replacements(candidate, self.chosen, self.refused)
             for other, now, then in criteria.with_each_instead(candidate, others, self.chosen):
                 if other.complexity < candidate.complexity:
-                    pays = not_worse(now, then)
+                    pays = within_standard_error(now, then)
                 else:
-                    pays = not not_worse(then, now)
+                    pays = not within_standard_error(then, now)
                 if (pays and criteria.is_physical(other, [*rest, other])
                         and criteria.is_needed(other, rest)
                         and criteria.is_more_than_motion(other, rest)):

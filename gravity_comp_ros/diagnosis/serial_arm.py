@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.effects.arm_dynamics import (
-    chain_dynamics, open_ways, turned, ways_of)
+    chain_dynamics, axis_sign_options, turned, ways_of)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 from gravity_comp_ros.errors import GravityCompError
@@ -67,7 +67,7 @@ def fit_serial_arm(motion: Motion, cleaned: JointSamples, left: FloatArray) -> S
 
 def _pointed(chain: Chain, motion: Motion) -> Chain:
     """Return the chain with vertical axes that turn the way that motion shows."""
-    every = open_ways(chain, motion.samples.q)
+    every = axis_sign_options(chain, motion.samples.q)
     if len(every) == 1:
         return chain
     gravity = tangent(motion.samples.q, chain)

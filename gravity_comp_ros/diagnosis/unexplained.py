@@ -12,7 +12,7 @@ from gravity_comp_ros.diagnosis.findings import Finding, Verdict
 from gravity_comp_ros.diagnosis.nonparametric import largest_angle, UnknownTorque
 from gravity_comp_ros.diagnosis.scale import Scale
 from gravity_comp_ros.diagnosis.wording import evidence_sentence
-from gravity_comp_ros.evaluation.gain import gain, gain_in_places
+from gravity_comp_ros.evaluation.gain import gain, gain_in_few_blocks
 import numpy as np
 
 # Unknown structure worth a finding takes this share off the remaining error.
@@ -69,7 +69,7 @@ def of_unknown_shape(scale: Scale, joint: int, chosen: tuple[Candidate, ...],
     posing = [c for c in chosen if c.joint == joint and not c.shared]
     rest = tuple(c for c in chosen if c not in posing)
     none, some = (fits.errors(joint, c) for c in (rest, chosen))
-    left = gain_in_places(some, every, len(shapes))
+    left = gain_in_few_blocks(some, every, len(shapes))
     if left.p >= _STRUCTURE_ALPHA or left.share < _STRUCTURE_SHARE:
         return nothing
     mostly = float((some - every).sum()) > 0.5 * float((none - every).sum())

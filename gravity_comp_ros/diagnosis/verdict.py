@@ -13,10 +13,10 @@ from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
 from gravity_comp_ros.effects.effect import Expectation
-from gravity_comp_ros.effects.excitation import lacks_postures
+from gravity_comp_ros.effects.excitation import insufficient_postures
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.registry import all_effects
-from gravity_comp_ros.evaluation.gain import Gain, not_worse
+from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
 from gravity_comp_ros.printable import counted
 import numpy as np
 
@@ -86,7 +86,7 @@ def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof
     if proof.remainder is not None:
         return Verdict.WEAK, (f'it has {proof.remainder.share:.1%} of the torque of '
                               f'{proof.remainder.of}, and may be what the law of that leaves')
-    if proof.elsewhere is not None and not not_worse(*proof.elsewhere):
+    if proof.elsewhere is not None and not within_standard_error(*proof.elsewhere):
         return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
     if each_may_be_nothing(proof.sizes):
         together = len(proof.sizes) > 1 and not all_may_be_nothing(fits, chosen, candidate)
@@ -169,7 +169,7 @@ def rest_angles(fits: Fits, motion: Motion, candidate: Candidate,
     if candidate.effect.name != 'torque_offset':
         return ()
     spring = 'joint_spring', candidate.joint
-    if spring in fits.layout.untestable and lacks_postures(motion, candidate.place):
+    if spring in fits.layout.untestable and insufficient_postures(motion, candidate.place):
         return spring[:1]
     return tuple(c.effect.name for c in chosen
                  if c.joint == candidate.joint and c.effect.name in _RESTS)

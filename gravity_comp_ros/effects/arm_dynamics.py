@@ -189,7 +189,7 @@ def chain_dynamics(chain: Chain, ways: tuple[float, ...] = ()) -> ChainDynamics:
     return ChainDynamics.of(turned(chain, ways), len(ways))
 
 
-def open_ways(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
+def axis_sign_options(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
     """
     Return the ways in which a chain's axes may turn by its gravity at q (M, N) (`turned`).
 
@@ -206,7 +206,7 @@ def open_ways(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
 
 def ways_of(chain: Chain, q: FloatArray) -> tuple[float, ...]:
     """Return the way in which each axis turns whose way gravity at q (M, N) does not show."""
-    return tuple(way_of(chain, axis) for axis in range(len(open_ways(chain, q)[0])))
+    return tuple(way_of(chain, axis) for axis in range(len(axis_sign_options(chain, q)[0])))
 
 
 def turned(chain: Chain, ways: tuple[float, ...]) -> Chain:

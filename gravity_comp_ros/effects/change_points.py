@@ -8,7 +8,7 @@ without it. Where no clock is known, it is a run and a time within that run.
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import one_clock, run_slices, run_time
+from gravity_comp_ros.data.runs import have_common_clock, run_slices, run_time
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Setting
 from gravity_comp_ros.effects.motion import Motion
@@ -77,7 +77,7 @@ def finer_points(motion: Motion, setting: Setting) -> list[dict[str, float]]:
 def _point(samples: JointSamples, run: int, time: float) -> dict[str, float]:
     """Return the setting of a change `time` s into a run; its `clock` is 0 where none is known."""
     stamp = 0.0
-    if samples.starts and one_clock(samples) and min(samples.starts) > _LEAST_STAMP:
+    if samples.starts and have_common_clock(samples) and min(samples.starts) > _LEAST_STAMP:
         first = samples.t[np.searchsorted(samples.runs, run)]
         stamp = float(samples.starts[run] + first + time)
     return {'run': run + 1.0, 'time': time, 'clock': stamp}

@@ -96,7 +96,7 @@ def _lacks_travel(motion: Motion, joint: int) -> str | None:
     if reach < _LEAST_TRAVEL:
         return (f'the joint travels {reach:.2g} rad; what pulls it back shows from '
                 f'{_LEAST_TRAVEL:g} rad on')
-    return None if reach >= _CRANK_TRAVEL else facts.lacks_postures(motion, joint)
+    return None if reach >= _CRANK_TRAVEL else facts.insufficient_postures(motion, joint)
 
 
 def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:

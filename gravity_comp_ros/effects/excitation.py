@@ -43,7 +43,7 @@ def reversals(motion: Motion, joint: int) -> int:
     return int(np.count_nonzero((np.diff(up.astype(int)) != 0) & (np.diff(runs) == 0)))
 
 
-def lacks_reversals(motion: Motion, joint: int) -> str | None:
+def insufficient_reversals(motion: Motion, joint: int) -> str | None:
     """Return why friction near reversals has no visible course, if a joint hardly turns back."""
     turns = reversals(motion, joint)
     if turns < _LEAST_REVERSALS:
@@ -59,7 +59,7 @@ def stands(motion: Motion) -> str | None:
     return 'every speed is 0, as in poses at rest, and friction shows only in motion'
 
 
-def lacks_motion(motion: Motion, joint: int) -> str | None:
+def insufficient_motion(motion: Motion, joint: int) -> str | None:
     """Return why a joint's motion shows nothing, if it stands throughout."""
     if stands(motion):
         return stands(motion)
@@ -71,8 +71,8 @@ def lacks_motion(motion: Motion, joint: int) -> str | None:
 
 def lacks_both_ways(motion: Motion, joint: int) -> str | None:
     """Return why friction cannot be seen, if a joint stands or moves one way only."""
-    if lacks_motion(motion, joint):
-        return lacks_motion(motion, joint)
+    if insufficient_motion(motion, joint):
+        return insufficient_motion(motion, joint)
     sure, qd = moving(motion, joint), motion.samples.qd[:, joint]
     if not (_enough(sure & (qd > 0)) and _enough(sure & (qd < 0))):
         return ('the joint moves one way only, so that what turns with its direction cannot be '
@@ -80,7 +80,7 @@ def lacks_both_ways(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def lacks_speeds(motion: Motion, joint: int) -> str | None:
+def insufficient_speeds(motion: Motion, joint: int) -> str | None:
     """Return why speed has no visible influence, if a joint moves at one speed only."""
     if lacks_both_ways(motion, joint):
         return lacks_both_ways(motion, joint)
@@ -94,8 +94,8 @@ def lacks_speeds(motion: Motion, joint: int) -> str | None:
 
 def lacks_holds(motion: Motion, joint: int) -> str | None:
     """Return why standing cannot be compared with moving, if a joint is never free."""
-    if lacks_motion(motion, joint):
-        return lacks_motion(motion, joint)
+    if insufficient_motion(motion, joint):
+        return insufficient_motion(motion, joint)
     free = np.abs(motion.direction(joint)) < 0.5
     if free.mean() < 2 * _LEAST_SHARE or free.sum() < 2 * _LEAST_SAMPLES:
         return ('the joint never stands for long, or its friction holds on when it does, so that '
@@ -103,7 +103,7 @@ def lacks_holds(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def lacks_load(motion: Motion, joint: int) -> str | None:
+def insufficient_load(motion: Motion, joint: int) -> str | None:
     """Return why the load has no visible influence, if it hardly varies."""
     load = np.abs(motion.gravity[:, joint])
     middle, spread = float(load.mean()), float(load.std())
@@ -112,7 +112,7 @@ def lacks_load(motion: Motion, joint: int) -> str | None:
     return None
 
 
-def lacks_postures(motion: Motion, joint: int) -> str | None:
+def insufficient_postures(motion: Motion, joint: int) -> str | None:
     """
     Return why a torque of the angle looks like gravity, if the others stand while a joint moves.
 

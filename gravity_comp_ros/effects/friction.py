@@ -71,7 +71,7 @@ class ViscousFriction(Effect):
         return motion.samples.qd[:, [joint]]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.lacks_speeds(motion, joint)
+        return facts.insufficient_speeds(motion, joint)
 
 
 class AsymmetricFriction(Effect):
@@ -122,7 +122,7 @@ class LoadDependentFriction(Effect):
         return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        reason = facts.lacks_both_ways(motion, joint) or facts.lacks_load(motion, joint)
+        reason = facts.lacks_both_ways(motion, joint) or facts.insufficient_load(motion, joint)
         if reason:
             return reason
         d, load = motion.direction(joint), np.abs(motion.gravity[:, joint])
@@ -175,7 +175,7 @@ class CoupledFriction(Effect):
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         # Its direction differs from the joint's own near reversals, as hysteresis does.
-        reason = facts.lacks_both_ways(motion, joint) or facts.lacks_reversals(motion, joint)
+        reason = facts.lacks_both_ways(motion, joint) or facts.insufficient_reversals(motion, joint)
         if reason or self.settings(motion, joint):
             return reason
         return ('neither neighbour moves together with this joint in such a way that the sum of '

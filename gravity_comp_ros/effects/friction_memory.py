@@ -7,7 +7,7 @@ time starts with a session: recordings with stamps on one clock go on with one a
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import clock_time, run_slices
+from gravity_comp_ros.data.runs import session_time, run_slices
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
@@ -51,7 +51,7 @@ class FrictionDrift(Effect):
                 'load_dependent_friction', 'coupled_friction')
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        warmth = np.exp(-clock_time(motion.samples) / setting['time'])
+        warmth = np.exp(-session_time(motion.samples) / setting['time'])
         return (motion.direction(joint) * warmth)[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
@@ -72,7 +72,7 @@ class FrictionDrift(Effect):
 
 
 def _longest(motion: Motion) -> float:
-    return float(clock_time(motion.samples).max(initial=0.0))
+    return float(session_time(motion.samples).max(initial=0.0))
 
 
 class PreslidingHysteresis(Effect):
@@ -123,7 +123,7 @@ class PreslidingHysteresis(Effect):
                 for factor in (0.6, 1.6)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.lacks_both_ways(motion, joint) or facts.lacks_reversals(motion, joint)
+        return facts.lacks_both_ways(motion, joint) or facts.insufficient_reversals(motion, joint)
 
 
 EFFECTS = (FrictionDrift(), PreslidingHysteresis())

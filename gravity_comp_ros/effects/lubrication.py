@@ -63,7 +63,7 @@ class StribeckFriction(Effect):
         return [{'speed': float(np.clip(setting['speed'] * f, low, high))} for f in (0.8, 1.25)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := facts.lacks_speeds(motion, joint):
+        if reason := facts.insufficient_speeds(motion, joint):
             return reason
         low, high = _stribeck_range(motion, joint)
         if high <= low:
@@ -108,7 +108,7 @@ class DegressiveFriction(Effect):
         return [{'power': power} for power in _POWERS]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := facts.lacks_speeds(motion, joint):
+        if reason := facts.insufficient_speeds(motion, joint):
             return reason
         speeds = np.abs(motion.samples.qd[facts.moving(motion, joint), joint])
         low, high = np.quantile(speeds, (0.1, 0.9))

@@ -46,14 +46,14 @@ class MotionProblem:
     """
     Columns x (M, N, K) of gravity, motion and friction, `tau` (M, N) in N·m, and usual sizes (K,).
 
-    Columns number `dynamic` are those of the dynamics; `samples_each` count as an independent one.
+    Columns number `dynamic` are those of the dynamics; `samples_per_observation` count as an independent one.
     """
 
     x: FloatArray
     tau: FloatArray
     usual: FloatArray
     dynamic: slice
-    samples_each: float
+    samples_per_observation: float
 
     @classmethod
     def of(cls, gravity: FloatArray, n_tilts: int, motion: Motion,
@@ -72,7 +72,7 @@ class MotionProblem:
         usual, dynamic = np.full(x.shape[2], np.inf), slice(k, k + len(dynamics.usual))
         usual[:n_tilts], usual[n_tilts:k] = _TILT, float(np.abs(samples.tau).max())
         usual[dynamic] = dynamics.usual
-        return cls(x, samples.tau, usual, dynamic, samples_each(samples))
+        return cls(x, samples.tau, usual, dynamic, samples_per_observation(samples))
 
     def fit(self, share: float = 1.0) -> MotionFit:
         """
@@ -110,7 +110,7 @@ class MotionProblem:
         """Return the information (K,) before any data, in samples of unit weight."""
         usual = self.usual.copy()
         usual[self.dynamic] *= share
-        return np.asarray(usual ** -2.0 * self.samples_each)
+        return np.asarray(usual ** -2.0 * self.samples_per_observation)
 
     def _settled(self, share: float) -> tuple[FloatArray, FloatArray]:
         """Return coefficients (K,) and the residual (M, N) with each joint weighted by its own."""
@@ -149,7 +149,7 @@ def independent(samples: JointSamples) -> float:
     return float(min(max(_INDEPENDENT * lasts, _FEWEST), max(len(samples), 1)))
 
 
-def samples_each(samples: JointSamples) -> float:
+def samples_per_observation(samples: JointSamples) -> float:
     """Return how many samples count as one against what is known of coefficients."""
     return len(samples) / min(independent(samples), _MOST)
 

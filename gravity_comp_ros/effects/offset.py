@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import clock_time
+from gravity_comp_ros.data.runs import session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
@@ -104,8 +104,8 @@ class TorqueDrift(Effect):
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return a line, and what settles within parts of the longest session."""
-        longest = float(clock_time(motion.samples).max(initial=0.0))
-        line = {'centre': float(clock_time(motion.samples).mean())}
+        longest = float(session_time(motion.samples).max(initial=0.0))
+        line = {'centre': float(session_time(motion.samples).mean())}
         return [line, *(_settles(motion, time) for time in np.geomspace(
             _SOONEST * longest, longest, _TIMES) if time > 0.0)]
 
@@ -115,7 +115,7 @@ class TorqueDrift(Effect):
         return [_settles(motion, factor * setting['time']) for factor in (0.75, 1.33)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        longest = float(clock_time(motion.samples).max(initial=0.0))
+        longest = float(session_time(motion.samples).max(initial=0.0))
         if longest < _SHORTEST:
             return f'the longest recording takes {longest:.3g} s, too short to drift'
         return None
@@ -123,7 +123,7 @@ class TorqueDrift(Effect):
 
 def _settling(motion: Motion, time: float | None) -> FloatArray:
     """Return the time of the session (M,) in s, or one whose rate falls as exp(-t / time)."""
-    t = clock_time(motion.samples)
+    t = session_time(motion.samples)
     return t if time is None else np.asarray(-time * np.expm1(-t / time))
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.effects.arm_dynamics import (
-    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, open_ways,
+    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, axis_sign_options,
     WAYS)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
@@ -131,7 +131,7 @@ def _physical(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
     q, chain = part.samples.q, arm.chain
     gravity = chain.jacobian(q).transpose(2, 1, 0)
     found = []
-    for ways in open_ways(chain, q):
+    for ways in axis_sign_options(chain, q):
         dynamics = chain_dynamics(chain, ways)
         problem = MotionProblem.of(gravity, 2 * q.shape[1], part, dynamics)
         found.append((*_shrunk(problem, dynamics, q), ways))

@@ -1,9 +1,9 @@
 """
-The chain beside friction, offset and outliers: rough, then settled.
+Robust fit of a chain jointly with effects and nuisance terms.
 
-A first search takes all nuisance columns along. Its residual shows how the friction of each joint
-turns and which samples are outliers; coefficients that are not told from 0 are dropped. Then the
-chain is fitted with what remains, from the axes that were found.
+A first search includes all nuisance columns. Its residual identifies the friction shape of each
+joint and the outliers; insignificant coefficients are dropped. The chain is then fitted with the
+remaining terms, starting from the axes of the search.
 """
 
 from __future__ import annotations
@@ -24,18 +24,16 @@ import numpy as np
 _ROBUST_ROUNDS = 3
 _ROUGH = SearchOptions(starts=24, rivals=0)
 _FINAL, _WARM = SearchOptions(), SearchOptions(rivals=0)
-# A residual that is not white may hold terms that a wrong minimum had hidden: they are tested
-# again so many times.
-_REPEATS = 3
-# Samples that the search is made on.
-_SEARCHED = 250
-# Samples that nuisance terms are tested on.
-_SETTLED = 600
+# Maximum number of selections of nuisance terms: a wrong minimum may hide significant terms, so
+# they are tested again while the residual is not white.
+_MAX_SELECTIONS = 3
+# Maximum number of samples of the search, and of the tests of nuisance terms.
+_MAX_SEARCH_SAMPLES, _MAX_TEST_SAMPLES = 250, 600
 
 
 @dataclass(frozen=True, eq=False)
 class ChainEstimate:
-    """The fitted chain, and the regression with the terms and trust that it ended with."""
+    """The fitted chain, and the regression with its final nuisance terms and robust weights."""
 
     fit: ChainFit
     regression: Regression
@@ -45,120 +43,116 @@ class ChainEstimate:
         return self.fit.chain
 
     @property
-    def beside(self) -> FloatArray:
-        """Return the coefficients (K,) of `regression.beside()`."""
+    def coefficients(self) -> FloatArray:
+        """Return the coefficients (K,) of `regression.linear_terms()`."""
         return self.fit.nuisance
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the covariance (K, K) of `beside`, gravity fitted beside."""
+        """Return the covariance (K, K) of the coefficients, fitted jointly with gravity."""
         return self.fit.nuisance_covariance
 
     def residual(self) -> FloatArray:
-        """Return what gravity and everything beside it leave, (m, N) in N·m."""
+        """Return the residual (m, N) in N·m of gravity and linear terms."""
         return residual_of(self.fit, self.regression)
 
 
 def residual_of(fit: ChainFit, regression: Regression) -> FloatArray:
-    """Return the residual (m, N) in N·m of a fit with its coefficients beside gravity."""
+    """Return the residual (m, N) in N·m of a fit, its linear terms included."""
     return regression.residual(fit.chain.torque(regression.samples.q), fit.nuisance)
 
 
 def estimate_chain(regression: Regression, known: FloatArray | None = None,
                    start: Chain | None = None, warm: bool = False) -> ChainEstimate:
     """
-    Fit a chain beside all that a joint may have.
+    Fit a chain jointly with the linear terms of a regression.
 
     :param known: axes (N, 3, 3) that need no search.
-    :param start: a chain to begin with.
-    :param warm: whether no other starts than that are tried, and no alternatives sought.
+    :param start: a chain to start from.
+    :param warm: whether `start` is the only start, and no alternative chains are searched.
     :raises FitError: if there are no samples.
     """
     chain, starts = start, 1
     if chain is None or known is not None or not warm:
-        first = _searched(regression.thinned(_SEARCHED), known, start)
+        first = _search(regression.thinned(_MAX_SEARCH_SAMPLES), known, start)
         chain, starts = first.chain, first.starts
     regression = _refined(regression, chain)
-    every, kept = regression, None
-    for _ in range(_REPEATS):
-        rough = _settled(every.thinned(_SETTLED), chain, known)
-        told = significant(*_of_nuisance(rough, every))
-        if told == kept:
+    all_terms, selected = regression, None
+    for _ in range(_MAX_SELECTIONS):
+        rough = _fit(all_terms.thinned(_MAX_TEST_SAMPLES), chain, known)
+        k = regression.n_effects
+        last, selected = selected, significant(rough.nuisance[k:],
+                                               rough.nuisance_covariance[k:, k:])
+        if selected == last:
             break
-        kept, regression = told, every.with_terms(told)
-        found = _settled(regression, rough.chain, known, _WARM if warm else _FINAL)
-        chain = found.chain
-        if (found.inflation == 1.0).all():
+        regression = all_terms.with_terms(selected)
+        fit = _fit(regression, rough.chain, known, _WARM if warm else _FINAL)
+        chain = fit.chain
+        if (fit.inflation == 1.0).all():
             break
-    return ChainEstimate(replace(found, starts=starts), regression)
+    return ChainEstimate(replace(fit, starts=starts), regression)
 
 
-def _searched(regression: Regression, known: FloatArray | None, start: Chain | None) -> ChainFit:
+def _search(regression: Regression, known: FloatArray | None, start: Chain | None) -> ChainFit:
     """
-    Return the chain that a search finds, or that of known axes (N, 3, 3).
+    Return the chain of a search, or of known axes (N, 3, 3).
 
-    Where it is not clean another search has free nuisance terms, and the better of both counts.
-
-    The two have other wrong minima. Both ends are compared with the terms bounded.
+    If its residual is not white, a second search without priors of the nuisance terms follows;
+    it has different wrong minima. Both results are compared with priors.
     """
-    samples, beside = regression.samples, regression.beside()
+    samples, terms = regression.samples, regression.linear_terms()
     if known is not None:
-        return fit_chain(samples, _ROUGH, None, known, beside)
-    found = rough_fit(samples, _ROUGH, start, beside)
-    if found.clean or beside.columns is None:
-        return found
-    free = rough_fit(samples, _ROUGH, start, replace(beside, spread=None))
-    other = rough_fit(samples, None, free.chain, beside)
-    return min((found, replace(other, starts=free.starts)),
-               key=lambda fit: _log_residual(fit, regression))
+        return fit_chain(samples, _ROUGH, None, known, terms)
+    fit = rough_fit(samples, _ROUGH, start, terms)
+    if fit.clean or terms.columns is None:
+        return fit
+    free = rough_fit(samples, _ROUGH, start, replace(terms, spread=None))
+    other = rough_fit(samples, None, free.chain, terms)
+    return min((fit, replace(other, starts=free.starts)),
+               key=lambda each: _log_residual(each, regression))
 
 
 def _log_residual(fit: ChainFit, regression: Regression) -> float:
-    """Return the mean logarithm of the joints' median residual: each joint in its own units."""
+    """Return the mean logarithm of the joints' median residual, independent of their scale."""
     size = np.median(np.abs(residual_of(fit, regression)), axis=0)
     return float(np.log(np.maximum(size, floor(regression.samples.tau))).mean())
 
 
-def _settled(regression: Regression, start: Chain, known: FloatArray | None,
-             final: SearchOptions | None = None) -> ChainFit:
-    """Return the chain that a solver reaches from `start`; with `final` as `fit_chain` does."""
-    samples, beside = regression.samples, regression.beside()
+def _fit(regression: Regression, start: Chain, known: FloatArray | None,
+         final: SearchOptions | None = None) -> ChainFit:
+    """Return the local minimum near `start`; with `final` as `fit_chain` does."""
+    samples, terms = regression.samples, regression.linear_terms()
     if known is not None:
-        return fit_chain(samples, SearchOptions(), None, known, beside)
+        return fit_chain(samples, SearchOptions(), None, known, terms)
     if final is None:
-        return rough_fit(samples, None, start, beside)
-    return fit_chain(samples, final, start, None, beside, multi_start=False)
+        return rough_fit(samples, None, start, terms)
+    return fit_chain(samples, final, start, None, terms, multi_start=False)
 
 
 def _refined(regression: Regression, chain: Chain) -> Regression:
-    """Return the regression with directions of motion and trust as the residual shows them."""
-    regression = regression.trusting(_left_by(chain, regression))
+    """Return the regression with friction shapes and robust weights from a chain's residual."""
+    regression = regression.reweighted(_robust_residual(chain, regression))
     recorded = regression.recorded
     if not recorded.qd.any():
         return regression
-    # Friction stays in what its shape is read from.
-    left = recorded.tau - chain.torque(recorded.q)
-    return regression.with_shapes(fitted_shapes(recorded, regression.qdd, left))
+    # The shapes are fitted to a residual that includes friction.
+    residual = recorded.tau - chain.torque(recorded.q)
+    return regression.with_shapes(fitted_shapes(recorded, regression.qdd, residual))
 
 
-def _left_by(chain: Chain, regression: Regression) -> FloatArray:
-    """Return what a chain leaves (m, N) after a robust fit of everything beside it, N·m."""
-    left = regression.samples.tau - chain.torque(regression.samples.q)
-    beside = regression.beside()
-    if beside.columns is None:
-        return left
-    trust, least, residual = np.ones(left.shape), floor(regression.samples.tau), left
+def _robust_residual(chain: Chain, regression: Regression) -> FloatArray:
+    """Return the residual (m, N) in N·m of a chain and robustly fitted linear terms."""
+    without_gravity = regression.samples.tau - chain.torque(regression.samples.q)
+    terms = regression.linear_terms()
+    if terms.columns is None:
+        return without_gravity
+    min_sigma, residual = floor(regression.samples.tau), without_gravity
+    robust_weights = np.ones(residual.shape)
     for _ in range(_ROBUST_ROUNDS):
-        sigma = np.maximum(np.median(np.abs(residual), axis=0), least)
-        weights = (np.sqrt(trust) / sigma).T
-        found = WeightedNuisance(beside.columns, weights, beside.spread).coefficients(
-            weights * left.T)
-        residual = left - np.tensordot(found, beside.columns, axes=(0, 0)).T
-        trust = robust.trust(residual, least)
+        sigma = np.maximum(np.median(np.abs(residual), axis=0), min_sigma)
+        weights = (np.sqrt(robust_weights) / sigma).T
+        coefficients = WeightedNuisance(terms.columns, weights, terms.spread).coefficients(
+            weights * without_gravity.T)
+        residual = without_gravity - np.tensordot(coefficients, terms.columns, axes=(0, 0)).T
+        robust_weights = robust.huber_weights(residual, min_sigma)
     return np.asarray(residual)
-
-
-def _of_nuisance(fit: ChainFit, regression: Regression) -> tuple[FloatArray, FloatArray]:
-    """Return coefficients and covariance of the nuisance terms, those of effects left out."""
-    k = regression.n_effects
-    return fit.nuisance[k:], fit.nuisance_covariance[k:, k:]

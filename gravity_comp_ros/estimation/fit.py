@@ -1,10 +1,10 @@
 """
-The one estimator: from samples to a gravity model and a report of how it came about.
+Gravity estimator: from samples to a gravity model and a fit report.
 
-Friction, offset and, where fast samples are fitted, inertia of every joint are fitted beside
-gravity (`models.nuisance`), outliers count for less (`estimation.robust`), and long recordings
-are condensed (`data.condense`). `fit`, `add`, `update`, the base of the diagnosis, the node, the
-workbench and the fleet all use what is here.
+Friction and offset of each joint, and inertia in fast motion, are fitted jointly with gravity as
+nuisance terms (`models.nuisance`). Outliers have reduced weights (`estimation.robust`), and long
+recordings are condensed (`data.condense`). `fit`, `add`, `update`, the diagnosis, the node, the
+workbench and the fleet use this estimator.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertai
 import numpy as np
 
 MIN_SAMPLES = 10
-# Samples that show zero angles.
-_POSES = 600
-# What may be asked for: a formulation, or to let the data choose between chain and potential.
+# Maximum number of samples that zero angles are fitted to.
+_MAX_ZERO_ANGLE_SAMPLES = 600
+# Formulations to choose from; `auto` chooses between chain and potential by the data.
 CHOICES = ('auto', *FORMULATIONS)
 
 Progress = Callable[[str, float], None]
@@ -46,13 +46,13 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True)
 class FitOptions:
     """
-    What to fit: the `formulation`, and how its sparse problems are solved.
+    Options of a fit: the `formulation`, and how its sparse problems are solved.
 
-    `auto` fits the chain and falls back to the potential where that predicts held-out samples
-    better; the report says which and why. With a `geometry` the axes of the chain are taken from
-    it and only its moments are fitted; the samples' joints must be in its order.
+    `auto` fits the chain, and the potential if that predicts held-out samples better; the report
+    contains the choice and the reason. With a `geometry` the axes of the chain are known and only
+    its moments are fitted; the samples' joints must be in its order.
 
-    :raises OptionError: if the formulation is unknown, or has no use for a geometry.
+    :raises OptionError: if the formulation is unknown, or does not use a geometry.
     """
 
     formulation: str = 'auto'
@@ -67,21 +67,21 @@ class FitOptions:
             raise OptionError(f'known axes are of no use to {self.formulation}; choose chain or '
                               f'auto')
 
-    def known(self, samples: JointSamples) -> FloatArray | None:
+    def known_axes(self, samples: JointSamples) -> FloatArray | None:
         """
-        Return the axes (N, 3, 3) that are known, if they are.
+        Return the known axes (N, 3, 3), None without a geometry.
 
-        :raises ModelMismatchError: if they are of other joints, or of others first.
+        :raises ModelMismatchError: if they are of other joints, or in another order.
         """
         if self.geometry is None:
             return None
         if self.geometry.joints != samples.names:
-            raise ModelMismatchError(f'axes are known of {", ".join(self.geometry.joints)}, but '
-                                     f'the samples are of {", ".join(samples.names)}')
+            raise ModelMismatchError(f'the known axes are of {", ".join(self.geometry.joints)}, '
+                                     f'but the samples are of {", ".join(samples.names)}')
         return self.geometry.rotations
 
     def to_json(self) -> dict[str, Any]:
-        """Return the options as a model's provenance tells them."""
+        """Return the options for a model's provenance."""
         return {'formulation': self.formulation, 'sparse': asdict(self.sparse),
                 'known_axes': self.geometry is not None}
 
@@ -104,18 +104,19 @@ class FitResult:
             'equation': model.equation(name)} for n, name in enumerate(model.joints)}
         return {'joints': joints, 'report': report.to_json(), 'converged': self.converged}
 
-    def warned(self, warning: str) -> FitResult:
-        """Return the same with one more warning, told first, here and in the provenance."""
-        warnings, told = (warning, *self.report.warnings), self.model.provenance
-        told = {**told, 'report': {**told['report'], 'warnings': list(warnings)}}
+    def with_warning(self, warning: str) -> FitResult:
+        """Return the same with another first warning, in the report and in the provenance."""
+        warnings, provenance = (warning, *self.report.warnings), self.model.provenance
+        provenance = {**provenance,
+                      'report': {**provenance['report'], 'warnings': list(warnings)}}
         return replace(self, report=replace(self.report, warnings=warnings),
-                       model=replace(self.model, provenance=told))
+                       model=replace(self.model, provenance=provenance))
 
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
     """
-    Gravity as it was estimated: the `choice` among formulations, and whatever is beside it.
+    An estimate of gravity: the `choice` of a formulation, and its regression.
 
     `effects` (K,) and `covariance` (K, K) are the coefficients of the regression's effects.
     """
@@ -132,9 +133,9 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     """
     Learn the gravity torque from samples.
 
-    :param samples: slow motion, or motion of any speed: inertia is then fitted beside gravity.
+    :param samples: slow motion, or motion of any speed: inertia is then a nuisance term.
     :param progress: called with a word and a share from 0 to 1.
-    :param old: a model of the same joints to start from. It saves a search and binds nothing.
+    :param old: a model of the same joints as the start of the search; it is no constraint.
     :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
     :raises FitError: if there are too few samples, or no joint moves.
     :raises ModelMismatchError: if the options have the axes of other joints.
@@ -143,44 +144,47 @@ def fit(samples: JointSamples, options: FitOptions = FitOptions(),
     if progress:
         progress('fit', 0.0)
     samples, warning = checked_velocity(samples)
-    stands = options
-    if options.known(samples) is not None and options.geometry is not None:
+    described = options.geometry
+    if options.known_axes(samples) is not None and described is not None:
         qdd = accelerations(samples) if qdd is None else qdd
-        stands = replace(options, geometry=_as_it_stands(options.geometry, samples, qdd))
-    estimate = _estimate(samples, stands, old, qdd)
+        options = replace(options, geometry=_fitted_geometry(described, samples, qdd))
+    estimate = _estimate(samples, options, old, qdd)
     model = gravity_model(estimate, samples)
     report = build_report(model, samples, estimate.choice, estimate.regression, warning,
-                          options.geometry)
-    model = replace(model, geometry=_geometry(stands, estimate),
+                          described)
+    gravity = estimate.choice.estimate
+    on_axes = estimate.choice.known_axes and isinstance(gravity, ChainEstimate)
+    model = replace(model, geometry=options.geometry if on_axes else None,
                     provenance={'options': options.to_json(), 'report': report.to_json()})
     if progress:
         progress('fit', 1.0)
-    found = estimate.choice.estimate
-    converged = isinstance(found, ChainEstimate) or all(f.lasso.converged for f in found.fits)
+    converged = isinstance(gravity, ChainEstimate) or all(
+        each.lasso.converged for each in gravity.fits)
     return FitResult(model, report, converged)
 
 
-def _as_it_stands(geometry: Geometry, samples: JointSamples, qdd: FloatArray) -> Geometry:
+def _fitted_geometry(geometry: Geometry, samples: JointSamples, qdd: FloatArray) -> Geometry:
     """
-    Return the geometry with the vertical and the zero angles that the torque shows.
+    Return the geometry with the vertical and the zero angles fitted to the torque.
 
-    What the nominal arm lacks of the torque of fast motion looks like zero angles.
+    Zero angles are not fitted to fast motion: they would absorb the torque of motion that the
+    nominal arm does not model.
     """
     geometry = with_estimated_vertical(geometry, samples)
     if is_fast(samples):
         return geometry
-    rows = evenly_picked(samples.n_samples, _POSES)
+    rows = evenly_picked(samples.n_samples, _MAX_ZERO_ANGLE_SAMPLES)
     return with_zero_angles(geometry, without_motion(samples.select(rows), geometry, qdd[rows]))
 
 
 def _estimate(samples: JointSamples, options: FitOptions, old: GravityModel | None,
               qdd: FloatArray | None) -> Estimate:
-    """Return gravity beside the torque of motion that an arm with the known axes would have."""
-    found = estimate_gravity(
+    """Return gravity, fitted with the torque of motion of the nominal arm subtracted."""
+    estimate = estimate_gravity(
         build_regression(samples, qdd=qdd, geometry=options.geometry), options, old)
-    if not found.choice.warning:
-        return found
-    # The axes are of another arm, and so was the torque of motion that was taken off.
+    if not estimate.choice.warning:
+        return estimate
+    # The axes were rejected, so the torque of motion computed from them was wrong as well.
     return estimate_gravity(build_regression(samples, qdd=qdd), options, old)
 
 
@@ -188,80 +192,73 @@ def estimate_gravity(regression: Regression, options: FitOptions,
                      old: GravityModel | None = None, known: FloatArray | None = None,
                      warm: bool = False) -> Estimate:
     """
-    Estimate gravity beside everything that the regression has, in the formulation asked for.
+    Estimate gravity jointly with the linear terms of a regression.
 
     :param known: axes (N, 3, 3) that need no search; those of the options if not given.
-    :param warm: whether the search for a chain starts from that of `old` and nowhere else.
+    :param warm: whether the chain of `old` is the only start of the search.
     :raises FitError: if there are no samples.
     :raises ModelMismatchError: if the options have the axes of other joints.
     """
     samples, formulation = regression.samples, options.formulation
     usable = old if old is not None and old.joints == samples.names else None
-    known = options.known(samples) if known is None else known
+    known = options.known_axes(samples) if known is None else known
     start = usable.chain if usable is not None else None
     if formulation == 'auto':
-        bare = usable is not None and start is not None and not any(
+        no_offsets = usable is not None and start is not None and not any(
             term.kind == OFFSET for term in usable.nuisance.terms)
-        choice = choose(regression, options.sparse, known, start, warm, bare)
+        choice = choose(regression, options.sparse, known, start, warm, no_offsets)
     elif formulation == 'chain':
-        choice = Choice(estimate_chain(regression, known, start, warm), 'it was asked for', {},
+        choice = Choice(estimate_chain(regression, known, start, warm), 'it was requested', {},
                         known is not None)
     else:
-        settled = regression.accelerated and formulation == 'potential'
-        if settled:
-            # Inertia has N columns a joint: the chain tells which of them matter.
+        from_chain = regression.fits_inertia and formulation == 'potential'
+        if from_chain:
+            # Inertia has N columns a joint; the fit of a chain selects the significant ones.
             regression = estimate_chain(regression, start=start).regression
         before = None if usable is None or usable.formulation != formulation else (
             usable.energy if formulation == 'potential' else usable.torques)
-        choice = Choice(estimate_sparse(regression, formulation, options.sparse, before, settled),
-                        'it was asked for')
-    found, k = choice.estimate, regression.n_effects
-    return Estimate(choice, found.regression, found.beside[:k], found.covariance[:k, :k])
+        choice = Choice(estimate_sparse(regression, formulation, options.sparse, before,
+                                        from_chain), 'it was requested')
+    gravity, k = choice.estimate, regression.n_effects
+    return Estimate(choice, gravity.regression, gravity.coefficients[:k],
+                    gravity.covariance[:k, :k])
 
 
 def gravity_model(estimate: Estimate, samples: JointSamples) -> GravityModel:
     """
-    Return the model of an estimate; its noise is the RMSE of its own prediction of `samples`.
+    Return the model of an estimate; its noise is the RMSE of its prediction of `samples`.
 
-    :param samples: all that were fitted, before condensing.
+    :param samples: all fitted samples, before condensing.
     """
-    found, names = estimate.choice.estimate, samples.names
+    gravity, names = estimate.choice.estimate, samples.names
     coverage = Coverage.of(samples)
     noise = np.zeros(samples.n_joints)
-    if isinstance(found, ChainEstimate):
-        chain = found.chain
+    if isinstance(gravity, ChainEstimate):
+        chain = gravity.chain
         model = GravityModel.from_energy(names, 'chain', expand(chain), noise, coverage, {}, chain,
-                                         ChainUncertainty(chain, found.fit.covariance))
-    elif found.energy is not None:
+                                         ChainUncertainty(chain, gravity.fit.covariance))
+    elif gravity.energy is not None:
         model = GravityModel.from_energy(
-            names, 'potential', found.energy, noise, coverage, {},
-            uncertainty=EnergyUncertainty(found.energy.indices, found.fits[0].covariance))
+            names, 'potential', gravity.energy, noise, coverage, {},
+            uncertainty=EnergyUncertainty(gravity.energy.indices, gravity.fits[0].covariance))
     else:
-        model = GravityModel(names, 'per_joint', found.torques, None, noise, coverage)
+        model = GravityModel(names, 'per_joint', gravity.torques, None, noise, coverage)
     rmse = np.sqrt(((samples.tau - model.predict(samples.q)) ** 2).mean(axis=0))
-    return replace(model, noise=rmse, nuisance=_nuisance(found, names))
+    return replace(model, noise=rmse, nuisance=_nuisance(gravity, names))
 
 
-def _geometry(options: FitOptions, estimate: Estimate) -> Geometry | None:
-    """Return the geometry of the options, if the model is a chain on its axes."""
-    found = estimate.choice.estimate
-    if not (estimate.choice.known_axes and isinstance(found, ChainEstimate)):
-        return None
-    return options.geometry
-
-
-def _nuisance(found: ChainEstimate | SparseEstimate, names: tuple[str, ...]
-              ) -> NuisanceTerms:
-    regression, k = found.regression, found.regression.n_effects
-    left = np.sqrt((regression.trust * found.residual() ** 2).mean(axis=0))
-    return regression.nuisance.terms(names, found.beside[k:], found.covariance[k:, k:], left)
+def _nuisance(gravity: ChainEstimate | SparseEstimate, names: tuple[str, ...]) -> NuisanceTerms:
+    regression, k = gravity.regression, gravity.regression.n_effects
+    noise = np.sqrt((regression.robust_weights * gravity.residual() ** 2).mean(axis=0))
+    return regression.nuisance.terms(names, gravity.coefficients[k:], gravity.covariance[k:, k:],
+                                     noise)
 
 
 def _check(samples: JointSamples) -> None:
     if samples.n_samples < MIN_SAMPLES:
         raise FitError(f'{samples.n_samples} slow samples; a fit needs at least {MIN_SAMPLES}. '
-                       f'Move longer, more slowly, or raise the speed limit of the gate')
+                       f'Record longer or slower motion, or raise the speed limit of the gate')
     if at_rest(samples.q).all():
         raise FitError('no joint moves; a fit needs poses that differ')
     if not samples.tau.any():
-        raise FitError('effort is 0 for every joint; does the driver publish it?')
+        raise FitError('effort is 0 for every joint; check that the driver publishes it')

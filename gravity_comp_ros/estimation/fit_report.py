@@ -1,4 +1,4 @@
-"""What a fit reports: errors of the model as it is, noise, nuisance terms, and warnings."""
+"""Fit report: prediction errors, noise, nuisance terms, and warnings."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ from gravity_comp_ros.printable import counted
 import numpy as np
 from numpy.typing import NDArray
 
-# rad: smaller differences of a zero angle are not reported.
-_COUNTS = np.radians(0.1)
-# rad: beyond this an arm hangs.
+# Minimum zero-angle offset, in rad, that is reported.
+_MIN_ZERO_ANGLE = np.radians(0.1)
+# Minimum tilt of the base, in rad, of an arm that counts as mounted upside down.
 _UPSIDE_DOWN = np.radians(135.0)
 
 
 @dataclass(frozen=True)
 class FormulationChoice:
     """
-    Which formulation and why; `held_out` are errors in multiples of the noise, by name.
+    The chosen formulation and the reason; `held_out` are errors in multiples of the noise.
 
-    `warning` says why known axes were not used, '' if they were.
+    `warning` is the reason why known axes were rejected, '' if they were not.
     """
 
     formulation: str
@@ -46,21 +46,21 @@ class FormulationChoice:
     warning: str = ''
 
     def to_json(self) -> dict[str, Any]:
-        """Return what a report holds of it; the warning is among the warnings."""
+        """Return the choice for a report, whose warnings include this warning."""
         return {'formulation': self.formulation, 'why': self.why, 'held_out': dict(self.held_out)}
 
 
 @dataclass(frozen=True, eq=False)
 class FitDetails:
     """
-    What a fit reports.
+    The report of a fit.
 
-    By joint: the number of `features`; `rmse` in N·m of the model as it predicts; the remaining
-    error, `noise` in N·m and `relative_noise` as a share of the torque; the samples that were
-    `set_aside`. `solver` are the L1 problems; `chain` is None where gravity is no chain, and has
-    `known_axes` or was searched for. `base_tilt` in rad is the angle between the vertical and that
-    of known axes, `zero_angles` in rad by joint the angle that they mean less the one reported.
-    `std_over_poses` in N·m is what the chain is unsure of.
+    By joint: the number of `features`; `rmse` in N·m of the model's prediction; the noise with
+    all terms included, `noise` in N·m and `relative_noise` as a share of the torque; excluded
+    samples `set_aside`. `solver` are the L1 problems; `chain` is None for other formulations,
+    and its axes are known (`known_axes`) or from a search. `base_tilt` in rad is the angle of
+    the fitted vertical to that of known axes; `zero_angles` in rad by joint is the true minus the
+    reported angle. `std_over_poses` in N·m is the prediction std over the whole joint range.
     """
 
     formulation: str
@@ -84,7 +84,7 @@ class FitDetails:
     std_over_poses: Mapping[str, float]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the report as a model's provenance and `fit --json` hold it."""
+        """Return the report for a model's provenance and for `fit --json`."""
         return {
             'formulation': self.formulation, 'choice': self.choice.to_json(),
             'n_samples': self.n_samples, 'n_runs': self.n_runs, 'n_fitted': self.n_fitted,
@@ -98,32 +98,32 @@ class FitDetails:
                 'known_axes': self.known_axes, 'base_tilt': self.base_tilt,
                 'zero_angles': dict(self.zero_angles),
                 **_chain_json(self.chain),
-                'std_over_poses': dict(self.std_over_poses)}})}
+                'std_anywhere': dict(self.std_over_poses)}})}
 
 
 def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
                  regression: Regression, warning: str = '',
                  described: Geometry | None = None) -> FitDetails:
     """
-    Return the report of a fit; errors are those of the model as it is.
+    Return the report of a fit.
 
-    :param described: the axes as a description has them, on its own vertical.
-    :param warning: to be told before all others.
+    :param described: the axes of the description, on its own vertical.
+    :param warning: the first of the warnings.
     """
-    found = choice.estimate
-    chain = found.fit if isinstance(found, ChainEstimate) else None
-    fits = [] if isinstance(found, ChainEstimate) else found.fits
+    gravity = choice.estimate
+    chain = gravity.fit if isinstance(gravity, ChainEstimate) else None
+    fits = [] if isinstance(gravity, ChainEstimate) else gravity.fits
     noises = [chain.noise] if chain else [each.noise for each in fits]
     dropped = tuple(name for name, still in zip(samples.names, at_rest(samples.q)) if still)
-    gone = set_aside(regression.samples, regression.trust)
+    excluded = set_aside(regression.samples, regression.robust_weights)
     tilt, zeros = 0.0, {}
     if chain and choice.known_axes and described is not None:
         tilt = base_tilt_angle(described.rotations, chain.chain.axes)
         zeros = dict(zip(samples.names[1:], zero_angle_differences(
             described.rotations, chain.chain.axes)[1:].tolist()))
-        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _COUNTS}
-    lines = [warning, choice.warning, *_turned(tilt), *_zeros_elsewhere(zeros),
-             *_warnings(samples, model, chain, fits, dropped, gone)]
+        zeros = {name: angle for name, angle in zeros.items() if abs(angle) > _MIN_ZERO_ANGLE}
+    lines = [warning, choice.warning, *_tilt_warning(tilt), *_zero_angle_warning(zeros),
+             *_warnings(samples, model, chain, fits, dropped, excluded)]
 
     def by_joint(values: NDArray[Any]) -> dict[str, Any]:
         return dict(zip(model.joints, values.tolist()))
@@ -135,30 +135,30 @@ def build_report(model: GravityModel, samples: JointSamples, choice: Choice,
         by_joint(model.n_features()), by_joint(model.noise),
         by_joint(np.concatenate([each.absolute for each in noises])),
         by_joint(np.concatenate([each.relative for each in noises])),
-        model.nuisance.terms, gone, tuple(fits), dropped, tuple(line for line in lines if line),
-        chain, choice.known_axes, tilt, zeros,
+        model.nuisance.terms, excluded, tuple(fits), dropped,
+        tuple(line for line in lines if line), chain, choice.known_axes, tilt, zeros,
         by_joint(std_over_poses(chain.chain, chain.covariance)) if chain else {})
 
 
-def _turned(tilt: float) -> list[str]:
-    """Return a warning if the arm stands otherwise than its description, on a wall perhaps."""
+def _tilt_warning(tilt: float) -> list[str]:
+    """Return a warning if the base is tilted against the description, as on a wall."""
     if tilt < MAX_FITTED_TILT:
         return []
-    line = (f'the base is turned by {np.degrees(tilt):.1f} degrees against the description: '
-            f'gravity is fitted along the vertical that the torque shows')
+    line = (f'the base is tilted by {np.degrees(tilt):.1f} degrees against the description: '
+            f'gravity is fitted along the vertical estimated from the torque')
     if tilt > _UPSIDE_DOWN:
-        line += '. Does the arm hang from a ceiling, or has its effort the opposite sign?'
+        line += '. Check whether the arm hangs from a ceiling or its effort has the opposite sign'
     return [line]
 
 
-def _zeros_elsewhere(angles: Mapping[str, float]) -> list[str]:
-    """Return a warning if joints count their angles from elsewhere than the description."""
+def _zero_angle_warning(angles: Mapping[str, float]) -> list[str]:
+    """Return a warning if zero angles differ from those of the description."""
     if not angles:
         return []
     named = ', '.join(f'{name} by {np.degrees(angle):.1f}' for name, angle in angles.items())
-    return [f'the zero angles differ from those of the description (encoder offsets, true less '
-            f'reported angle, in degrees: {named}): gravity is fitted with zero angles as the '
-            f'torque shows them. Calibrate the encoders, or correct the description']
+    return [f'the zero angles differ from those of the description (encoder offsets, true minus '
+            f'reported angle, in degrees: {named}): gravity is fitted with zero angles estimated '
+            f'from the torque. Calibrate the encoders, or correct the description']
 
 
 def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def _nuisance_json(term: NuisanceTerm) -> dict[str, Any]:
 
 
 def nuisance_sentence(nuisance: NuisanceTerms) -> str | None:
-    """Return one sentence on the nuisance terms, None if there are none."""
+    """Return one sentence on the nuisance terms, None without any."""
     parts = []
     for kinds, word in (((COULOMB, VISCOUS), 'friction'), ((OFFSET,), 'an offset'),
                         ((INERTIA,), 'inertia')):
@@ -179,15 +179,15 @@ def nuisance_sentence(nuisance: NuisanceTerms) -> str | None:
     if not parts:
         return None
     listed = parts[0] if len(parts) == 1 else ', '.join(parts[:-1]) + ' and ' + parts[-1]
-    return f'fitted beside gravity and not predicted: {listed}'
+    return f'fitted jointly with gravity and not predicted: {listed}'
 
 
-def _solver_json(found: SparseFit) -> dict[str, Any]:
-    solution = found.lasso
+def _solver_json(fit: SparseFit) -> dict[str, Any]:
+    solution = fit.lasso
     return {'lambda': solution.lam, 'iterations': solution.iterations,
-            'rounds': found.rounds, 'working_set': solution.working_set,
-            'l1_support': len(solution.indices), 'support': len(found.indices),
-            'ties': found.ties, 'inflation': found.inflation,
+            'rounds': fit.rounds, 'working_set': solution.working_set,
+            'l1_support': len(solution.indices), 'support': len(fit.indices),
+            'ties': fit.ties, 'inflation': fit.inflation,
             'converged': solution.converged,
             **asdict(solution.certificate)}
 
@@ -200,24 +200,24 @@ def _chain_json(chain: ChainFit) -> dict[str, Any]:
 
 def _warnings(samples: JointSamples, model: GravityModel, chain: ChainFit | None,
               fits: list[SparseFit], dropped: tuple[str, ...],
-              gone: Mapping[str, SetAside]) -> list[str]:
+              excluded: Mapping[str, SetAside]) -> list[str]:
     lines = []
     if dropped:
-        lines.append(f'{", ".join(dropped)} never moved: the model is valid only where it stood')
+        lines.append(f'{", ".join(dropped)} never moved: the model is valid only at that angle')
     if not any(torque.indices.size for torque in model.torques):
         lines.append('no torque differs from noise: the model is 0 everywhere. If gravity does '
                      'load the arm, record more poses')
-    for name, lost in gone.items():
+    for name, lost in excluded.items():
         lines.append(f'set aside as outliers: {counted(lost.n, "sample")} of {name}, from '
                      f'{lost.first:.1f} to {lost.last:.1f} s of {lost.label}')
     if chain:
-        lines += _structure(model, chain) + _unsure(samples, model, chain)
-    if not all(found.lasso.converged for found in fits):
+        lines += _structure(model, chain) + _uncertainty(samples, model, chain)
+    if not all(fit.lasso.converged for fit in fits):
         lines.append('ADMM did not reach its tolerance; its residuals are in the report')
-    ties = sum(found.ties for found in fits)
+    ties = sum(fit.ties for fit in fits)
     if ties:
-        lines.append(f'{counted(ties, "feature")} cannot be told from a neighbour on this motion; '
-                     f'their average is used. A wider motion would settle it')
+        lines.append(f'{counted(ties, "feature")} not identifiable: nearly collinear with another '
+                     f'one on this motion; their average is used. Record a wider motion')
     return lines
 
 
@@ -228,8 +228,8 @@ def _structure(model: GravityModel, chain: ChainFit) -> list[str]:
             f'an effect is not modelled, or the arm is no serial chain']
 
 
-def _unsure(samples: JointSamples, model: GravityModel, chain: ChainFit) -> list[str]:
-    """Say how far a chain may be off away from where it was trained, if that is much."""
+def _uncertainty(samples: JointSamples, model: GravityModel, chain: ChainFit) -> list[str]:
+    """Return a warning if the chain's error outside its training may be large."""
     sigma = np.sqrt((chain.noise.sigma(chain.chain.torque(samples.q)) ** 2).mean(axis=0))
     joint = least_certain_joint(chain.chain, chain.covariance, np.maximum(sigma, 1e-9))
     if joint is None:

@@ -1,4 +1,4 @@
-"""A fit of gravity with effects from the start, so that gravity never imitates them."""
+"""Fit of gravity jointly with effects, so that gravity does not absorb them."""
 
 from __future__ import annotations
 
@@ -38,13 +38,14 @@ def fit_with_effects(samples: JointSamples, slow: JointSamples, wanted: Sequence
     """
     Learn gravity and effects.
 
-    A first fit of gravity serves to compute the effects' columns; then gravity is selected anew
-    beside them (`refit`).
+    A first fit of gravity provides the effects' columns; `refit` then selects gravity again,
+    jointly with the effects.
 
-    :param samples: as recorded. :param slow: those of them that passed the gate.
+    :param samples: as recorded.
+    :param slow: those of them that passed the gate.
     :param use: which samples (M,) may be used for the effects; None for all.
     :raises FitError: if there are too few slow samples.
-    :raises DataError: if an effect cannot be seen in the recording.
+    :raises DataError: if an effect is not identifiable from the recording.
     """
     first = fit_gravity(slow, options, progress, recorded_accelerations(samples, slow))
     return FitWithEffects(first, refit(samples, first.model, wanted, speeds, use, progress))

@@ -1,11 +1,10 @@
 """
-Gravity as a step away from a model, linear in a few numbers.
+Linear regressor of a change of gravity, for each formulation.
 
-Refitting gravity beside effects must keep what makes a formulation good: one energy stays one
-energy over the features it had, a chain stays a chain, and joints by themselves stay that. Each
-is a step d with tau_n = g_n(q) + J_n(q) d, exact but for the chain's axes. A step is expected to
-be no larger than what it changes, which decides where the recording says nothing: there the old
-model stays.
+A joint refit of gravity and effects must keep the formulation: one energy over the same features,
+a chain, or a separate torque for each joint. The change is a step d with
+tau_n = g_n(q) + J_n(q) d, exact except for the axes of a chain. The prior std of each step is the
+size of the parameter that it changes; without data the old model stays.
 """
 
 from __future__ import annotations
@@ -19,43 +18,35 @@ from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 import numpy as np
 
-# rad; axes of a chain are known to about this before any data.
-_AXES = 0.3
-# An angle that is known to about this many times the exactness of an arm was taken as right.
-_TAKEN = 1.5
-_SMALLEST = 1e-3
+# Prior std of a chain's axes, in rad.
+_AXIS_STD = 0.3
+# Maximum std of an angle that counts as a right angle, in multiples of `TOLERANCE`.
+_MAX_RIGHT_ANGLE_STD = 1.5
+_MIN_SCALE = 1e-3
 
 
 @dataclass(frozen=True)
 class Part:
-    """Some columns (M, P) of one joint's torque, and which unknowns (P,) they belong to."""
+    """Some columns (M, P) of one joint's torque, and the indices (P,) of their unknowns."""
 
     unknowns: IntArray
     columns: FloatArray
 
 
 def step_scale(model: GravityModel) -> FloatArray:
-    """Return how large each number of a step (K,) may reasonably be."""
+    """Return the prior standard deviation (K,) of each number of a step."""
     if model.chain is not None:
         moments = np.abs(model.chain.moments).ravel()
-        return np.concatenate([_axes_scale(model, moments.size), _typical(moments)])
-    return _typical(np.abs(_weights(model)))
+        return np.concatenate([_axes_scale(model, moments.size), _at_least_median(moments)])
+    return _at_least_median(np.abs(_weights(model)))
 
 
 def _axes_scale(model: GravityModel, size: int) -> FloatArray:
-    """Return how far axes may turn: right angles that a fit took stay that."""
+    """Return the prior standard deviation in rad of the axes; right angles stay right."""
     if model.uncertainty is None:
-        return np.full(size, _AXES)
+        return np.full(size, _AXIS_STD)
     std = np.sqrt(np.maximum(np.diag(model.uncertainty.covariance)[:size], 0.0))
-    return np.where((std > 0.0) & (std < _TAKEN * TOLERANCE), std, _AXES)
-
-
-def step_from(origin: GravityModel, model: GravityModel) -> FloatArray:
-    """Return the step (K,) from one model to another; axes of a chain count as unmoved."""
-    if model.chain is not None and origin.chain is not None:
-        change = (model.chain.moments - origin.chain.moments).ravel()
-        return np.concatenate([np.zeros(change.size), change])
-    return _weights(model) - _weights(origin)
+    return np.where((std > 0.0) & (std < _MAX_RIGHT_ANGLE_STD * TOLERANCE), std, _AXIS_STD)
 
 
 def step_columns(model: GravityModel, q: FloatArray) -> list[Part]:
@@ -63,8 +54,8 @@ def step_columns(model: GravityModel, q: FloatArray) -> list[Part]:
     n = model.n_joints
     if model.chain is not None:
         jacobian = model.chain.jacobian(q)
-        # Left out rather than held by its scale, so that the chain prints as short as it was.
-        jacobian[:2 * n][_axes_scale(model, 2 * n) < _AXES] = 0.0
+        # Right angles are fixed, not only given a small prior std, so that the chain stays short.
+        jacobian[:2 * n][_axes_scale(model, 2 * n) < _AXIS_STD] = 0.0
         return [_nonzero(jacobian[:, joint].T) for joint in range(n)]
     if model.energy is not None:
         flat = EnergyDesign(q, np.ones(q.shape)).columns(model.energy.indices)
@@ -83,10 +74,10 @@ def _weights(model: GravityModel) -> FloatArray:
     return np.concatenate([torque.weights for torque in model.torques])
 
 
-def _typical(sizes: FloatArray) -> FloatArray:
-    """Return sizes, none below the usual one: a weight that is 0 by chance may well grow."""
-    usual = float(np.median(sizes)) if sizes.size else 0.0
-    return np.maximum(sizes, max(usual, _SMALLEST))
+def _at_least_median(sizes: FloatArray) -> FloatArray:
+    """Return sizes, none below the median: a weight may be 0 by coincidence."""
+    median = float(np.median(sizes)) if sizes.size else 0.0
+    return np.maximum(sizes, max(median, _MIN_SCALE))
 
 
 def _nonzero(columns: FloatArray) -> Part:

@@ -1,11 +1,10 @@
 """
-The order of an arm's joints, found from its torques.
+Search for the kinematic order of an arm's joints from its torques.
 
-A chain of links explains the torques of an arm if its joints come in their order, and leaves
-several times as much if they do not. So a chain is fitted to a few samples in one order after the
-other. The first order is that of the size of the torques; then joints are moved and swapped as
-long as that explains more. Joints that carry no gravity, such as an upright first one or the last
-one, have no place of their own, and any will do.
+The residual of a serial chain is several times larger with its joints in a wrong order. A chain
+is therefore fitted to a few samples in one order after another. The first order is by decreasing
+torque; joints are then moved and swapped as long as the residual falls. Joints without gravity
+torque, such as a vertical first joint or the last one, have no identifiable position.
 """
 
 from __future__ import annotations
@@ -20,74 +19,74 @@ import numpy as np
 
 Order = tuple[int, ...]
 
-# Samples of a trial, and starts of each: every other start of a right order ends in the right
-# axes, and a start takes 20 ms.
-_FEW, _STARTS = 60, 8
+# Maximum number of samples of a trial, and its number of starts: for the right order every other
+# start converges to the right axes, and a start takes 20 ms.
+_MAX_SAMPLES, _STARTS = 60, 8
 _QUICK = SolveOptions(max_steps=20, tolerance=1e-3)
-# Weights are 1 over this part of the largest torque.
-_FIRST = 0.05
-# An order is better if it leaves this part of the squared residual, and is taken in place of the
-# recorded one if it leaves this part of that one's.
-_BETTER, _CLEARLY_BETTER = 0.9, 0.5
-# Orders that are tried at most: an arm of seven joints takes 70.
-_MOST_TRIED = 200
+# Noise std that all rows assume, as a share of the largest RMS torque.
+_NOISE_SHARE = 0.05
+# Maximum ratio of squared residuals for which an order is better than the last one, and for which
+# it replaces the recorded one.
+_BETTER, _MUCH_BETTER = 0.9, 0.5
+# Maximum number of trials: an arm of seven joints takes 70.
+_MAX_TRIALS = 200
 
 
-def order_of_torques(samples: JointSamples) -> tuple[str, ...] | None:
+def joint_order_from_torques(samples: JointSamples) -> tuple[str, ...] | None:
     """
     Return the joints from the base outwards, in the order that explains their torques.
 
-    None if the order of the samples explains them about as well.
+    None if the residual of the samples' own order is similar.
 
     :param samples: slow motion, or motion of any speed.
     :raises FitError: if there are no samples.
     """
     problem = _problem(samples)
-    recorded = _left(problem, tuple(range(samples.n_joints)))
+    recorded_cost = _cost(problem, tuple(range(samples.n_joints)))
     size = (samples.tau - samples.tau.mean(axis=0)).std(axis=0)
-    order, left = _improved(problem, tuple(np.argsort(-size).tolist()))
-    if left > _CLEARLY_BETTER * recorded:
+    order, cost = _local_minimum(problem, tuple(np.argsort(-size).tolist()))
+    if cost > _MUCH_BETTER * recorded_cost:
         return None
     return tuple(samples.names[k] for k in order)
 
 
-def _improved(problem: ChainProblem, order: Order) -> tuple[Order, float]:
-    """Return an order that no move improves, and the squared residual that it leaves."""
-    left, moves = _left(problem, order), _moves(order)
-    for _ in range(1, _MOST_TRIED):
+def _local_minimum(problem: ChainProblem, order: Order) -> tuple[Order, float]:
+    """Return an order that no move improves, and its squared residual."""
+    cost, moves = _cost(problem, order), _moves(order)
+    for _ in range(1, _MAX_TRIALS):
         moved = next(moves, None)
         if moved is None:
             break
-        found = _left(problem, moved)
-        if found < _BETTER * left:
-            order, left, moves = moved, found, _moves(moved)
-    return order, left
+        moved_cost = _cost(problem, moved)
+        if moved_cost < _BETTER * cost:
+            order, cost, moves = moved, moved_cost, _moves(moved)
+    return order, cost
 
 
 def _problem(samples: JointSamples) -> ChainProblem:
-    regression = build_regression(samples).thinned(_FEW)
-    few, beside = regression.samples, regression.beside()
-    weight = 1.0 / max(_FIRST * float(np.sqrt((few.tau ** 2).mean(axis=0)).max()), 1e-9)
-    return ChainProblem(few.q, few.tau, np.full(few.tau.shape, weight), beside.columns,
-                        beside.spread)
+    regression = build_regression(samples).thinned(_MAX_SAMPLES)
+    few, terms = regression.samples, regression.linear_terms()
+    weight = 1.0 / max(_NOISE_SHARE * float(np.sqrt((few.tau ** 2).mean(axis=0)).max()), 1e-9)
+    return ChainProblem(few.q, few.tau, np.full(few.tau.shape, weight), terms.columns,
+                        terms.spread)
 
 
-def _left(problem: ChainProblem, order: Order) -> float:
+def _cost(problem: ChainProblem, order: Order) -> float:
     """Return the squared residual of the best chain with its joints in this order."""
-    places = list(order)
-    nuisance = None if problem.nuisance is None else problem.nuisance[:, places]
-    ordered = ChainProblem(problem.q[:, places], problem.tau[:, places],
-                           problem.weights[:, places], nuisance, problem.spread)
+    joints = list(order)
+    nuisance = None if problem.nuisance is None else problem.nuisance[:, joints]
+    ordered = ChainProblem(problem.q[:, joints], problem.tau[:, joints],
+                           problem.weights[:, joints], nuisance, problem.spread)
     rng = np.random.default_rng(0)
     best = solve(ordered, next_axes(rng, len(order), 1, None), options=_QUICK)
     for count in range(2, _STARTS + 1):
-        found = solve(ordered, next_axes(rng, len(order), count, best), options=_QUICK)
-        best = min(best, found, key=lambda solution: solution.cost)
+        solution = solve(ordered, next_axes(rng, len(order), count, best), options=_QUICK)
+        best = min(best, solution, key=lambda each: each.cost)
     return best.cost
 
 
 def _moves(order: Order) -> Iterator[Order]:
-    """Yield orders with one joint moved or two swapped, near places first."""
+    """Yield orders with one joint moved or two swapped, short distances first."""
     n, seen = len(order), {order}
     for distance in range(1, n):
         for joint in range(n):

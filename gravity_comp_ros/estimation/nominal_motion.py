@@ -1,10 +1,10 @@
 """
-The torque of motion of an arm with known axes, taken off before gravity is fitted.
+Nominal torque of motion of an arm with known axes, subtracted before gravity is fitted.
 
-Where a description gives the axes, a nominal arm with the first moments of gravity has nearly the
-inertias of the real one (`models.kinematic.nominal_arm`). Without its torque of motion a fit takes
-inertia for a small tilt of the base: the first joint carries no other gravity. Even 0.1 rad/s^2
-are enough for a degree.
+A nominal arm on the axes of a description, with the first moments of gravity, has nearly the
+inertias of the real arm (`models.kinematic.nominal_arm`). If its torque of motion is not
+subtracted, inertia appears as a tilt of the base, because the first joint has no other gravity
+torque. An acceleration of 0.1 rad/s^2 corresponds to a degree.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from gravity_comp_ros.models.kinematic.rigid_body import regressor
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Effects that describe the torque of motion, beside which it is not taken off.
+# Effects that describe the torque of motion; with one of them it is not subtracted.
 MOTION_EFFECTS = ('rigid_body_dynamics', 'inertia', 'coriolis')
-# Samples that the first moments are read from, and those whose regressor is built at once.
-_POSES, _AT_ONCE = 300, 4096
-# Directions that the motion excites less, next to the most excited, are left out.
-_EXCITED = 1e-3
+# Maximum number of samples that first moments are fitted to, and of rows of one regressor.
+_MAX_MOMENT_SAMPLES, _MAX_ROWS = 300, 4096
+# Minimum singular value of an excited direction, relative to the largest.
+_MIN_EXCITATION = 1e-3
 
 
 def without_motion(samples: JointSamples, geometry: Geometry, qdd: FloatArray) -> JointSamples:
@@ -52,18 +52,19 @@ def motion_torque(samples: JointSamples, geometry: Geometry, moments: FloatArray
     """
     parameters = nominal_parameters(geometry, moments)
     torque = [regressor(geometry, samples.q[rows], samples.qd[rows], qdd[rows]) @ parameters
-              for start in range(0, len(samples), _AT_ONCE)
-              for rows in [slice(start, start + _AT_ONCE)]]
+              for start in range(0, len(samples), _MAX_ROWS)
+              for rows in [slice(start, start + _MAX_ROWS)]]
     return np.concatenate(torque)
 
 
 def _first_moments(samples: JointSamples, geometry: Geometry) -> FloatArray:
-    """Return first moments (N, 2) in kg·m by least squares, dry friction and offsets beside."""
-    rows, n = evenly_picked(samples.n_samples, _POSES), samples.n_joints
-    q, ways = samples.q[rows], np.sign(samples.qd[rows])
+    """Return first moments (N, 2) in kg·m, fitted jointly with Coulomb friction and offsets."""
+    rows, n = evenly_picked(samples.n_samples, _MAX_MOMENT_SAMPLES), samples.n_joints
+    q, signs = samples.q[rows], np.sign(samples.qd[rows])
     gravity = ForwardKinematics(geometry.rotations, q).moment_columns().transpose(2, 1, 0)
     each = np.eye(n)[None]
-    columns = np.concatenate([gravity, np.tile(each, (len(q), 1, 1)), ways[:, :, None] * each],
+    columns = np.concatenate([gravity, np.tile(each, (len(q), 1, 1)), signs[:, :, None] * each],
                              axis=2)
-    found = lstsq(columns.reshape(-1, 4 * n), samples.tau[rows].ravel(), rcond=_EXCITED)
-    return np.asarray(found[:2 * n].reshape(n, 2) / STANDARD_GRAVITY)
+    coefficients = lstsq(columns.reshape(-1, 4 * n), samples.tau[rows].ravel(),
+                         rcond=_MIN_EXCITATION)
+    return np.asarray(coefficients[:2 * n].reshape(n, 2) / STANDARD_GRAVITY)

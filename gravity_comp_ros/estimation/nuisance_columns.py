@@ -1,9 +1,9 @@
 """
-Columns of nuisance terms: friction, offset and inertia of every joint, as regressors.
+Regressor columns of nuisance terms: friction, offset and inertia of each joint.
 
-Which of them a motion can identify, and which the data ask for, is decided here. A term is kept
-if its coefficient is further from 0 than chance allows, gravity and all other terms fitted beside
-it: a column that is free without need costs accuracy of gravity.
+This module decides which terms the motion can identify and which ones the fit keeps. A term is
+kept if its coefficient differs significantly from 0 in a joint fit with gravity and all other
+terms. An insignificant free column would only increase the variance of gravity.
 """
 
 from __future__ import annotations
@@ -22,32 +22,31 @@ from gravity_comp_ros.models.nuisance import (
 from gravity_comp_ros.models.sparse.projected import orthonormal_basis
 import numpy as np
 
-# A column of which less than this share (of its length) lies outside the span of the joint's
-# other columns is not identifiable: on a joint that moves one way, Coulomb friction is an offset.
-_IDENTIFIABLE = 0.02
-# Coefficients nearer to 0 than this many standard deviations are dropped. With 21 terms, 3.3
-# lets a term in by chance in 2 % of fits.
-_SIGNIFICANT = 3.3
-# rad. Over a shorter way the joint's own gravity torque, which has sin q or cos q in every term,
-# is a constant itself.
-_TELLS_OFFSET = 0.2
-# The usual size of a term as a share of the joint's torque, root mean square, of a joint that has
-# not turned round yet: friction and offset are told from gravity by going to and fro. Each
-# reversal widens it by as much again.
-_USUAL = {OFFSET: 0.02, COULOMB: 0.1, VISCOUS: 0.1, INERTIA: 1.0}
-# A joint's torque counts as this share of the largest joint's at least.
-_LEAST_TORQUE = 0.1
-# White noise counts as this share of a joint's torque at most.
-_LARGEST_NOISE = 0.02
-# rad/s: slower joints may go either way.
-_MOVING = 0.01
-# rad/s^2: accelerations below this (root mean square) move no torque that could be seen.
-_LEAST_ACCELERATION = 0.05
+# Minimum share of a column's norm outside the span of the joint's other columns. On a joint that
+# moves in one direction only, Coulomb friction equals an offset and is not identifiable.
+_MIN_INDEPENDENT = 0.02
+# Minimum |coefficient| in standard deviations. With 21 terms, a term of zero size passes in 2 %
+# of fits.
+_MIN_SIGNIFICANCE = 3.3
+# Minimum joint travel, in rad, for an offset. Over a shorter travel the joint's own gravity
+# torque, which has sin q or cos q in every term, is nearly constant as well.
+_MIN_OFFSET_TRAVEL = 0.2
+# Prior size of a term as a share of the joint's RMS torque, for a joint without reversals.
+# Reversals separate friction and offset from gravity; each one widens the prior by as much again.
+_PRIOR_SIZE = {OFFSET: 0.02, COULOMB: 0.1, VISCOUS: 0.1, INERTIA: 1.0}
+# Minimum RMS torque of a joint that the prior assumes, as a share of the largest joint's.
+_MIN_RELATIVE_TORQUE = 0.1
+# Maximum white noise that the prior assumes, as a share of the joint's torque.
+_MAX_RELATIVE_NOISE = 0.02
+# Minimum speed, in rad/s, at which the direction of motion counts.
+_MIN_SPEED = 0.01
+# Minimum RMS acceleration, in rad/s^2, of a joint whose inertia is a term.
+_MIN_ACCELERATION = 0.05
 
 
 @dataclass(frozen=True)
 class Column:
-    """Which term a column belongs to: `joint` and `source` are joint numbers."""
+    """The term of a column: its kind, and `joint` and `source` as joint numbers."""
 
     kind: str
     joint: int
@@ -59,15 +58,15 @@ class NuisanceColumns:
     """
     K columns of torque per unit of coefficient: `values` (K, m), each of one joint's torque.
 
-    `shapes` say how the direction of motion of each joint was found. `spread` (K,) are standard
-    deviations of the coefficients before any data, per N·m of noise: friction and offsets are a
-    part of the torque, and where a short motion does not tell them from gravity, they are small.
+    `shapes` are the friction shapes of the joints. `prior_std` (K,) are prior standard deviations
+    of the coefficients, per N·m of noise: friction and offset are small parts of the torque,
+    which matters where a short motion does not separate them from gravity.
     """
 
     columns: tuple[Column, ...]
     values: FloatArray
     shapes: tuple[Shape, ...]
-    spread: FloatArray
+    prior_std: FloatArray
 
     def dense(self) -> FloatArray | None:
         """Return the columns (K, N, m) with 0 in the torques of other joints; None without any."""
@@ -82,97 +81,99 @@ class NuisanceColumns:
         """Return some of the columns."""
         kept = [int(k) for k in keep]
         return NuisanceColumns(tuple(self.columns[k] for k in kept), self.values[kept],
-                               self.shapes, self.spread[kept])
+                               self.shapes, self.prior_std[kept])
 
     def terms(self, names: tuple[str, ...], coefficients: FloatArray, covariance: FloatArray,
               noise: FloatArray) -> NuisanceTerms:
         """Return the fitted terms, for a model."""
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        found = tuple(
+        terms = tuple(
             NuisanceTerm(c.kind, names[c.joint], float(x), float(s),
                          None if c.source is None else names[c.source])
             for c, x, s in zip(self.columns, coefficients, std))
-        return NuisanceTerms(found, np.array([shape.width for shape in self.shapes]),
+        return NuisanceTerms(terms, np.array([shape.width for shape in self.shapes]),
                              np.array([shape.hold for shape in self.shapes]), noise)
 
 
-def plain_shapes(samples: JointSamples) -> tuple[Shape, ...]:
-    """Return directions of motion as the noise of the speed asks for, before any fit."""
+def initial_shapes(samples: JointSamples) -> tuple[Shape, ...]:
+    """Return friction shapes before any fit, as wide as the noise of the speed requires."""
     return tuple(Shape(float(width)) for width in least_widths(samples))
 
 
 def fitted_shapes(samples: JointSamples, qdd: FloatArray,
                   residual: FloatArray) -> tuple[Shape, ...]:
     """
-    Return how the friction of each joint turns, as a residual (M, N) in N·m shows it.
+    Return the friction shape of each joint, fitted to a residual (M, N) in N·m.
 
     :param qdd: accelerations (M, N), rad/s^2.
     """
-    least = least_widths(samples)
+    widths = least_widths(samples)
     return tuple(find_shape(samples, samples.q[:, n], samples.qd[:, n], qdd[:, n],
-                            residual[:, n], float(least[n]))
+                            residual[:, n], float(widths[n]))
                  for n in range(samples.n_joints))
 
 
-def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], means: Condensation,
+def build_columns(samples: JointSamples, shapes: tuple[Shape, ...], condensation: Condensation,
                   qdd: FloatArray | None = None,
                   effects: FloatArray | None = None,
                   excluded: Collection[tuple[str, int]] = ()) -> NuisanceColumns:
     """
     Return the columns that this motion can identify, condensed.
 
-    :param qdd: accelerations (M, N) in rad/s^2 where fast samples are fitted: then inertia has
-        columns as well.
-    :param effects: columns (K, N, m) of effects, condensed: what they span needs no nuisance term.
-    :param excluded: kinds and joint numbers of terms that an effect takes the place of.
+    :param qdd: accelerations (M, N) in rad/s^2 if inertia is to have columns.
+    :param effects: columns (K, N, m) of effects, condensed; their span needs no nuisance term.
+    :param excluded: kinds and joint numbers of terms that an effect replaces.
     """
-    found: list[tuple[Column, FloatArray]] = []
+    size = len(condensation.first)
+    selected: list[tuple[Column, FloatArray]] = []
     for n, shape in enumerate(shapes):
         q, qd = samples.q[:, n], samples.qd[:, n]
         candidates: list[tuple[Column, FloatArray]] = []
-        if np.ptp(q) > _TELLS_OFFSET:
+        if np.ptp(q) > _MIN_OFFSET_TRAVEL:
             candidates.append((Column(OFFSET, n), np.ones(samples.n_samples)))
         if qd.any():
             candidates += [(Column(COULOMB, n), direction(samples, q, qd, shape)),
                            (Column(VISCOUS, n), qd)]
         if qdd is not None:
             sources = [j for j in range(samples.n_joints)
-                       if np.sqrt((qdd[:, j] ** 2).mean()) > _LEAST_ACCELERATION]
+                       if np.sqrt((qdd[:, j] ** 2).mean()) > _MIN_ACCELERATION]
             candidates += [(Column(INERTIA, n, j), qdd[:, j]) for j in sources]
         candidates = [c for c in candidates if (c[0].kind, n) not in excluded]
-        given = np.zeros((0, len(means.first))) if effects is None else effects[:, n]
-        found += _identifiable([(column, means.mean(x)) for column, x in candidates], given)
-    size = len(means.first)
-    values = np.array([x for _, x in found]) if found else np.zeros((0, size))
-    columns = tuple(column for column, _ in found)
-    spread = _spread(columns, values, means.samples(samples))
-    return NuisanceColumns(columns, values, shapes, spread)
+        given = np.zeros((0, size)) if effects is None else effects[:, n]
+        selected += _identifiable([(column, condensation.mean(x)) for column, x in candidates],
+                                  given)
+    values = np.array([x for _, x in selected]) if selected else np.zeros((0, size))
+    columns = tuple(column for column, _ in selected)
+    prior_std = _prior_std(columns, values, condensation.samples(samples))
+    return NuisanceColumns(columns, values, shapes, prior_std)
 
 
-def _spread(columns: tuple[Column, ...], values: FloatArray, samples: JointSamples) -> FloatArray:
-    """Return the standard deviation (K,) of each coefficient before any data, per N·m of noise."""
+def _prior_std(columns: tuple[Column, ...], values: FloatArray,
+               samples: JointSamples) -> FloatArray:
+    """Return the prior standard deviation (K,) of each coefficient, per N·m of noise."""
     torque = np.sqrt((samples.tau ** 2).mean(axis=0))
-    torque = np.maximum(torque, _LEAST_TORQUE * max(float(torque.max(initial=0.0)), 1e-300))
-    # Poses that do not follow each other differ by more than noise.
-    noise = np.minimum(white_noise(samples), _LARGEST_NOISE * torque)
+    torque = np.maximum(torque,
+                        _MIN_RELATIVE_TORQUE * max(float(torque.max(initial=0.0)), 1e-300))
+    # Differences between unconnected poses include gravity as well as noise.
+    noise = np.minimum(white_noise(samples), _MAX_RELATIVE_NOISE * torque)
     relative = torque / noise * (1.0 + _reversals(samples))
     size = np.sqrt((values ** 2).mean(axis=1))
-    usual = np.array([_USUAL[column.kind] * relative[column.joint] for column in columns])
-    return np.asarray(usual / np.maximum(size, 1e-300)) if columns else np.zeros(0)
+    std = np.array([_PRIOR_SIZE[column.kind] * relative[column.joint] for column in columns])
+    return np.asarray(std / np.maximum(size, 1e-300)) if columns else np.zeros(0)
 
 
 def _reversals(samples: JointSamples) -> FloatArray:
-    """Return how often each joint (N,) turns round."""
+    """Return the number of reversals of each joint (N,)."""
     counts = np.zeros(samples.n_joints)
     for n in range(samples.n_joints):
-        moving = np.abs(samples.qd[:, n]) > _MOVING
-        ways, runs = np.sign(samples.qd[moving, n]), samples.runs[moving]
-        counts[n] = np.count_nonzero((np.diff(ways) != 0.0) & (np.diff(runs) == 0))
+        moving = np.abs(samples.qd[:, n]) > _MIN_SPEED
+        signs, runs = np.sign(samples.qd[moving, n]), samples.runs[moving]
+        counts[n] = np.count_nonzero((np.diff(signs) != 0.0) & (np.diff(runs) == 0))
     return counts
 
 
 def white_noise(samples: JointSamples) -> FloatArray:
-    """Return the standard deviation (N,) in N·m of what differs from one sample to the next."""
+    """Return the standard deviation (N,) in N·m of the torque between consecutive samples."""
     within = samples.runs[2:] == samples.runs[:-2]
     if not within.any():
         return np.full(samples.n_joints, floor(samples.tau))
@@ -183,7 +184,7 @@ def nuisance_torque(nuisance: NuisanceTerms, samples: JointSamples) -> FloatArra
     """
     Return the torque (M, N) in N·m of fitted nuisance terms on other samples of the same joints.
 
-    Terms of a joint that the samples lack are left out.
+    Terms of joints that are missing from the samples are left out.
     """
     total = np.zeros(samples.q.shape)
     qdd = None
@@ -214,31 +215,31 @@ def _identifiable(candidates: list[tuple[Column, FloatArray]], given: FloatArray
         length = float(np.linalg.norm(x))
         outside = x - basis @ (basis.T @ x)
         outside -= basis @ (basis.T @ outside)
-        left = float(np.linalg.norm(outside))
-        if length == 0.0 or left < _IDENTIFIABLE * length:
+        independent = float(np.linalg.norm(outside))
+        if length == 0.0 or independent < _MIN_INDEPENDENT * length:
             continue
         kept.append((column, x))
-        basis = np.column_stack([basis, outside / left])
+        basis = np.column_stack([basis, outside / independent])
     return kept
 
 
 def significant(coefficients: FloatArray, covariance: FloatArray) -> list[int]:
     """
-    Return which coefficients (K,) the data tell from 0, the others dropped one by one.
+    Return the indices of significant coefficients (K,), by backward elimination.
 
-    :param covariance: theirs (K, K), gravity fitted beside.
+    :param covariance: theirs (K, K), from a joint fit with gravity.
     """
-    left = list(range(len(coefficients)))
+    kept = list(range(len(coefficients)))
     x, spread = coefficients.copy(), covariance.copy()
-    while left:
+    while kept:
         z = np.abs(x) / np.sqrt(np.maximum(np.diag(spread), 1e-300))
         k = int(np.argmin(z))
-        if z[k] >= _SIGNIFICANT:
+        if z[k] >= _MIN_SIGNIFICANCE:
             break
-        # Conditioned on this coefficient being 0.
+        # Condition the other coefficients on this one being 0.
         gain = spread[:, k] / max(float(spread[k, k]), 1e-300)
-        rest = [j for j in range(len(left)) if j != k]
+        rest = [j for j in range(len(kept)) if j != k]
         x = (x - gain * x[k])[rest]
         spread = (spread - np.outer(gain, spread[k]))[np.ix_(rest, rest)]
-        left.pop(k)
-    return left
+        kept.pop(k)
+    return kept

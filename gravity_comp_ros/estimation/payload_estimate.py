@@ -1,13 +1,13 @@
 """
-A tool weighed by the arm that holds it, where the arm's lengths are known.
+Payload mass and centre of mass, for an arm with known link lengths.
 
-What a tool adds to gravity is linear in its mass m and its first moment m c (Yu 2022, Eq. (19)
-has the same four numbers for every link). They are fitted together with what was not sure about
-the arm before:
+The gravity torque of a payload is linear in its mass m and its first moment m c (Yu 2022,
+Eq. (19), has the same four parameters for every link). They are fitted jointly with a step u of
+the old model within its covariance C:
 
     tau - g_old(q) = T(q) [m, m c] + J(q) u + noise,    u ~ N(0, C),
 
-so that their intervals hold the old model's uncertainty as well as the noise of new samples.
+so that their intervals include the old model's uncertainty and the noise of the new samples.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ from gravity_comp_ros.models.kinematic.vertical import with_estimated_vertical
 from gravity_comp_ros.models.kinematic.zero_angles import same_axes
 import numpy as np
 
-# What a tool may weigh before any data, kg, and how far its centre may be, m.
-_USUAL_MASS, _USUAL_DISTANCE = 30.0, 0.5
-# A mass below this many standard deviations has no centre worth telling.
-_TOLD = 4.0
+# Prior std of a payload's mass, in kg, and of the distance of its centre, in m.
+_MASS_STD, _DISTANCE_STD = 30.0, 0.5
+# Minimum mass, in standard deviations, for which a centre of mass is reported.
+_MIN_SIGNIFICANCE = 4.0
 _DRAWS = 4000
-# Poses that stand for an old model's training.
-_FEWEST_POSES, _MOST_POSES = 200, 1000
-# Known axes must repeat the old model to this share of what it is unsure of.
-_REPEATS = 0.5
+# Minimum and maximum number of poses that replace an old model's training samples.
+_MIN_POSES, _MAX_POSES = 200, 1000
+# Maximum RMS misfit of known axes to the old model, as a share of its uncertainty.
+_MAX_MISFIT = 0.5
 
 
 @dataclass(frozen=True)
 class PayloadEstimate:
     """
-    A tool: its `mass` in kg, and its `centre` in m by axis in the coordinates of `link`.
+    A payload: its `mass` in kg, and its `centre` in m by axis in the coordinates of `link`.
 
-    The centre is None where the mass is not told from 0. What came off has a negative mass.
+    The centre is None if the mass does not differ from 0. A removed payload has a negative mass.
     """
 
     link: str
@@ -54,69 +54,71 @@ class PayloadEstimate:
 
 
 @dataclass(frozen=True)
-class Tool:
-    """The chain with the tool, the covariance of a step from it, and the tool by itself."""
+class LoadedChain:
+    """The chain with the payload, the covariance of a step from it, and the payload."""
 
     chain: Chain
     covariance: FloatArray
-    weighed: PayloadEstimate
+    payload: PayloadEstimate
 
 
-def weigh(chain: Chain, covariance: FloatArray, new: NewSamples, geometry: Geometry) -> Tool:
+def estimate_payload(chain: Chain, covariance: FloatArray, new: NewSamples,
+                     geometry: Geometry) -> LoadedChain:
     """
-    Return the chain with the tool that explains the new samples best.
+    Return the chain with the payload that best explains the new samples.
 
     :param chain: on the axes of `geometry`; of the arm before the change.
     :param covariance: of a step from the chain (4N, 4N).
     """
     n = chain.n_joints
-    tool = np.hstack([np.zeros((4, 2 * n)), geometry.tool_moments()])
+    # Rows: chain step per unit of [m, m c]; then of every coefficient, payload and step u.
+    payload_steps = np.hstack([np.zeros((4, 2 * n)), geometry.tool_moments()])
     columns = new.columns(chain)
-    every = np.concatenate([tool @ columns, columns])
-    usual = np.array([1.0, *3 * [_USUAL_DISTANCE]]) * _USUAL_MASS
+    regressor = np.concatenate([payload_steps @ columns, columns])
+    payload_std = np.array([1.0, *3 * [_DISTANCE_STD]]) * _MASS_STD
     prior = np.zeros((4 + 4 * n, 4 + 4 * n))
-    prior[:4, :4] = np.diag(usual ** 2)
+    prior[:4, :4] = np.diag(payload_std ** 2)
     prior[4:, 4:] = covariance
-    # Written with the prior's covariance, not its inverse: an axis that is known has none.
-    inverse = np.linalg.inv(np.eye(len(prior)) + prior @ (every @ every.T))
-    spread = inverse @ prior
-    spread = 0.5 * (spread + spread.T)
-    residual = new.residual(chain)
-    found = spread @ (every @ residual)
-    onto_step = np.hstack([tool.T, np.eye(4 * n)])
-    after = onto_step @ spread @ onto_step.T
-    loaded = chain.moved(right_angles_kept(onto_step @ found, after, covariance))
-    return Tool(loaded, after, _weighed(found[:4], spread[:4, :4], geometry.link))
+    # Written with the prior covariance, not its inverse: that of exactly known axes is singular.
+    inverse = np.linalg.inv(np.eye(len(prior)) + prior @ (regressor @ regressor.T))
+    posterior = inverse @ prior
+    posterior = 0.5 * (posterior + posterior.T)
+    coefficients = posterior @ (regressor @ new.residual(chain))
+    to_step = np.hstack([payload_steps.T, np.eye(4 * n)])
+    step_covariance = to_step @ posterior @ to_step.T
+    loaded = chain.moved(right_angles_kept(to_step @ coefficients, step_covariance, covariance))
+    return LoadedChain(loaded, step_covariance,
+                       _mass_and_centre(coefficients[:4], posterior[:4, :4], geometry.link))
 
 
-def _weighed(found: FloatArray, spread: FloatArray, link: str) -> PayloadEstimate:
-    value, sigma = float(found[0]), float(np.sqrt(spread[0, 0]))
+def _mass_and_centre(mean: FloatArray, covariance: FloatArray, link: str) -> PayloadEstimate:
+    """Return mass and centre with 95 % intervals from the posterior of [m, m c]."""
+    value, sigma = float(mean[0]), float(np.sqrt(covariance[0, 0]))
     mass = Quantity(value, 'kg', (value - 1.96 * sigma, value + 1.96 * sigma))
-    if abs(value) < _TOLD * sigma:
+    if abs(value) < _MIN_SIGNIFICANCE * sigma:
         return PayloadEstimate(link, mass, None)
-    draws = np.random.default_rng(0).multivariate_normal(found, spread, _DRAWS)
+    draws = np.random.default_rng(0).multivariate_normal(mean, covariance, _DRAWS)
     low, high = np.percentile(draws[:, 1:] / draws[:, :1], [2.5, 97.5], axis=0)
     return PayloadEstimate(link, mass, {
-        axis: Quantity(float(found[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
+        axis: Quantity(float(mean[k] / value), 'm', (float(low[k - 1]), float(high[k - 1])))
         for k, axis in enumerate('xyz', start=1)})
 
 
 def on_known_axes(model: GravityModel, geometry: Geometry
                   ) -> tuple[Chain, FloatArray, Geometry]:
     """
-    Return a model's gravity as a chain on known axes, and the covariance of a step from it.
+    Return a model's gravity as a chain on known axes, its covariance, and the axes.
 
-    Third come the axes, on the vertical and with the zero angles that the model has.
-    A model that was fitted on these axes is that already. Of any other, poses within its trained
-    range stand for its training, with its torque and its noise.
+    The covariance is that of a step from the chain; the axes have the vertical and the zero
+    angles of the model. A chain that was fitted on these axes is returned as it is. Any other
+    model is sampled at poses within its trained range, with its torque and its noise.
 
-    :raises ModelMismatchError: if no moments on these axes repeat the model: they are of another
-        arm, or of one that counts its angles from elsewhere.
+    :raises ModelMismatchError: if no moments on these axes reproduce the model: they are of
+        another arm, or of one with other zero angles.
     """
     if sorted(model.joints) != sorted(geometry.joints):
-        raise ModelMismatchError(f'axes are known of {", ".join(geometry.joints)}, but the model '
-                                 f'is of {", ".join(model.joints)}')
-    n = geometry.n_joints
+        raise ModelMismatchError(f'the known axes are of {", ".join(geometry.joints)}, but the '
+                                 f'model is of {", ".join(model.joints)}')
     own = geometry
     if model.geometry is not None and same_axes(model.geometry, geometry):
         own = model.geometry
@@ -124,27 +126,37 @@ def on_known_axes(model: GravityModel, geometry: Geometry
             and model.joints == own.joints
             and np.abs(model.chain.axes[1:] - own.rotations[1:]).max(initial=0.0) < 1e-9):
         return model.chain, model.uncertainty.covariance, own
+    q, tau, sigma = _resampled(model, geometry)
+    geometry = with_estimated_vertical(geometry, JointSamples.single_run(
+        geometry.joints, np.arange(len(q)), q, np.zeros_like(q), tau))
+    weight = np.sqrt(max(model.coverage.n_samples, 1) / len(q))
+    result = solve_known(ChainProblem(q, tau, weight / sigma), geometry.rotations)
+    chain = result.solution.chain
+    _check_misfit(tau - chain.torque(q), sigma, geometry.joints)
+    return chain, result.covariance(), geometry
+
+
+def _resampled(model: GravityModel, geometry: Geometry
+               ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return poses within the trained range, torques and their std, joints as in `geometry`."""
     order = [model.joints.index(name) for name in geometry.joints]
-    count = int(np.clip(model.coverage.n_samples, _FEWEST_POSES, _MOST_POSES))
-    rng = np.random.default_rng(0)
-    q = rng.uniform(model.coverage.q_min, model.coverage.q_max, (count, n))
-    tau, std = model.predict(q), np.zeros((count, n))
+    count = int(np.clip(model.coverage.n_samples, _MIN_POSES, _MAX_POSES))
+    q = np.random.default_rng(0).uniform(model.coverage.q_min, model.coverage.q_max,
+                                         (count, geometry.n_joints))
+    tau, std = model.predict(q), np.zeros(q.shape)
     if model.uncertainty is not None:
         std = model.predict_std(q)
-    worth = np.sqrt(max(model.coverage.n_samples, 1) / count)
     sigma = np.hypot(np.maximum(model.noise, 1e-3 * np.abs(tau).max() + 1e-9), 3.0 * std)
-    geometry = with_estimated_vertical(geometry, JointSamples.single_run(
-        geometry.joints, np.arange(count), q[:, order], np.zeros_like(q), tau[:, order]))
-    problem = ChainProblem(q[:, order], tau[:, order], (worth / sigma)[:, order])
-    found = solve_known(problem, geometry.rotations)
-    chain = found.solution.chain
-    left = (problem.tau - chain.torque(problem.q)) / sigma[:, order]
-    missed = np.sqrt((left ** 2).mean(axis=0))
-    worst = int(np.argmax(missed))
-    if missed[worst] > _REPEATS:
-        wrong = float(np.sqrt(((left * sigma[:, order]) ** 2).mean(axis=0))[worst])
+    return q[:, order], tau[:, order], sigma[:, order]
+
+
+def _check_misfit(residual: FloatArray, sigma: FloatArray, joints: tuple[str, ...]) -> None:
+    """Raise ModelMismatchError if a residual (M, N) in N·m is large against its std."""
+    misfit = np.sqrt(((residual / sigma) ** 2).mean(axis=0))
+    worst = int(np.argmax(misfit))
+    if misfit[worst] > _MAX_MISFIT:
+        rms = float(np.sqrt((residual ** 2).mean(axis=0))[worst])
         raise ModelMismatchError(
-            f'the known axes do not repeat the model: joint {geometry.joints[worst]} is off by '
-            f'{wrong:.2g} N·m where the model was trained. Is the URDF of this arm, with the same '
-            f'zero angles?')
-    return chain, found.covariance(), geometry
+            f'the known axes do not reproduce the model: the torque of joint {joints[worst]} '
+            f'differs by {rms:.2g} N·m within the trained range. Check that the URDF is of this '
+            f'arm and has the same zero angles')

@@ -1,11 +1,11 @@
 """
-How a payload travels along an arm whose lengths are unknown: the first change teaches it.
+Energy change by an earlier payload, as the direction of later payload changes.
 
-A body of mass m on the last link adds m times a fixed offset to the moment of every link before
-it (Yu 2022, Eq. (19)), and its own first moment to those of the last. So what one payload changed
-of the inner links, the next one changes in proportion to its mass. It is kept as an energy,
-which does not depend on how the frames of a chain are placed, and is expressed in the moments of
-the chain that is to change.
+For arms of unknown link lengths. A body of mass m on the last link adds m times a fixed offset to
+the moment of every link before it (Yu 2022, Eq. (19)), and its own first moment to those of the
+last link. The inner links' change by a payload is therefore proportional to its mass. The change
+is stored as an energy, which does not depend on the placement of a chain's frames, and is
+converted to moments of the chain that is to change.
 """
 
 from __future__ import annotations
@@ -18,31 +18,30 @@ from gravity_comp_ros.models.sparse.expansion import Expansion, torque_of
 import numpy as np
 
 _POSES = 200
-# A change of the torque below this many times the noise teaches nothing.
-_SEEN = 10.0
+# Minimum RMS torque change, in noise std, of a payload whose path is kept.
+_MIN_CHANGE = 10.0
 
 
 def payload_path(before: GravityModel, after: GravityModel) -> Expansion | None:
     """
-    Return the energy in J that a payload added, the larger one of this and of payloads before.
+    Return the energy in J added by the larger of this payload and those before.
 
-    :return: None where no payload was seen yet.
+    :return: None if no payload has been identified yet.
     """
     if before.energy is None or after.energy is None:
         return before.payload_path
     change = _difference(before.energy, after.energy)
-    size = _size(change, before)
-    least = _SEEN * float(before.noise_with_nuisance.max())
+    minimum = _MIN_CHANGE * float(before.noise_with_nuisance.max())
     if before.payload_path is not None:
-        least = max(least, _size(before.payload_path, before))
-    return change if size > least else before.payload_path
+        minimum = max(minimum, _rms_torque(before.payload_path, before))
+    return change if _rms_torque(change, before) > minimum else before.payload_path
 
 
 def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
     """
-    Return the change of a chain's moments (2N,) in N·m that acts like an energy.
+    Return the change of a chain's moments (2N,) in N·m whose torque is nearest to an energy's.
 
-    :param box: lower and upper ends (2, N) in rad of poses at which the two are alike.
+    :param box: lower and upper ends (2, N) in rad of the poses at which the torques are compared.
     """
     q = _poses(box)
     columns = ForwardKinematics(chain.axes, q).moment_columns()
@@ -50,7 +49,8 @@ def path_moments(path: Expansion, chain: Chain, box: FloatArray) -> FloatArray:
     return np.asarray(lstsq(rows, _torque(path, q).T.ravel(), rcond=1e-6))
 
 
-def _size(path: Expansion, model: GravityModel) -> float:
+def _rms_torque(path: Expansion, model: GravityModel) -> float:
+    """Return the RMS torque of an energy within the trained range, of the worst joint, N·m."""
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     return float(np.sqrt((_torque(path, _poses(box)) ** 2).mean(axis=0)).max())
 

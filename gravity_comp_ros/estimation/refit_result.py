@@ -1,4 +1,4 @@
-"""What a refit with effects yields: a model, and how it fares on samples that it never saw."""
+"""Result of a refit with effects: the model, and held-out errors before and after."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from gravity_comp_ros.evaluation.gain import gain
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
-# The chance of an improvement by luck under which one is believed.
-_BELIEVED = 0.05
+# Maximum p-value of a significant decrease of the held-out error.
+_MAX_P = 0.05
 
 
 @dataclass(frozen=True)
@@ -22,34 +22,34 @@ class HeldOut:
     """
     A joint's held-out RMSE in N·m without and with the new effects.
 
-    `spread` is the range of its measured torque in N·m, 0 where it is constant.
+    `torque_range` is the range of its measured torque in N·m, 0 if it is constant.
     """
 
     before: float
     after: float
-    spread: float
+    torque_range: float
 
     @property
     def nrmse_before(self) -> float | None:
         """Return the error before as a share of the torque's range (Yu 2022, Eq. 16)."""
-        return self.before / self.spread if self.spread > 0.0 else None
+        return self.before / self.torque_range if self.torque_range > 0.0 else None
 
     @property
     def nrmse_after(self) -> float | None:
         """Return the error after as a share of the torque's range (Yu 2022, Eq. 16)."""
-        return self.after / self.spread if self.spread > 0.0 else None
+        return self.after / self.torque_range if self.torque_range > 0.0 else None
 
 
 @dataclass(frozen=True)
 class Refit:
     """
-    A model with effects, and how it fared on held-out samples.
+    A model with effects, and its errors on held-out samples.
 
-    `added` are targets; `errors` the held-out errors by joint; `p` is the chance of so much
-    improvement (or more) if there is none. `n_samples` were fitted, fast ones too if
-    `all_speeds`. `skipped` tells which effects were left out and why, `implausible` which are
-    in the model with values that physics does not allow, and `kept` which old ones this
-    recording does not show, so that they stay as they were.
+    `added` are targets; `errors` the held-out errors by joint; `p` is the p-value of their
+    decrease. `n_samples` were fitted, fast ones too if `all_speeds`. `skipped` are omitted
+    effects with the reason, `implausible` those in the model with coefficients that are not
+    physical, and `kept` old ones that this recording does not excite, with unchanged
+    coefficients.
     """
 
     model: GravityModel
@@ -63,11 +63,11 @@ class Refit:
     kept: tuple[str, ...]
 
     def warnings(self) -> list[str]:
-        """Return what a user should think twice about."""
+        """Return warnings about the new effects."""
         lines = [f'{name} is not physical: {why}' for name, why in self.implausible.items()]
         if not self.helps:
-            lines.append('the held-out error does not fall by more than chance: these recordings '
-                         'do not need what was added, or gravity imitated it already')
+            lines.append('the held-out error does not decrease significantly: these recordings '
+                         'do not require the new effects, or gravity has absorbed them already')
         return lines
 
     def by_joint(self) -> tuple[dict[str, float], dict[str, float]]:
@@ -89,26 +89,27 @@ class Refit:
 
     @property
     def helps(self) -> bool:
-        """Return whether the held-out error falls by more than chance would have it."""
-        return self.p < _BELIEVED
+        """Return whether the held-out error decreases significantly."""
+        return self.p < _MAX_P
 
 
-def held_out(work: RefitProblem, before: FloatArray, after: FloatArray) -> dict[str, HeldOut]:
-    """Return the errors by joint of held-out residuals (R, N)."""
-    spread = np.ptp(work.motion.samples.tau[work.rows], axis=0)
-    rmse = [np.sqrt((rest ** 2).mean(axis=0)) for rest in (before, after)]
-    return {name: HeldOut(float(rmse[0][n]), float(rmse[1][n]), float(spread[n]))
+def held_out_errors(work: RefitProblem, before: FloatArray,
+                    after: FloatArray) -> dict[str, HeldOut]:
+    """Return the errors by joint of held-out residuals (R, N) in N·m."""
+    torque_range = np.ptp(work.motion.samples.tau[work.rows], axis=0)
+    rmse = [np.sqrt((residual ** 2).mean(axis=0)) for residual in (before, after)]
+    return {name: HeldOut(float(rmse[0][n]), float(rmse[1][n]), float(torque_range[n]))
             for n, name in enumerate(work.model.joints)}
 
 
-def chance(work: RefitProblem, blocks: Blocks, before: FloatArray, after: FloatArray) -> float:
+def p_value(work: RefitProblem, blocks: Blocks, before: FloatArray, after: FloatArray) -> float:
     """
-    Return the p-value of the fall of the error, block by block.
+    Return the p-value of the decrease of the error, over blocks.
 
-    Of the whole arm or of one joint, the smaller, corrected for having looked at both and at all
-    joints (Bonferroni): an effect of one joint must not be judged by the noise of the others.
+    The smaller one of the whole arm and of single joints, with a Bonferroni correction for both
+    and for all joints: the noise of other joints would hide an effect on one joint.
     """
-    old, new = (blocks.sums((rest / work.sigma) ** 2) for rest in (before, after))
+    old, new = (blocks.sums((residual / work.sigma) ** 2) for residual in (before, after))
     whole = gain(old.sum(axis=1, keepdims=True), new.sum(axis=1, keepdims=True), 2).p
     joints = old.shape[1]
     return min(whole, *(gain(old[:, [n]], new[:, [n]], 2 * joints).p for n in range(joints)))

@@ -1,10 +1,10 @@
-"""What a fit is made of: condensed samples, columns beside gravity, and trust in samples."""
+"""Regression of a fit: condensed samples, linear terms in addition to gravity, robust weights."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from gravity_comp_ros.data.condense import Condensation, condense, CondenseOptions
+from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.data.velocity_check import checked_velocity
 from gravity_comp_ros.effects.motion import accelerations
@@ -13,92 +13,93 @@ from gravity_comp_ros.effects.predict import rows_of
 from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.nominal_motion import without_motion
 from gravity_comp_ros.estimation.nuisance_columns import (
-    build_columns, NuisanceColumns, plain_shapes)
+    build_columns, initial_shapes, NuisanceColumns)
 from gravity_comp_ros.models.kinematic.chain_fit import NuisanceDesign
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.models.noise import floor
 import numpy as np
 
-# rad/s. Recordings whose joints are faster for a tenth of the time have inertia in their torque.
-_FAST, _FAST_SHARE = 0.2, 0.1
-# rad/s^2. So do recordings in which they start and stop like this for a fiftieth of the time.
-_UNEVEN, _UNEVEN_SHARE = 0.3, 0.02
+# Motion is fast, with inertia in its torque, if some joint exceeds this speed (rad/s) for this
+# share of the samples.
+_FAST, _MIN_FAST_SHARE = 0.2, 0.1
+# Slow motion has inertia in its torque as well, if some joint exceeds this acceleration
+# (rad/s^2) for this share of the samples.
+_ACCELERATED, _MIN_ACCELERATED_SHARE = 0.3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Regression:
     """
-    Samples to fit, condensed, and the columns that are fitted beside gravity.
+    Condensed samples, and the linear terms that are fitted jointly with gravity.
 
     `recorded` are the samples before condensing, `qdd` (M, N) their accelerations in rad/s^2, and
-    `accelerated` says whether inertia is fitted. `nuisance` are the columns of nuisance terms;
-    `effects` (K, N, m) those of effects that the model is to have. Effects take the place of the
-    nuisance terms `excluded` (kind and joint number). `usual` (K,) are standard deviations of the
-    effects' coefficients before any data, per N·m of noise, inf where they are free. `trust`
-    (m, N) weighs squared residuals.
+    `fits_inertia` is True if inertia is a nuisance term. `nuisance` are the columns of nuisance
+    terms; `effects` (K, N, m) those of effects of the model. Effects replace the nuisance terms
+    `excluded` (kind and joint number). `effect_std` (K,) are prior standard deviations of the
+    effects' coefficients, per N·m of noise, inf for none; None if all are. `robust_weights`
+    (m, N) are weights of squared residuals.
     """
 
     recorded: JointSamples
-    means: Condensation
+    condensation: Condensation
     samples: JointSamples
     nuisance: NuisanceColumns
-    trust: FloatArray
+    robust_weights: FloatArray
     qdd: FloatArray
-    accelerated: bool
+    fits_inertia: bool
     effects: FloatArray | None = None
     excluded: frozenset[tuple[str, int]] = frozenset()
-    usual: FloatArray | None = None
+    effect_std: FloatArray | None = None
 
     @property
     def n_effects(self) -> int:
-        """Return how many columns K the effects have."""
+        """Return the number of columns K of the effects."""
         return 0 if self.effects is None else len(self.effects)
 
-    def beside(self) -> NuisanceDesign:
-        """Return all columns beside gravity, those of effects first, and the trust."""
+    def linear_terms(self) -> NuisanceDesign:
+        """Return the columns of effects and of nuisance terms, in this order, and the weights."""
         parts = [part for part in (self.effects, self.nuisance.dense()) if part is not None]
-        trust = None if (self.trust == 1.0).all() else self.trust
+        weights = None if (self.robust_weights == 1.0).all() else self.robust_weights
         if not parts:
-            return NuisanceDesign(None, trust)
-        spread = np.concatenate([self._spread(), self.nuisance.spread])
-        return NuisanceDesign(np.concatenate(parts), trust, spread)
-
-    def _spread(self) -> FloatArray:
-        """Return the spread (K,) of the effects' coefficients before any data."""
-        return np.full(self.n_effects, np.inf) if self.usual is None else self.usual
+            return NuisanceDesign(None, weights)
+        effect_std = np.full(self.n_effects, np.inf) if self.effect_std is None \
+            else self.effect_std
+        return NuisanceDesign(np.concatenate(parts), weights,
+                      np.concatenate([effect_std, self.nuisance.prior_std]))
 
     def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:
-        """Return what a gravity torque (m, N) and coefficients (K,) beside it leave, N·m."""
-        left = self.samples.tau - gravity
-        columns = self.beside().columns
+        """Return the residual (m, N) in N·m of a gravity torque (m, N) and linear terms (K,)."""
+        residual = self.samples.tau - gravity
+        columns = self.linear_terms().columns
         if columns is None:
-            return left
-        return np.asarray(left - np.tensordot(coefficients, columns, axes=(0, 0)).T)
+            return residual
+        return np.asarray(residual - np.tensordot(coefficients, columns, axes=(0, 0)).T)
 
     def row_weights(self, residual: FloatArray) -> FloatArray:
-        """Return the weight (m, N) of each row, in units of the noise that a fit leaves (m, N)."""
-        sigma = np.maximum(np.sqrt((self.trust * residual ** 2).mean(axis=0)), 1e-12)
-        return np.asarray(np.sqrt(self.trust) / sigma)
+        """Return one over the noise std (m, N) of each row, from a residual (m, N) in N·m."""
+        sigma = np.maximum(np.sqrt((self.robust_weights * residual ** 2).mean(axis=0)), 1e-12)
+        return np.asarray(np.sqrt(self.robust_weights) / sigma)
 
     def with_shapes(self, shapes: tuple[Shape, ...]) -> Regression:
-        """Return the same with other directions of motion; all nuisance columns come back."""
-        qdd = self.qdd if self.accelerated else None
-        columns = build_columns(self.recorded, shapes, self.means, qdd, self.effects,
+        """Return the same with other friction shapes and all identifiable nuisance columns."""
+        qdd = self.qdd if self.fits_inertia else None
+        columns = build_columns(self.recorded, shapes, self.condensation, qdd, self.effects,
                                 self.excluded)
         return replace(self, nuisance=columns)
 
-    def with_terms(self, kept: list[int]) -> Regression:
+    def with_terms(self, selected: list[int]) -> Regression:
         """Return the same with some of the nuisance columns."""
-        return replace(self, nuisance=self.nuisance.select(kept))
+        return replace(self, nuisance=self.nuisance.select(selected))
 
-    def trusting(self, residual: FloatArray) -> Regression:
-        """Return the same with samples trusted as a residual (m, N) in N·m asks for."""
-        return replace(self, trust=robust.trust(residual, floor(self.samples.tau)))
+    def reweighted(self, residual: FloatArray) -> Regression:
+        """Return the same with robust weights from a residual (m, N) in N·m."""
+        return replace(self, robust_weights=robust.huber_weights(residual,
+                                                                 floor(self.samples.tau)))
 
-    def thinned(self, most: int) -> Regression:
-        """Return at most `most` of the condensed samples, evenly spread along the path."""
+    def thinned(self, max_samples: int) -> Regression:
+        """Return the regression of some condensed samples, evenly spread along the path."""
         m = self.samples.n_samples
-        step = -(-m // most)
+        step = -(-m // max_samples)
         return self if step <= 1 else self.select(np.arange(m) % step == 0)
 
     def select(self, keep: np.ndarray) -> Regression:
@@ -106,68 +107,67 @@ class Regression:
         columns = replace(self.nuisance, values=self.nuisance.values[:, keep])
         effects = None if self.effects is None else self.effects[:, :, keep]
         return replace(self, samples=self.samples.select(keep), nuisance=columns,
-                       trust=self.trust[keep], effects=effects)
+                       robust_weights=self.robust_weights[keep], effects=effects)
 
 
-def build_regression(samples: JointSamples, options: CondenseOptions = CondenseOptions(),
-                     qdd: FloatArray | None = None, effects: FloatArray | None = None,
-                     means: Condensation | None = None,
+def build_regression(samples: JointSamples, qdd: FloatArray | None = None,
+                     effects: FloatArray | None = None,
+                     condensation: Condensation | None = None,
                      excluded: frozenset[tuple[str, int]] = frozenset(),
-                     usual: FloatArray | None = None,
+                     effect_std: FloatArray | None = None,
                      geometry: Geometry | None = None) -> Regression:
     """
-    Return the regression of samples with all nuisance columns that the motion can identify.
+    Return the regression of samples with all identifiable nuisance columns.
 
-    :param qdd: accelerations (M, N) in rad/s^2; None computes them. Inertia is fitted beside
-        gravity where they show it.
-    :param effects: columns (K, N, m) of effects, condensed by `means`.
-    :param means: how the samples are condensed, if that is decided already.
-    :param excluded: kinds and joint numbers of nuisance terms that effects take the place of.
-    :param usual: (K,) as in `Regression`; None if all are free.
-    :param geometry: the axes, if they are known: the torque of motion of a nominal arm is then
-        taken off.
+    :param qdd: accelerations (M, N) in rad/s^2; None computes them. Inertia is a nuisance term
+        where they excite it.
+    :param effects: columns (K, N, m) of effects, condensed by `condensation`.
+    :param condensation: of the samples; None computes it.
+    :param excluded: kinds and joint numbers of nuisance terms that effects replace.
+    :param effect_std: (K,) as in `Regression`.
+    :param geometry: known axes: the torque of motion of a nominal arm is subtracted first.
     """
-    means = means or condense(samples, options)
+    condensation = condensation or condense(samples)
     qdd = accelerations(samples) if qdd is None else qdd
-    accelerated = _shows_inertia(samples, qdd)
+    fits_inertia = _excites_inertia(samples, qdd)
     if geometry is not None:
         samples = without_motion(samples, geometry, qdd)
-    columns = build_columns(samples, plain_shapes(samples), means, qdd if accelerated else None,
-                            effects, excluded)
-    condensed = means.samples(samples)
-    return Regression(samples, means, condensed, columns, np.ones(condensed.q.shape), qdd,
-                      accelerated, effects, excluded, usual)
+    columns = build_columns(samples, initial_shapes(samples), condensation,
+                            qdd if fits_inertia else None, effects, excluded)
+    condensed = condensation.samples(samples)
+    return Regression(samples, condensation, condensed, columns, np.ones(condensed.q.shape), qdd,
+                      fits_inertia, effects, excluded, effect_std)
 
 
 def recorded_accelerations(samples: JointSamples, part: JointSamples) -> FloatArray | None:
     """
-    Return accelerations (M, N) in rad/s^2 of `part`, from all samples; None where its own serve.
+    Return accelerations (M, N) in rad/s^2 of `part`, from all samples; None if its own suffice.
 
-    Samples that passed the gate are far apart, which smooths what starts and stops quickly.
+    The gate reduces the sample rate, which smooths quick starts and stops.
 
     :param part: a selection of the samples.
     """
-    if len(part) == len(samples) or not uneven(part):
+    if len(part) == len(samples) or not excites_inertia(part):
         return None
     return accelerations(checked_velocity(samples)[0])[rows_of(samples, part)]
 
 
-def _shows_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
+def _excites_inertia(samples: JointSamples, qdd: FloatArray) -> bool:
     """
-    Return whether motion is fast or uneven.
+    Return whether motion is fast, or slow with quick starts and stops.
 
-    A few poses that are reached and left quickly would be set aside as outliers without inertia,
-    and they may be the only ones that show an axis.
+    Without inertia a few poses with a quick approach would be outliers, although an axis may be
+    identifiable only from them.
     """
-    uneven = (np.abs(qdd) > _UNEVEN).any(axis=1)
-    return is_fast(samples) or bool(uneven.mean() > _UNEVEN_SHARE)
+    accelerated = (np.abs(qdd) > _ACCELERATED).any(axis=1)
+    return is_fast(samples) or bool(accelerated.mean() > _MIN_ACCELERATED_SHARE)
 
 
-def uneven(samples: JointSamples) -> bool:
-    """Return whether samples are of fast motion, or of slow motion that changes quickly."""
-    return _shows_inertia(samples, accelerations(samples))
+def excites_inertia(samples: JointSamples) -> bool:
+    """Return whether motion is fast, or slow with quick starts and stops."""
+    return _excites_inertia(samples, accelerations(samples))
 
 
 def is_fast(samples: JointSamples) -> bool:
-    """Return whether joints are so fast for a tenth of the time that inertia shows."""
-    return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _FAST_SHARE)
+    """Return whether some joint is fast in at least a tenth of the samples."""
+    return bool((np.abs(samples.qd) > _FAST).any(axis=1).mean() > _MIN_FAST_SHARE)

@@ -1,10 +1,9 @@
 """
-The sparse formulations, `potential` and `per_joint`, beside friction, offset and outliers.
+Robust fit of the sparse formulations `potential` and `per_joint` jointly with linear terms.
 
-Every L1 problem is solved by ADMM on columns from which the nuisance columns are projected out
-(Yu 2022, Eqs. 8-14; `models.sparse.projected`). Then gravity and everything beside it are fitted
-together on the support, nuisance terms that are not told from 0 are dropped, and the support is
-found anew without them.
+ADMM solves every L1 problem on columns from which the linear terms are projected out (Yu 2022,
+Eqs. 8-14; `models.sparse.projected`). Gravity on its support and all linear terms are then fitted
+together, insignificant nuisance terms are dropped, and the support is selected again.
 """
 
 from __future__ import annotations
@@ -29,16 +28,16 @@ import numpy as np
 @dataclass(frozen=True, eq=False)
 class SparseEstimate:
     """
-    The torques of all joints, the energy where there is one, and what was fitted beside them.
+    The torques of all joints, the energy of `potential`, and the linear terms.
 
-    `beside` (K,) are the coefficients of `regression.beside()`, `covariance` (K, K) theirs.
+    `coefficients` (K,) are those of `regression.linear_terms()`, `covariance` (K, K) theirs.
     """
 
     torques: tuple[Expansion, ...]
     energy: Expansion | None
     fits: list[SparseFit]
     regression: Regression
-    beside: FloatArray
+    coefficients: FloatArray
     covariance: FloatArray
 
     def gravity(self, q: FloatArray) -> FloatArray:
@@ -46,56 +45,62 @@ class SparseEstimate:
         return torque_of(self.torques, q)
 
     def residual(self) -> FloatArray:
-        """Return what gravity and everything beside it leave, (m, N) in N·m."""
-        return self.regression.residual(self.gravity(self.regression.samples.q), self.beside)
+        """Return the residual (m, N) in N·m of gravity and linear terms."""
+        return self.regression.residual(self.gravity(self.regression.samples.q),
+                                        self.coefficients)
 
 
 def estimate_sparse(regression: Regression, formulation: str, options: SparseOptions,
                     old: tuple[Expansion, ...] | Expansion | None = None,
-                    settled: bool = False) -> SparseEstimate:
+                    final_terms: bool = False) -> SparseEstimate:
     """
     Fit `potential` or `per_joint`.
 
     :param old: the energy, or the torques, of an old model to start from.
-    :param settled: the regression's nuisance terms and trust are those of a better fit already.
+    :param final_terms: whether the nuisance terms and robust weights stay as they are.
     :raises FitError: if there are no samples.
     """
     if formulation == 'per_joint':
         # Its dictionary has the constant, so an offset is a feature already (Yu 2022, Eq. 5).
         regression = regression.with_terms([
             k for k, column in enumerate(regression.nuisance.columns) if column.kind != OFFSET])
-    found = _solve(regression, formulation, options, old)
-    if settled:
-        return found
+    first = _solve(regression, formulation, options, old)
+    if final_terms:
+        return first
     k = regression.n_effects
-    kept = significant(found.beside[k:], found.covariance[k:, k:])
-    refined = regression.with_terms(kept).trusting(found.residual())
-    if len(kept) == len(regression.nuisance.columns) and (refined.trust == 1.0).all():
-        return found
-    again = found.energy if formulation == 'potential' else found.torques
-    return _solve(refined, formulation, options, again)
+    kept = significant(first.coefficients[k:], first.covariance[k:, k:])
+    refined = regression.with_terms(kept).reweighted(first.residual())
+    if len(kept) == len(regression.nuisance.columns) and (refined.robust_weights == 1.0).all():
+        return first
+    start = first.energy if formulation == 'potential' else first.torques
+    return _solve(refined, formulation, options, start)
 
 
 def _solve(regression: Regression, formulation: str, options: SparseOptions,
            old: tuple[Expansion, ...] | Expansion | None) -> SparseEstimate:
-    samples, beside = regression.samples, regression.beside()
+    samples, terms = regression.samples, regression.linear_terms()
     n, energy = samples.n_joints, None
     if formulation == 'potential':
         start = old if isinstance(old, Expansion) else None
-        energy, fits = fit_potential(samples, options, start, beside.columns, beside.trust,
-                                     beside.spread)
+        energy, fits = fit_potential(samples, options, start, terms.columns, terms.trust,
+                                     terms.spread)
         torques = tuple(energy.gradient(n, joint) for joint in range(n))
-        columns = EnergyDesign(samples.q, np.ones(samples.q.shape)).columns(energy.indices)
-        gravity = columns.T.reshape(-1, n, samples.n_samples)
+        gravity = energy_columns(energy, samples.q)
     else:
         torques, fits = fit_per_joint(samples, options,
-                                      old if isinstance(old, tuple) else None, beside.columns,
-                                      beside.trust, beside.spread)
+                                      old if isinstance(old, tuple) else None, terms.columns,
+                                      terms.trust, terms.spread)
         gravity = _torque_columns(samples.q, torques)
     sigma = _sigma(fits, samples.q, torques)
-    weights = (1.0 if beside.trust is None else np.sqrt(beside.trust)) / sigma
+    weights = (1.0 if terms.trust is None else np.sqrt(terms.trust)) / sigma
     return SparseEstimate(torques, energy, fits, regression,
                           *_coefficients(regression, gravity, weights, torques))
+
+
+def energy_columns(energy: Expansion, q: FloatArray) -> FloatArray:
+    """Return d torque / d weight (P, N, m) of an energy at poses q (m, N)."""
+    columns = EnergyDesign(q, np.ones(q.shape)).columns(energy.indices)
+    return columns.T.reshape(-1, *q.T.shape)
 
 
 def _torque_columns(q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray:
@@ -109,31 +114,35 @@ def _torque_columns(q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray
 
 
 def _sigma(fits: list[SparseFit], q: FloatArray, torques: tuple[Expansion, ...]) -> FloatArray:
-    """Return the standard deviation (m, N) of the noise, correlation in time counted in."""
-    predicted = torque_of(torques, q)
+    """Return the noise std (m, N) in N·m, inflated for autocorrelation."""
     absolute = np.concatenate([fit.noise.absolute for fit in fits])
     relative = np.concatenate([fit.noise.relative for fit in fits])
     inflation = np.concatenate([np.full(len(fit.noise.absolute), fit.inflation) for fit in fits])
-    return noise.NoiseModel(absolute, relative).sigma(predicted) * np.sqrt(inflation)
+    return noise.NoiseModel(absolute, relative).sigma(torque_of(torques, q)) * np.sqrt(inflation)
 
 
 def _coefficients(regression: Regression, gravity: FloatArray, weights: FloatArray,
                   torques: tuple[Expansion, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the coefficients beside gravity, and their covariance with gravity free as well."""
-    beside = regression.beside()
-    columns = beside.columns
+    """Return the coefficients of linear terms, and their covariance with gravity free as well."""
+    terms = regression.linear_terms()
+    columns = terms.columns
     if columns is None:
         return np.zeros(0), np.zeros((0, 0))
     samples = regression.samples
-    left = samples.tau - torque_of(torques, samples.q)
+    residual = samples.tau - torque_of(torques, samples.q)
     rows = (columns * weights.T).reshape(-1, samples.tau.size)
-    spread = scaled_spread(beside.spread, columns.reshape(len(columns), -1).T, rows.T)
-    assert spread is not None
-    found = nuisance_coefficients(rows.T, (weights * left).T.ravel(), spread)
+    prior_std = scaled_spread(terms.spread, columns.reshape(len(columns), -1).T, rows.T)
+    assert prior_std is not None
+    coefficients = nuisance_coefficients(rows.T, (weights * residual).T.ravel(), prior_std)
     every = np.concatenate([(gravity * weights.T).reshape(-1, samples.tau.size), rows])
     precision = every @ every.T
-    precision[len(gravity):, len(gravity):] += np.diag(spread ** -2)
-    lengths = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    inverse = np.linalg.pinv(precision / np.outer(lengths, lengths), rcond=1e-10, hermitian=True)
-    covariance = inverse / np.outer(lengths, lengths)
-    return np.asarray(found), np.asarray(covariance[len(gravity):, len(gravity):])
+    precision[len(gravity):, len(gravity):] += np.diag(prior_std ** -2)
+    covariance = scaled_inverse(precision)[len(gravity):, len(gravity):]
+    return np.asarray(coefficients), np.asarray(covariance)
+
+
+def scaled_inverse(information: FloatArray) -> FloatArray:
+    """Return the pseudo-inverse (K, K) of an information matrix, scaled to a unit diagonal."""
+    lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.outer(lengths, lengths)
+    return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)

@@ -1,10 +1,10 @@
 """
-Few-sample update: a model after a tool change, from the model before it and seconds of motion.
+Few-sample update of a model after a payload change.
 
-A tool changes few of the coefficients of a model: some moments of a chain, some weights of an
-energy. All others keep their values and their uncertainty (`update_step`). Where the arm's lengths
-are known a tool is only four numbers (`payload_estimate`), and the model changes by them, unless
-the samples show that something else changed.
+A payload changes few coefficients of a model: some moments of a chain, or some weights of an
+energy. All other coefficients keep their values and their uncertainty (`update_step`). With known
+link lengths a payload is only four parameters (`payload_estimate`); the model changes by these
+unless the samples show a different change.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from gravity_comp_ros.estimation import robust
 from gravity_comp_ros.estimation.chain_update import NewSamples
 from gravity_comp_ros.estimation.nominal_motion import MOTION_EFFECTS, motion_torque
 from gravity_comp_ros.estimation.nuisance_columns import nuisance_torque
-from gravity_comp_ros.estimation.payload_estimate import on_known_axes, weigh
+from gravity_comp_ros.estimation.payload_estimate import estimate_payload, on_known_axes
 from gravity_comp_ros.estimation.payload_path import payload_path
 from gravity_comp_ros.estimation.update_report import details, UpdateDetails
-from gravity_comp_ros.estimation.update_step import step
+from gravity_comp_ros.estimation.update_step import changed_model
 from gravity_comp_ros.models import noise
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel
 from gravity_comp_ros.models.kinematic.chain import ForwardKinematics
@@ -33,19 +33,19 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.uncertainty import ChainUncertainty
 import numpy as np
 
-# Shorter correlation times than this are what chance makes of white noise.
-_WHITE = 2.0
-# Noise that the new samples show to differ by no more changes no weights that matter.
-_SAME_NOISE = 0.15
+# Maximum correlation time, in samples, of a residual that counts as white noise.
+_MAX_WHITE_TIME = 2.0
+# Maximum relative change of the noise std for which the step is not solved again.
+_NOISE_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
 class UpdateOptions:
     """
-    How an update is made.
+    Options of an update.
 
-    `min_samples` are asked for at least; `old_noise` is how many samples the noise of the old
-    model's training counts for beside that of the new ones.
+    `min_samples` is the minimum number of samples; `old_noise` is the effective sample size of
+    the old model's noise when it is averaged with the noise of the new samples.
 
     :raises OptionError: if a value is out of range.
     """
@@ -62,7 +62,7 @@ class UpdateOptions:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """The model with the new tool, and what is to be said of it."""
+    """The updated model and the report of the update."""
 
     model: GravityModel
     report: UpdateDetails
@@ -72,78 +72,80 @@ def update(model: GravityModel, samples: JointSamples,
            options: UpdateOptions = UpdateOptions(),
            geometry: Geometry | None = None, qdd: FloatArray | None = None) -> UpdateResult:
     """
-    Return the model that explains `samples`, taken after a tool change, by a sparse change.
+    Update a model to samples recorded after a payload change, by a sparse change.
 
-    On known axes the torque of motion of a nominal arm with the tool is taken off first.
+    With known axes the torque of motion of a nominal arm with the payload is subtracted first.
 
     :param model: of the chain or the potential formulation.
     :param samples: gated; joints are matched by name. Fifty (10 s at 5 Hz) are a good number.
-        Their torque is gravity: what the effects of the model do must have been taken off.
-    :param geometry: of this arm, to weigh the tool; the new model is a chain on its axes, with
-        the joints in its order.
+        Their torque is gravity: the torque of the model's effects must have been subtracted.
+    :param geometry: of this arm, to estimate the payload; the new model is a chain on its axes,
+        with the joints in its order.
     :param qdd: accelerations (M, N) in rad/s^2 of the samples; None computes them.
-    :raises ModelMismatchError: if the samples lack a joint, the model is per_joint and there is
-        no geometry, or the geometry is of another arm.
+    :raises ModelMismatchError: if a joint is missing from the samples, the model is per_joint and
+        there is no geometry, or the geometry is of another arm.
     :raises FitError: if there are too few samples.
     """
     names, samples = samples.names, samples.joints(model.joints)
     if samples.n_samples < options.min_samples:
-        raise FitError(f'{samples.n_samples} slow samples since the tool changed; an update needs '
-                       f'{options.min_samples}. Move on slowly')
+        raise FitError(f'{samples.n_samples} slow samples since the payload changed; an update '
+                       f'needs {options.min_samples}. Keep the arm moving slowly')
     if geometry is not None:
-        base, here = _on_axes(model, geometry), samples.joints(geometry.joints)
+        base, ordered = _on_axes(model, geometry), samples.joints(geometry.joints)
         if any(effect.name in MOTION_EFFECTS for effect in model.applied.effects):
             qdd = None
         elif qdd is None:
-            qdd = accelerations(here)
+            qdd = accelerations(ordered)
         else:
             qdd = qdd[:, [names.index(name) for name in geometry.joints]]
-        return _update(base, here, options, base.geometry, qdd)
+        return _update(base, ordered, options, base.geometry, qdd)
     if model.energy is None:
-        raise ModelMismatchError('a per_joint model has no energy whose change a tool would be; '
+        raise ModelMismatchError('a per_joint model has no energy that a payload could change; '
                                  'fit it again, or keep a chain or potential model')
     return _update(model, samples, options, None, None)
 
 
 def _update(model: GravityModel, measured: JointSamples, options: UpdateOptions,
             geometry: Geometry | None, qdd: FloatArray | None) -> UpdateResult:
-    # Friction and offsets that were seen before the change are carried over.
+    # Friction and offsets identified before the change are kept.
     samples = replace(measured, tau=measured.tau - nuisance_torque(model.nuisance, measured))
     sigma = np.maximum(model.noise_with_nuisance, noise.floor(samples.tau))
-    new = NewSamples(samples.q, samples.tau, sigma, change_trust(model, samples))
+    new = NewSamples(samples.q, samples.tau, sigma, payload_change_weights(model, samples))
     if geometry is not None and qdd is not None:
         samples = _without_motion(model, samples, new, geometry, qdd)
-        new = NewSamples(samples.q, samples.tau, sigma, change_trust(model, samples))
-    found = step(model, new, geometry)
-    sigma = _noise(found.model, samples, new, options)
-    if not np.allclose(sigma, new.sigma, rtol=_SAME_NOISE):
-        found = step(model, replace(new, sigma=sigma), geometry, found.start)
-    # Errors are those of the model as it predicts, friction that it does not predict included.
-    rmse = np.sqrt(((measured.tau - found.model.predict(measured.q)) ** 2).mean(axis=0))
-    report = details(model, found, measured, rmse, sigma)
+        new = NewSamples(samples.q, samples.tau, sigma, payload_change_weights(model, samples))
+    step = changed_model(model, new, geometry)
+    sigma = _noise(step.model, samples, new, options)
+    if not np.allclose(sigma, new.sigma, rtol=_NOISE_TOLERANCE):
+        step = changed_model(model, replace(new, sigma=sigma), geometry, step.start)
+    # Errors are those of the model's own prediction; friction that it excludes counts as error.
+    rmse = np.sqrt(((measured.tau - step.model.predict(measured.q)) ** 2).mean(axis=0))
+    report = details(model, step, measured, rmse, sigma)
     provenance = {**model.provenance,
                   'updates': [*model.provenance.get('updates', []), report.to_json()]}
-    nuisance = found.model.nuisance
+    nuisance = step.model.nuisance
     if nuisance.noise.size:
         nuisance = NuisanceTerms(nuisance.terms, nuisance.width, nuisance.hold, sigma)
-    updated = replace(found.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
+    updated = replace(step.model, noise=np.maximum(sigma, rmse), nuisance=nuisance,
                       coverage=_coverage(model, samples), provenance=provenance,
-                      payload_path=payload_path(model, found.model))
+                      payload_path=payload_path(model, step.model))
     return UpdateResult(updated, report)
 
 
 def _without_motion(model: GravityModel, samples: JointSamples, new: NewSamples,
                     geometry: Geometry, qdd: FloatArray) -> JointSamples:
-    """Return samples without the torque of motion of the nominal arm with the tool."""
+    """Subtract the torque of motion of the nominal arm with the payload."""
     assert model.chain is not None and model.uncertainty is not None
-    tool = weigh(model.chain, model.uncertainty.covariance, new, geometry)
-    moments = tool.chain.moments / STANDARD_GRAVITY
+    loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
+    moments = loaded.chain.moments / STANDARD_GRAVITY
     return replace(samples, tau=samples.tau - motion_torque(samples, geometry, moments, qdd))
 
 
-def change_trust(model: GravityModel, samples: JointSamples) -> FloatArray:
+def payload_change_weights(model: GravityModel, samples: JointSamples) -> FloatArray:
     """
-    Return how far each torque is trusted (M, N): transients and pushes are no tool.
+    Return robust weights (M, N) of the samples; transients and pushes are outliers.
+
+    The residual may contain any change of the model's coefficients, such as that by a payload.
 
     :param model: of the arm before the change, a chain or a potential.
     :param samples: after the change; their torque is gravity.
@@ -154,7 +156,7 @@ def change_trust(model: GravityModel, samples: JointSamples) -> FloatArray:
         assert model.energy is not None
         design = EnergyDesign(samples.q, np.ones(samples.tau.shape))
         columns = design.columns(model.energy.indices).T.reshape(-1, *samples.tau.T.shape)
-    return robust.trust_beside(samples.tau - model.predict(samples.q), columns,
+    return robust.irls_weights(samples.tau - model.predict(samples.q), columns,
                                noise.floor(samples.tau))
 
 
@@ -164,28 +166,28 @@ def _on_axes(model: GravityModel, geometry: Geometry) -> GravityModel:
     order = [model.joints.index(name) for name in geometry.joints]
     coverage = replace(model.coverage, q_min=model.coverage.q_min[order],
                        q_max=model.coverage.q_max[order])
-    made = GravityModel.from_energy(
+    base = GravityModel.from_energy(
         geometry.joints, 'chain', expand(chain), model.noise[order], coverage, model.provenance,
         chain, ChainUncertainty(chain, covariance))
     direction = {name: numbers[order] for name, numbers in model.applied.direction.items()}
-    return replace(made, applied=replace(model.applied, direction=direction),
+    return replace(base, applied=replace(model.applied, direction=direction),
                    history=model.history, nuisance=model.nuisance.in_order(order),
                    geometry=geometry)
 
 
 def _noise(fitted: GravityModel, samples: JointSamples, new: NewSamples,
            options: UpdateOptions) -> FloatArray:
-    """Return each joint's noise (N,), from training and from the residual of the new samples."""
-    residual = np.sqrt(new.trust) * (new.tau - fitted.predict(new.q))
+    """Return the noise std (N,) of each joint, from training and the new residual together."""
+    residual = np.sqrt(new.robust_weights) * (new.tau - fitted.predict(new.q))
     times = np.array([noise.correlation_time(column, samples.runs) for column in residual.T])
-    inflation = np.where(times < _WHITE, 1.0, times)
+    inflation = np.where(times < _MAX_WHITE_TIME, 1.0, times)
     squares = inflation * (residual ** 2).sum(axis=0)
     return np.asarray(np.sqrt((options.old_noise * new.sigma ** 2 + squares)
-                              / (options.old_noise + new.trust.sum(axis=0))))
+                              / (options.old_noise + new.robust_weights.sum(axis=0))))
 
 
 def _coverage(model: GravityModel, samples: JointSamples) -> Coverage:
-    """Return the range that old and new samples span: the old ones taught all but the change."""
+    """Return the range of old and new samples: only the payload is not covered by the old ones."""
     return Coverage(np.minimum(model.coverage.q_min, samples.q.min(axis=0)),
                     np.maximum(model.coverage.q_max, samples.q.max(axis=0)),
                     samples.n_samples, samples.n_runs)

@@ -1,4 +1,4 @@
-"""What an update reports: errors before and after, the tool, and what is unsure."""
+"""Update report: errors before and after, the payload, and warnings."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Any
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate
-from gravity_comp_ros.estimation.update_step import Step
+from gravity_comp_ros.estimation.update_step import UpdateStep
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.alternative_chains import (
     least_certain_joint, std_over_poses)
 from gravity_comp_ros.models.sparse.admm import AdmmResult
 import numpy as np
 
-# With fewer samples than this the interval of an update is that of a guess of the noise.
-_FEW = 30
-# What is reported of ADMM's run.
+# Minimum number of samples from which the noise, and with it the intervals, are reliable.
+_MIN_SAMPLES = 30
+# Reported fields of ADMM's result.
 _SOLVER = ('iterations', 'primal_residual', 'dual_residual', 'converged')
 
 
 @dataclass(frozen=True)
 class UpdateDetails:
     """
-    What an update reports.
+    The report of an update.
 
     By joint, in N·m: `rmse_before` and `rmse` of the models before and after, `noise`, the
     prediction's largest standard deviation `std`, and mean and largest torque of the payload.
-    `changed` are coefficients of the model; `payload` is None without known axes.
+    `changed` are changed coefficients of the model; `payload` is None without known axes.
     """
 
     formulation: str
@@ -46,43 +46,44 @@ class UpdateDetails:
     warnings: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
-        """Return the report as a model's provenance and `update --json` hold it."""
+        """Return the report for a model's provenance and for `update --json`."""
         solver = {name: getattr(self.solver, name) for name in _SOLVER}
         return {**vars(self), 'payload': None if self.payload is None else asdict(self.payload),
                 'solver': solver, 'warnings': list(self.warnings)}
 
 
-def details(old: GravityModel, found: Step, samples: JointSamples, rmse: FloatArray,
+def details(old: GravityModel, step: UpdateStep, samples: JointSamples, rmse: FloatArray,
             sigma: FloatArray) -> UpdateDetails:
     """
-    Return what is reported of a step.
+    Return the report of an update.
 
     :param samples: as measured, in the joints' order of the model.
-    :param rmse: of the new model on them (N,), N·m. :param sigma: noise (N,), N·m.
+    :param rmse: of the new model on them (N,), N·m.
+    :param sigma: noise (N,), N·m.
     """
     before = np.sqrt(((samples.tau - old.predict(samples.q)) ** 2).mean(axis=0))
-    difference = found.model.predict(samples.q) - old.predict(samples.q)
-    spread = found.model.predict_std(samples.q).max(axis=0)
-    warnings = _unsure(found.model, sigma)
-    if len(samples) < _FEW:
-        warnings.insert(0, f'{len(samples)} slow samples are few: from {_FEW} on, 6 s at 5 Hz, '
-                        f'an update is as sure as it says')
-    if found.tool is not None and not found.is_tool:
-        warnings.append('a rigid body on the last link does not explain what changed; the mass '
-                        'and centre told here are only the nearest to it')
+    difference = step.model.predict(samples.q) - old.predict(samples.q)
+    spread = step.model.predict_std(samples.q).max(axis=0)
+    warnings = _uncertainty(step.model, sigma)
+    if len(samples) < _MIN_SAMPLES:
+        warnings.insert(0, f'{len(samples)} slow samples are few: the intervals of an update are '
+                        f'reliable from {_MIN_SAMPLES} on (6 s at 5 Hz)')
+    if step.payload is not None and not step.is_payload:
+        warnings.append('a rigid body on the last link does not explain the change; mass and '
+                        'centre of mass are only the nearest approximation')
 
     def by_joint(values: FloatArray) -> dict[str, float]:
         return dict(zip(old.joints, values.tolist()))
 
     return UpdateDetails(
-        found.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
+        step.model.formulation, samples.n_samples, by_joint(before), by_joint(rmse),
         by_joint(sigma), by_joint(spread), by_joint(difference.mean(axis=0)),
-        by_joint(np.abs(difference).max(axis=0)), found.changed, found.tool,
-        found.change.log_evidence, found.change.lasso, tuple(warnings))
+        by_joint(np.abs(difference).max(axis=0)), step.changed, step.payload,
+        step.change.log_evidence, step.change.lasso, tuple(warnings))
 
 
-def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
-    """Say how far a chain may be off away from the samples, if that is much."""
+def _uncertainty(model: GravityModel, sigma: FloatArray) -> list[str]:
+    """Return a warning if the chain's error at other poses may be large."""
     if model.chain is None or model.uncertainty is None:
         return []
     joint = least_certain_joint(model.chain, model.uncertainty.covariance, sigma)
@@ -90,4 +91,4 @@ def _unsure(model: GravityModel, sigma: FloatArray) -> list[str]:
         return []
     std = std_over_poses(model.chain, model.uncertainty.covariance)[joint]
     return [f'away from these poses the torque of {model.joints[joint]} may be off by '
-            f'{1.96 * std:.2g} N·m (95 %); more motion with the new payload tells more']
+            f'{1.96 * std:.2g} N·m (95 %); record more motion with the new payload']

@@ -1,4 +1,4 @@
-"""The step of an update: what a tool changed of a chain, of an energy, or of an arm in metres."""
+"""Change of a model by new samples: of a chain, an energy, or an arm of known link lengths."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.estimation.chain_update import NewSamples, update_chain
-from gravity_comp_ros.estimation.payload_estimate import PayloadEstimate, weigh
+from gravity_comp_ros.estimation.payload_estimate import estimate_payload, PayloadEstimate
 from gravity_comp_ros.estimation.payload_path import path_moments
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.chain import Chain
@@ -19,55 +19,57 @@ from gravity_comp_ros.models.sparse.sparse_change import average_change, Change,
 from gravity_comp_ros.models.uncertainty import ChainUncertainty, EnergyUncertainty
 import numpy as np
 
-# By how much a free change of moments may fit better (chi^2) before a tool is no longer believed.
-# Of 102 updates with a tool in MuJoCo three were above: the law of friction is not quite right.
-_NO_TOOL = 60.0
+# Minimum chi^2 gain of a free change of moments over a rigid payload for which the payload is
+# rejected. Of 102 updates with a payload in MuJoCo three exceeded it: the friction model is
+# not exact.
+_MIN_FREE_GAIN = 60.0
 
 
 @dataclass(frozen=True)
-class Step:
+class UpdateStep:
     """
-    A changed model, what changed by name and in N·m, and how it was found.
+    A changed model with its changed coefficients, in N·m by name.
 
-    `tool` is what was weighed, None without lengths; `is_tool` says that the model changed by it.
-    `start` is where the search for a chain ended up beginning, for another with other noise.
+    `payload` is the estimate, None without link lengths; `is_payload` is True where the model
+    changed by it. `start` is the chain and prior at which the search for a chain began, for
+    another search with other noise.
     """
 
     model: GravityModel
     changed: dict[str, float]
     change: Change
-    tool: PayloadEstimate | None = None
-    is_tool: bool = False
+    payload: PayloadEstimate | None = None
+    is_payload: bool = False
     start: tuple[Chain, FloatArray] | None = None
 
 
-def step(model: GravityModel, new: NewSamples, geometry: Geometry | None,
-         start: tuple[Chain, FloatArray] | None = None) -> Step:
+def changed_model(model: GravityModel, new: NewSamples, geometry: Geometry | None,
+                  start: tuple[Chain, FloatArray] | None = None) -> UpdateStep:
     """
     Return the change of a model that explains new samples.
 
-    :param geometry: of the arm, to weigh the tool; the model is a chain on its axes then.
-    :param start: that of a step found before, with other noise.
+    :param geometry: of the arm, to estimate the payload; the model is a chain on its axes then.
+    :param start: that of an earlier step with other noise.
     """
     if model.chain is None:
         return _energy_step(model, new)
     free = _chain_step(model, new, start)
-    return free if geometry is None else _tool_step(model, new, geometry, free)
+    return free if geometry is None else _payload_step(model, new, geometry, free)
 
 
-def _tool_step(model: GravityModel, new: NewSamples, geometry: Geometry, free: Step) -> Step:
-    """Return the change by a tool, or the free one if that explains much more."""
+def _payload_step(model: GravityModel, new: NewSamples, geometry: Geometry,
+                  free: UpdateStep) -> UpdateStep:
+    """Return the change by a payload, or the free one if that fits much better."""
     assert model.chain is not None and model.uncertainty is not None
     assert free.model.chain is not None
-    tool = weigh(model.chain, model.uncertainty.covariance, new, geometry)
-    left = [new.residual(each) for each in (tool.chain, free.model.chain)]
-    if left[0] @ left[0] - left[1] @ left[1] > _NO_TOOL:
-        return replace(free, tool=tool.weighed)
-    spread = ChainUncertainty(tool.chain, tool.covariance)
-    changed = (tool.chain.moments - model.chain.moments).ravel()
-    return Step(_with_energy(model, expand(tool.chain), tool.chain, spread),
-                {name: float(x) for name, x in zip(_moment_names(model), changed)},
-                free.change, tool.weighed, True, free.start)
+    loaded = estimate_payload(model.chain, model.uncertainty.covariance, new, geometry)
+    residuals = [new.residual(each) for each in (loaded.chain, free.model.chain)]
+    if residuals[0] @ residuals[0] - residuals[1] @ residuals[1] > _MIN_FREE_GAIN:
+        return replace(free, payload=loaded.payload)
+    changed = (loaded.chain.moments - model.chain.moments).ravel()
+    return UpdateStep(_with_chain(model, loaded.chain, loaded.covariance),
+                      {name: float(x) for name, x in zip(_moment_names(model), changed)},
+                      free.change, loaded.payload, True, free.start)
 
 
 def _moment_names(model: GravityModel) -> list[str]:
@@ -75,7 +77,7 @@ def _moment_names(model: GravityModel) -> list[str]:
 
 
 def _chain_step(model: GravityModel, new: NewSamples,
-                start: tuple[Chain, FloatArray] | None) -> Step:
+                start: tuple[Chain, FloatArray] | None) -> UpdateStep:
     assert model.chain is not None
     n = model.n_joints
     covariance = np.zeros((4 * n, 4 * n)) if model.uncertainty is None \
@@ -83,33 +85,34 @@ def _chain_step(model: GravityModel, new: NewSamples,
     box = np.stack([model.coverage.q_min, model.coverage.q_max])
     path = None if model.payload_path is None else path_moments(model.payload_path, model.chain,
                                                                 box)
-    found = update_chain(model.chain, covariance, new, box, start, path)
-    names, moments = _moment_names(model), found.chain.moments - model.chain.moments
-    changed = {names[k]: float(moments.ravel()[k]) for k in found.change.support - 2 * n}
-    energy = expand(found.chain)
-    return Step(_with_energy(model, energy, found.chain,
-                             ChainUncertainty(found.chain, found.covariance)),
-                changed, found.change, start=found.start)
+    result = update_chain(model.chain, covariance, new, box, start, path)
+    names, moments = _moment_names(model), result.chain.moments - model.chain.moments
+    changed = {names[k]: float(moments.ravel()[k]) for k in result.change.support - 2 * n}
+    return UpdateStep(_with_chain(model, result.chain, result.covariance), changed,
+                      result.change, start=result.start)
 
 
-def _energy_step(model: GravityModel, new: NewSamples) -> Step:
-    """Let the weights of the energy change; a tool brings no new features to an old chain."""
+def _energy_step(model: GravityModel, new: NewSamples) -> UpdateStep:
+    """Return a sparse change of the weights; a payload adds no features to those of the arm."""
     old = model.energy
     assert old is not None
     count = len(old.indices)
     covariance = np.zeros((count, count)) if model.uncertainty is None \
         else model.uncertainty.covariance
     columns = EnergyDesign(new.q, new.row_weights).columns(old.indices)
-    left = new.tau - model.predict(new.q)
-    residual = (left * new.row_weights).T.ravel()
-    size = float(np.abs(left[new.trust > 0.0]).max())
-    change = average_change(ChangeProblem(columns.T, residual, covariance, np.arange(count),
-                                          size))
+    residual = new.tau - model.predict(new.q)
+    size = float(np.abs(residual[new.robust_weights > 0.0]).max())
+    change = average_change(ChangeProblem(columns.T, (residual * new.row_weights).T.ravel(),
+                                          covariance, np.arange(count), size))
     energy = Expansion(old.indices, old.weights + change.mean)
     changed = {feature_name(int(old.indices[k]), model.n_joints): float(change.mean[k])
                for k in change.support}
-    spread = EnergyUncertainty(energy.indices, change.covariance)
-    return Step(_with_energy(model, energy, None, spread), changed, change)
+    uncertainty = EnergyUncertainty(energy.indices, change.covariance)
+    return UpdateStep(_with_energy(model, energy, None, uncertainty), changed, change)
+
+
+def _with_chain(model: GravityModel, chain: Chain, covariance: FloatArray) -> GravityModel:
+    return _with_energy(model, expand(chain), chain, ChainUncertainty(chain, covariance))
 
 
 def _with_energy(model: GravityModel, energy: Expansion, chain: Chain | None,

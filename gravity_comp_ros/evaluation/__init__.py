@@ -1,1 +1,1 @@
-"""Compare a model with measurements, and judge the recordings themselves."""
+"""Comparison of models with measurements, and quality of recordings."""

@@ -1,8 +1,9 @@
 """
-Blocks of time that count as one observation each, and the folds that hold them out.
+Blocks of time as independent observations, and folds of blocks for cross-validation.
 
-Residuals of neighbouring samples are alike: 10 000 of them at 100 Hz may be worth 130. A block
-of ten correlation times is nearly independent of the next, so tests and intervals count blocks.
+Residuals are autocorrelated: the effective sample size of 10 000 samples at 100 Hz may be 130. A
+block of ten correlation times is nearly independent of the next, so tests and intervals count
+blocks.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from gravity_comp_ros.errors import DataError
 from gravity_comp_ros.models.noise import correlation_time
 import numpy as np
 
+# Length of a block, in correlation times.
 _CORRELATION_TIMES = 10.0
 N_FOLDS = 5
-_FEWEST = 15
-# With so many runs a fold may hold out stretches: the poses of each are seen in another run.
-_RUNS_OF_STRETCHES = 3
-# Places of motion that an interval is drawn from.
-_FEWEST_PLACES = 5
-_MOST = 120
+_MIN_BLOCKS, _MAX_BLOCKS = 15, 120
+# Minimum number of runs for which a fold is a stretch of each run: with fewer, the poses of a
+# stretch may be missing from the other runs.
+_MIN_RUNS_FOR_STRETCHES = 3
+# Minimum number of clusters of blocks.
+_MIN_CLUSTERS = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,25 +49,25 @@ class Blocks:
         return int(self.fold.max()) + 1
 
     @property
-    def places(self) -> IntArray:
+    def clusters(self) -> IntArray:
         """
-        Return the run of each block (B,), or the stretch of it if runs are few, from 0.
+        Return the cluster of each block (B,), from 0: its run, or a stretch of it if runs are few.
 
-        Another run is another motion: what a model lacks pulls a coefficient this way in one and
-        that way in another, and may do so alike in all blocks of a run.
+        Unmodelled torque may bias a coefficient equally in all blocks of one motion, and
+        differently in another run.
         """
         runs = np.unique(self.run, return_inverse=True)[1]
         n_runs = int(runs.max()) + 1
-        parts = -(-_FEWEST_PLACES // n_runs)
-        place = np.empty(self.count, dtype=np.int64)
+        parts = -(-_MIN_CLUSTERS // n_runs)
+        cluster = np.empty(self.count, dtype=np.int64)
         for run in range(n_runs):
-            here = np.flatnonzero(runs == run)
-            place[here] = run * parts + np.arange(len(here)) * parts // len(here)
-        return np.unique(place, return_inverse=True)[1].astype(np.int64)
+            blocks = np.flatnonzero(runs == run)
+            cluster[blocks] = run * parts + np.arange(len(blocks)) * parts // len(blocks)
+        return np.unique(cluster, return_inverse=True)[1].astype(np.int64)
 
     @cached_property
     def by_fold(self) -> tuple[IntArray, tuple[slice, ...]]:
-        """Return the samples (M,) in the order of their folds, and where each fold lies."""
+        """Return the samples (M,) in the order of their folds, and the slice of each fold."""
         lengths = np.diff(self.starts)
         order = np.argsort(np.repeat(self.fold, lengths), kind='stable')
         ends = np.cumsum([0, *(lengths[self.fold == f].sum() for f in range(self.n_folds))])
@@ -80,20 +82,20 @@ def cut(samples: JointSamples, residual: FloatArray) -> Blocks:
     """
     Cut samples into blocks of ten correlation times of `residual` (M, N).
 
-    :raises DataError: if there are too few samples for the fewest blocks.
+    :raises DataError: if there are too few samples.
     """
     m = samples.n_samples
-    if m < 4 * _FEWEST:
-        raise DataError(f'{m} samples are too few to judge effects on; record at least a minute')
+    if m < 4 * _MIN_BLOCKS:
+        raise DataError(f'{m} samples are too few to evaluate effects; record at least a minute')
     step = max(1, m // 4000)
     times = [correlation_time(column[::step], samples.runs[::step]) for column in residual.T]
     length = _CORRELATION_TIMES * step * float(np.median(times))
-    length = float(np.clip(length, m / _MOST, m / _FEWEST))
+    length = float(np.clip(length, m / _MAX_BLOCKS, m / _MIN_BLOCKS))
     starts: list[int] = []
     for run in np.unique(samples.runs):
-        here = np.flatnonzero(samples.runs == run)
-        parts = max(1, round(len(here) / length))
-        starts += [int(part[0]) for part in np.array_split(here, parts)]
+        rows = np.flatnonzero(samples.runs == run)
+        parts = max(1, round(len(rows) / length))
+        starts += [int(part[0]) for part in np.array_split(rows, parts)]
     first = np.array(starts, dtype=np.int64)
     run = samples.runs[first]
     return Blocks(np.append(first, m), run, _folds(run))
@@ -101,19 +103,18 @@ def cut(samples: JointSamples, residual: FloatArray) -> Blocks:
 
 def _folds(run: IntArray) -> IntArray:
     """
-    Return each block's fold (B,): a stretch of each run, another one in the next run.
+    Return each block's fold (B,): a stretch of each run, a different one in the next run.
 
-    Whole runs would not do: what a fold holds out must be seen elsewhere, and the first run may
-    be the only fast one, or the last the only one with another payload. A fifth of one short run
-    may have poses that are seen nowhere else, so that the error there is that of gravity: of
-    fewer than three runs each fold holds out every fifth block.
+    A fold of whole runs may contain the only fast motion, or the only one with another payload.
+    A fifth of a short run may contain the only samples of some poses, where gravity would
+    extrapolate: with fewer than three runs each fold contains every fifth block.
     """
     fold = np.empty(len(run), dtype=np.int64)
     labels = np.unique(run)
     for number, label in enumerate(labels):
-        here = np.flatnonzero(run == label)
-        stretch = np.arange(len(here))
-        if len(labels) >= _RUNS_OF_STRETCHES and len(here) > N_FOLDS:
-            stretch = stretch * N_FOLDS // len(here)
-        fold[here] = (stretch + number) % N_FOLDS
+        blocks = np.flatnonzero(run == label)
+        stretch = np.arange(len(blocks))
+        if len(labels) >= _MIN_RUNS_FOR_STRETCHES and len(blocks) > N_FOLDS:
+            stretch = stretch * N_FOLDS // len(blocks)
+        fold[blocks] = (stretch + number) % N_FOLDS
     return np.unique(fold, return_inverse=True)[1].astype(np.int64)

@@ -1,4 +1,4 @@
-"""Compare a model with measurements, joint by joint, and say where it fails."""
+"""Comparison of a model with measurements: errors by joint, and regions of large residual."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.display import Displayable, percent, TextTable
 from gravity_comp_ros.effects.predict import predict_torque, rows_of
 from gravity_comp_ros.errors import DataError
-from gravity_comp_ros.evaluation.residual_regions import find_places, Place
+from gravity_comp_ros.evaluation.residual_regions import find_regions, ResidualRegion
 from gravity_comp_ros.models.gravity_model import GravityModel
 import numpy as np
 
-
-# A normal error lies within this many standard deviations with a probability of 95 %.
+# Half-width of a 95 % interval in standard deviations.
 _BAND = 1.96
 
 
 @dataclass(frozen=True)
 class Share:
-    """Of `n` residuals, the `share` inside the 95 % band; None of none."""
+    """The `share` of `n` residuals inside the 95 % band, None if n is 0."""
 
     n: int
     share: float | None
@@ -30,11 +29,11 @@ class Share:
 @dataclass(frozen=True)
 class Calibration:
     """
-    Whether a model knows how wrong it is: residuals inside its 95 % band.
+    Calibration of a model's uncertainty: residuals inside its 95 % band.
 
     The band is 1.96 sqrt(std^2 + noise^2) with the standard deviation of the prediction
-    (`GravityModel.predict_std`) and the noise of training. `trained` is where every joint is in
-    its trained range, `outside` where one is not.
+    (`GravityModel.predict_std`) and the noise of training. `trained` are samples with every joint
+    in its trained range, `outside` all others.
     """
 
     trained: Share
@@ -49,8 +48,8 @@ class JointComparison:
     `rmse`, `bias` (mean), `std` and `max_abs` are in N·m; rmse^2 = bias^2 + std^2. `nrmse` is
     the RMSE as a fraction of the range of the measured torque (Yu 2022, Eq. 16), None where
     that range is 0. `torque_std` is the standard deviation of the measured torque, in N·m.
-    `rmse_constant` is what predicting the mean measured torque would leave.
-    `band` is None of a model that does not know its uncertainty.
+    `rmse_constant` is the RMSE of the mean measured torque as a constant prediction.
+    `band` is None for a model without uncertainty.
     """
 
     n: int
@@ -60,7 +59,7 @@ class JointComparison:
     bias: float
     max_abs: float
     rmse_constant: float
-    where: tuple[Place, ...]
+    where: tuple[ResidualRegion, ...]
     band: Calibration | None = None
     torque_std: float = 0.0
 
@@ -70,7 +69,7 @@ class Comparison(Displayable):
     """
     The comparison of every joint; `residual` (M, N) in N·m.
 
-    `share_outside` of the poses lie outside the trained range; `band` counts all joints.
+    `share_outside` is the share of poses outside the trained range; `band` counts all joints.
     """
 
     joints: dict[str, JointComparison]
@@ -90,13 +89,13 @@ class Comparison(Displayable):
                 f'{worst.rmse:.4g} N·m')
 
     def parts(self) -> Iterable[str | TextTable]:
-        """Return the errors of every joint, and where the worst joint fails."""
+        """Return the errors of every joint, and the worst regions of the worst joint."""
         yield TextTable(
             ('joint', 'RMSE N·m', 'nRMSE', 'bias N·m', 'std N·m', 'max N·m', 'in 95 % band'),
             tuple((name, f'{x.rmse:.4f}', percent(x.nrmse), f'{x.bias:+.4f}', f'{x.std:.4f}',
                    f'{x.max_abs:.3f}', percent(x.band.trained.share if x.band else None))
                   for name, x in self.joints.items()))
-        yield from (f'{self.worst} {place.words}' for place in self.joints[self.worst].where[:2])
+        yield from (f'{self.worst} {region.words}' for region in self.joints[self.worst].where[:2])
 
     def to_json(self) -> dict[str, Any]:
         """Return what `compare --json` prints."""
@@ -109,14 +108,14 @@ def compare(model: GravityModel, samples: JointSamples,
             recorded: JointSamples | None = None,
             predicted: FloatArray | None = None) -> Comparison:
     """
-    Compare `model`, with the effects that it has, with measured torques.
+    Compare the prediction of `model`, effects included, with measured torques.
 
     Joints are matched by name.
 
-    :param recorded: what `samples` were selected from; the model's effects may need what lies
-        between (acceleration, friction that builds up).
-    :param predicted: what a model with effects predicts of `recorded` (M, N) in N·m, if that is
-        known already.
+    :param recorded: all samples, of which `samples` are a selection; effects may depend on the
+        samples in between (acceleration, friction with memory).
+    :param predicted: the prediction (M, N) in N·m of a model with effects for `recorded`; None
+        computes it.
     :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
         effect that is not installed here.
     :raises DataError: if there are no samples.
@@ -139,8 +138,8 @@ def compare_prediction(samples: JointSamples, predicted: FloatArray, outside: Bo
     """
     Compare predicted torques (M, N) with the samples' measured ones.
 
-    :param outside: which poses (M,) lie outside the trained range.
-    :param band: how far (M, N) in N·m 95 % of the residuals should be off at most.
+    :param outside: mask (M,) of poses outside the trained range.
+    :param band: half-width (M, N) in N·m of the 95 % band.
     :raises DataError: if there are no samples.
     """
     if not samples.n_samples:
@@ -150,12 +149,12 @@ def compare_prediction(samples: JointSamples, predicted: FloatArray, outside: Bo
     joints = {}
     for n, name in enumerate(samples.names):
         r, tau = residual[:, n], samples.tau[:, n]
-        rmse, spread = float(np.sqrt((r ** 2).mean())), float(np.ptp(tau))
+        rmse, torque_range = float(np.sqrt((r ** 2).mean())), float(np.ptp(tau))
         joints[name] = JointComparison(
-            n=len(r), rmse=rmse, nrmse=rmse / spread if spread > 0.0 else None,
+            n=len(r), rmse=rmse, nrmse=rmse / torque_range if torque_range > 0.0 else None,
             std=float(r.std()), bias=float(r.mean()), max_abs=float(np.abs(r).max()),
             rmse_constant=float(tau.std()),
-            where=tuple(find_places(samples, predicted, outside, n)),
+            where=tuple(find_regions(samples, predicted, outside, n)),
             band=None if inside is None else _calibration(inside[:, n:n + 1], outside),
             torque_std=float(tau.std()))
     return Comparison(joints, residual, float(np.mean(outside)),

@@ -1,9 +1,9 @@
 """
-What an effect is worth: the gain in held-out error, block by block, and how sure it is.
+Gain of an effect in held-out error, block by block, and its significance.
 
 A gain is the mean over blocks of log(error before / error after), tested by Student's t over
-blocks. A ratio keeps one stretch where a fit goes astray, or where the arm was jolted, from
-outweighing all others. Two kinds of effect sit in few blocks and are tested otherwise.
+blocks. The logarithm limits the weight of a single block with a wrong fit or a disturbance. Two
+kinds of effect act in few blocks only and have tests of their own.
 """
 
 from __future__ import annotations
@@ -18,9 +18,10 @@ from scipy import special
 @dataclass(frozen=True)
 class Gain:
     """
-    What an effect does for each block: log of error before over after (B,).
+    The gain of an effect in each block: log of error before over after (B,).
 
-    `share` is what it takes off the error, of all or in the typical block, whichever is more.
+    `share` is the relative decrease of the error, in total or of the typical block, whichever is
+    larger.
     """
 
     blocks: FloatArray
@@ -38,53 +39,53 @@ def gain(before: FloatArray, after: FloatArray, tests: float) -> Gain:
     return Gain(d, share(before, after), min(1.0, tests * _p(d, float(d.std(ddof=1)))))
 
 
-def gain_in_places(before: FloatArray, after: FloatArray, tests: float) -> Gain:
+def gain_in_few_blocks(before: FloatArray, after: FloatArray, tests: float) -> Gain:
     """
-    Return the gain where few blocks may have all of it, as `gain` does.
+    Return the gain of an effect that acts in few blocks only, as `gain` does.
 
-    The spread is that of the blocks below the median: by chance gains lie evenly about it, and
-    what a few places gain must not count as doubt.
+    The standard deviation is that of the blocks below the median: random gains are symmetric
+    about it, and large gains in a few blocks must not increase the uncertainty.
     """
     d = log_ratio(before, after)
-    return Gain(d, share(before, after), min(1.0, tests * _p(d, _spread_below(d))))
+    return Gain(d, share(before, after), min(1.0, tests * _p(d, _std_below_median(d))))
 
 
-def gain_of_motion(before: FloatArray, after: FloatArray, tests: float) -> Gain:
+def gain_of_fast_motion(before: FloatArray, after: FloatArray, tests: float) -> Gain:
     """
-    Return the gain of what only fast motion shows.
+    Return the gain of an effect that only fast motion excites.
 
-    As `gain_in_places`, but the test is of what goes off each block's RMSE: how quiet blocks
-    come off, relative to their small errors, is no evidence against a torque of acceleration.
+    As `gain_in_few_blocks`, but the test uses the decrease of each block's RMSE: relative changes
+    of the small errors in slow blocks are no evidence against a torque of acceleration.
     """
-    gained = (np.sqrt(before) - np.sqrt(after)).sum(axis=1)
+    decrease = (np.sqrt(before) - np.sqrt(after)).sum(axis=1)
     d = log_ratio(before, after)
-    p = _p(gained, _spread_below(gained)) if d.mean() > 0.0 else 1.0
+    p = _p(decrease, _std_below_median(decrease)) if d.mean() > 0.0 else 1.0
     return Gain(d, share(before, after), min(1.0, p * tests))
 
 
-def _spread_below(d: FloatArray) -> float:
-    """Return a standard deviation from what lies below the median."""
+def _std_below_median(d: FloatArray) -> float:
+    """Return a standard deviation from the values below the median."""
     below = np.minimum(d - np.median(d), 0.0)
     return float(np.sqrt(2.0 * (below ** 2).mean()))
 
 
-def _p(d: FloatArray, spread: float) -> float:
-    """Return Student's p of a mean that is not above 0."""
-    error = max(spread / np.sqrt(len(d)), 1e-300)
+def _p(d: FloatArray, std: float) -> float:
+    """Return the p-value of Student's one-sided test for a mean above 0."""
+    error = max(std / np.sqrt(len(d)), 1e-300)
     return float(special.stdtr(len(d) - 1, -d.mean() / error))
 
 
 def share(before: FloatArray, after: FloatArray) -> float:
-    """Return what goes off errors (B, J), of all or in the typical block, the larger."""
+    """Return the relative decrease of errors (B, J), in total or of the typical block."""
     of_all = 1.0 - float(after.sum() / max(before.sum(), 1e-300))
     typical = 1.0 - float(np.exp(-log_ratio(before, after).mean() / before.shape[1]))
     return max(of_all, typical)
 
 
-def not_worse(better: FloatArray, other: FloatArray) -> bool:
+def within_standard_error(better: FloatArray, other: FloatArray) -> bool:
     """Return whether errors `other` (B, J) are within one standard error of `better`."""
-    extra = log_ratio(other, better)
-    return bool(extra.mean() <= extra.std(ddof=1) / np.sqrt(len(extra)))
+    excess = log_ratio(other, better)
+    return bool(excess.mean() <= excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
 def log_ratio(before: FloatArray, after: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What a recording holds, joint by joint, and what nobody could judge from it."""
+"""Quality of a recording: facts of each joint, and remarks on what is not identifiable."""
 
 from __future__ import annotations
 
@@ -10,25 +10,24 @@ from gravity_comp_ros.data.samples import FloatArray, JointSamples
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Less travel than this is no motion; less than the second leaves most of a joint's sines and
-# cosines looking like straight lines.
-STILL = 0.01
-NARROW = 0.3
-# Fewer slow samples do not judge a model.
-FEW = 50
-_SLOW_SHARE = 0.1
-_SLOW_TRAVEL = 0.3
-# A joint turns back when it has moved this far against its last direction, rad.
-_TURN = 0.01
-# Share of the torque's variance that poses must explain somewhere for gravity to be in it.
-_GRAVITY = 0.3
-# Share of what poses leave unexplained that the direction of motion must explain before its
-# sign means anything: less if several joints agree. Real arms reach 0.2 to 0.97 by friction.
-_DIRECTION = 0.2
-_DIRECTION_ALONE = 0.5
-# The torque that goes with the direction must also be this part of the torque's range, or it
-# may be a piece of gravity that the first-order fit has missed.
-_DIRECTION_SIZE = 0.02
+# Minimum joint travel, in rad, that counts as motion, and below which sine and cosine of the
+# angle are nearly linear.
+_MIN_TRAVEL, _MIN_WIDE_TRAVEL = 0.01, 0.3
+# Minimum number of slow samples for the evaluation of a model.
+_MIN_SLOW_SAMPLES = 50
+# Minimum share of slow samples, and of the travel that they cover.
+_MIN_SLOW_SHARE, _MIN_SLOW_TRAVEL = 0.1, 0.3
+# Minimum motion in the opposite direction, in rad, that counts as a reversal.
+_MIN_REVERSAL = 0.01
+# Minimum share of some joint's torque variance that depends on the pose, if it contains gravity.
+_MIN_POSE_SHARE = 0.3
+# Minimum share of the residual variance of the pose that the direction of motion must explain
+# for a decision on the sign, on several joints and on a single one. Friction of real arms
+# explains 0.2 to 0.97.
+_MIN_DIRECTION_SHARE, _MIN_SINGLE_SHARE = 0.2, 0.5
+# Minimum torque of the direction, as a share of the torque's range: a smaller one may be gravity
+# that the first-order fit does not model.
+_MIN_DIRECTION_TORQUE = 0.02
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,12 @@ class JointFacts:
     """
     One joint of a recording.
 
-    Angles in rad, speeds in rad/s, torques in N·m. `reversals` counts changes of direction
-    of more than 0.01 rad, None for poses at rest. `pose_share` is the part of the torque's
-    variance that a first-order fit on all joint angles explains, None if nothing moves.
-    `direction_share` is the part of the rest that the direction of motion explains, with the
-    sign of its coefficient: friction makes it positive. `slow_travel` is the range of angles
-    among the samples that the gate keeps.
+    Angles in rad, speeds in rad/s, torques in N·m. `reversals` is the number of reversals of
+    more than 0.01 rad, None for poses at rest. `pose_share` is the share of the torque's variance
+    explained by a first-order fit on all joint angles, None without motion. `direction_share` is
+    the share of the residual explained by the direction of motion, with the sign of its
+    coefficient, which is positive for friction. `slow_travel` is the range of angles of the
+    samples that the gate keeps.
     """
 
     q_min: float
@@ -64,12 +63,12 @@ class JointFacts:
 @dataclass(frozen=True)
 class RecordingFacts:
     """
-    A recording: its joints, what the slow-motion gate lets through, and remarks.
+    A recording: its joints, the result of the slow-motion gate, and remarks.
 
-    `slow_share` is the part of the samples in which every joint is slow; `kept` the number
-    that the gate keeps of them after reducing their rate. `at_rest` says that every velocity
-    is 0, as in a series of poses. `remarks` say in words what cannot be judged and why.
-    `reversed_joints` are those whose effort should be read with the opposite sign.
+    `slow_share` is the share of samples in which every joint is slow; `kept` the number of them
+    after the gate has reduced the rate. `at_rest` is True if every velocity is 0, as in a series
+    of poses. `remarks` are sentences on what is not identifiable and why. `reversed_joints` are
+    those whose effort should be read with the opposite sign.
     """
 
     joints: dict[str, JointFacts]
@@ -100,23 +99,24 @@ def describe(samples: JointSamples, options: GateOptions = GateOptions()) -> Rec
                *_slow_remarks(joints, slow_share), *_motion_remarks(joints, at_rest),
                *_effort_remarks(joints))
     return RecordingFacts(joints, len(samples), slow_share, gate.kept, at_rest, remarks,
-                          _to_turn(joints))
+                          _joints_to_reverse(joints))
 
 
-def count_reversals(q: FloatArray, turn: float = _TURN) -> int:
+def count_reversals(q: FloatArray, minimum: float = _MIN_REVERSAL) -> int:
     """
-    Return how often a joint turns back by more than `turn`.
+    Return the number of reversals of a joint.
 
     :param q: angles (M,) in rad.
+    :param minimum: motion in rad in the opposite direction that counts.
     """
     count, direction, extreme = 0, 0, q[0]
     for angle in q:
         if direction == 0:
-            if abs(angle - extreme) > turn:
+            if abs(angle - extreme) > minimum:
                 direction, extreme = (1 if angle > extreme else -1), angle
         elif (angle - extreme) * direction >= 0:
             extreme = angle
-        elif abs(angle - extreme) > turn:
+        elif abs(angle - extreme) > minimum:
             count, direction, extreme = count + 1, -direction, angle
     return count
 
@@ -133,92 +133,94 @@ def _joint(samples: JointSamples, n: int, at_rest: bool, slow: JointSamples) -> 
 
 
 def _shares(samples: JointSamples, n: int) -> tuple[float | None, float | None]:
-    """Return the shares of the torque's variance that pose and direction of motion explain."""
+    """Return the shares of the torque's variance explained by pose and direction of motion."""
     tau, qd = samples.tau[:, n], samples.qd[:, n]
-    moving = np.ptp(samples.q, axis=0) > STILL
+    moving = np.ptp(samples.q, axis=0) > _MIN_TRAVEL
     poses = np.column_stack([np.ones(len(samples)), np.sin(samples.q[:, moving]),
                              np.cos(samples.q[:, moving])])
     if not moving.any() or tau.std() < 1e-9 or len(samples) < 4 * poses.shape[1]:
         return None, None
-    rest = tau - poses @ lstsq(poses, tau)
-    pose_share = float(1 - rest.var() / tau.var())
+    residual = tau - poses @ lstsq(poses, tau)
+    pose_share = float(1 - residual.var() / tau.var())
     fastest = float(np.abs(qd).max())
-    if fastest == 0 or not moving[n] or rest.std() < 1e-9 * tau.std():
+    if fastest == 0 or not moving[n] or residual.std() < 1e-9 * tau.std():
         return pose_share, None
     direction = np.tanh(qd / (0.05 * fastest))
     direction = direction - poses @ lstsq(poses, direction)
     if direction.std() < 1e-6:
         return pose_share, None
-    slope = float(direction @ rest / (direction @ direction))
-    if abs(slope) < _DIRECTION_SIZE * np.ptp(tau):
+    slope = float(direction @ residual / (direction @ direction))
+    if abs(slope) < _MIN_DIRECTION_TORQUE * np.ptp(tau):
         return pose_share, 0.0
-    share = slope ** 2 * float(direction.var() / rest.var())
+    share = slope ** 2 * float(direction.var() / residual.var())
     return pose_share, float(np.copysign(share, slope))
 
 
 def _speed_remarks(joints: dict[str, JointFacts], slow_share: float, kept: int, total: int,
                    options: GateOptions) -> list[str]:
     limit = options.max_speed
-    shown = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
-    if slow_share < _SLOW_SHARE:
+    limit_text = f'{limit:g} rad/s' if isinstance(limit, float | int) else 'its limit'
+    if slow_share < _MIN_SLOW_SHARE:
         fastest = max(joints, key=lambda name: joints[name].max_speed)
-        return [f'too fast: every joint is under {shown} in only {100 * slow_share:.1f} % of the '
-                f'samples ({kept} kept by the gate), {fastest} reaches '
-                f'{joints[fastest].max_speed:.2f} rad/s; torque here is gravity, friction and '
-                f'inertia together; `fit` can take it, with friction and inertia beside gravity, '
-                f'but slow motion shows gravity better']
-    if kept < FEW:
-        return [f'short: the gate keeps {kept} of {total} samples, too few to judge a model']
+        return [f'too fast: every joint is under {limit_text} in only {100 * slow_share:.1f} % of '
+                f'the samples ({kept} kept by the gate), {fastest} reaches '
+                f'{joints[fastest].max_speed:.2f} rad/s; the torque is gravity, friction and '
+                f'inertia together; `fit` can use it, with friction and inertia as nuisance '
+                f'terms, but gravity is more accurate from slow motion']
+    if kept < _MIN_SLOW_SAMPLES:
+        return [f'short: the gate keeps {kept} of {total} samples, too few to evaluate a model']
     return []
 
 
 def _slow_remarks(joints: dict[str, JointFacts], slow_share: float) -> list[str]:
-    """Tell where the slow samples miss most of what the recording covers."""
+    """Return a remark if the slow samples cover little of the recorded travel."""
     missed = [f'{name} ({facts.slow_travel:.2g} of {facts.travel:.2g} rad)'
               for name, facts in joints.items()
-              if facts.travel >= STILL and facts.slow_travel < _SLOW_TRAVEL * facts.travel]
-    if slow_share < _SLOW_SHARE or not missed:
+              if facts.travel >= _MIN_TRAVEL
+              and facts.slow_travel < _MIN_SLOW_TRAVEL * facts.travel]
+    if slow_share < _MIN_SLOW_SHARE or not missed:
         return []
     return [f'slow samples cover little of the motion: {", ".join(missed)}']
 
 
 def _motion_remarks(joints: dict[str, JointFacts], at_rest: bool) -> list[str]:
     remarks = []
-    still = [name for name, facts in joints.items() if facts.travel < STILL]
+    still = [name for name, facts in joints.items() if facts.travel < _MIN_TRAVEL]
     narrow = [f'{name} ({facts.travel:.2g} rad)' for name, facts in joints.items()
-              if STILL <= facts.travel < NARROW]
+              if _MIN_TRAVEL <= facts.travel < _MIN_WIDE_TRAVEL]
     if still:
-        remarks.append(f'never moves: {", ".join(still)}; what gravity does there along that '
-                       f'joint cannot be learned')
+        remarks.append(f'never moves: {", ".join(still)}; gravity at other angles of that joint '
+                       f'is not identifiable')
     if narrow:
-        remarks.append(f'moves little: {", ".join(narrow)}; a model will hold only near there')
+        remarks.append(f'moves little: {", ".join(narrow)}; a model is valid only near these '
+                       f'angles')
     if at_rest:
-        remarks.append('poses at rest (every velocity is 0): friction cannot be judged, and '
-                       'static friction stays in the torque')
+        remarks.append('poses at rest (every velocity is 0): friction is not identifiable, and '
+                       'static friction remains in the torque')
         return remarks
     one_way = [name for name, facts in joints.items()
-               if facts.travel >= STILL and facts.reversals == 0]
+               if facts.travel >= _MIN_TRAVEL and facts.reversals == 0]
     if one_way:
-        remarks.append(f'one way only: {", ".join(one_way)}; friction cannot be told from '
-                       f'gravity without the way back')
+        remarks.append(f'one direction only: {", ".join(one_way)}; friction cannot be separated '
+                       f'from gravity without motion in the other direction')
     return remarks
 
 
 def _reversed(joints: dict[str, JointFacts]) -> list[str]:
-    """Return the joints whose effort has most likely the opposite sign."""
+    """Return the joints whose effort most probably has the opposite sign."""
     shares = {name: facts.direction_share for name, facts in joints.items()
               if facts.direction_share is not None}
-    agreed = [name for name, share in shares.items() if share < -_DIRECTION]
-    if len(agreed) > 1 and max(shares.values()) < _DIRECTION:
+    agreed = [name for name, share in shares.items() if share < -_MIN_DIRECTION_SHARE]
+    if len(agreed) > 1 and max(shares.values()) < _MIN_DIRECTION_SHARE:
         return agreed
-    return [name for name, share in shares.items() if share < -_DIRECTION_ALONE]
+    return [name for name, share in shares.items() if share < -_MIN_SINGLE_SHARE]
 
 
-def _to_turn(joints: dict[str, JointFacts]) -> tuple[str, ...]:
+def _joints_to_reverse(joints: dict[str, JointFacts]) -> tuple[str, ...]:
     """Return the joints to read with the opposite sign."""
-    found = _reversed(joints)
-    # One joint may be wired the other way round; several mean another convention.
-    return tuple(joints) if len(found) > 1 else tuple(found)
+    reversed_ = _reversed(joints)
+    # A single joint may have reversed wiring; several indicate another sign convention.
+    return tuple(joints) if len(reversed_) > 1 else tuple(reversed_)
 
 
 def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:
@@ -228,13 +230,12 @@ def _effort_remarks(joints: dict[str, JointFacts]) -> list[str]:
         remarks.append(f'effort never changes: {", ".join(constant)}')
     reversed_ = _reversed(joints)
     if reversed_:
-        scales = ','.join(f'{name}=-1' for name in _to_turn(joints))
-        remarks.append(f'effort points against the motion on {", ".join(reversed_)}, which '
-                       f'friction never does: its sign looks reversed; try '
-                       f'--effort-scale {scales}')
+        scales = ','.join(f'{name}=-1' for name in _joints_to_reverse(joints))
+        remarks.append(f'effort points against the motion on {", ".join(reversed_)}, opposite '
+                       f'to friction: its sign looks reversed; try --effort-scale {scales}')
     shares = [facts.pose_share for facts in joints.values()
-              if facts.pose_share is not None and facts.travel > NARROW]
-    if shares and max(shares) < _GRAVITY:
+              if facts.pose_share is not None and facts.travel > _MIN_WIDE_TRAVEL]
+    if shares and max(shares) < _MIN_POSE_SHARE:
         remarks.append(f'effort hardly depends on the pose (at most {100 * max(shares):.0f} % of '
-                       f'its variance): gravity may be compensated already by the drive')
+                       f'its variance): the drive may compensate gravity already')
     return remarks

@@ -43,7 +43,7 @@ def fit_robot(runs: Sequence[GatedRecording], gate: GateOptions,
         raise FitError('none of its bags could be read')
     learned = learn(gated_recording(runs, gate), options)
     problem = learned.arm.axes.problem
-    return learned.result.warned(problem) if problem else learned.result
+    return learned.result.with_warning(problem) if problem else learned.result
 
 
 def diagnose_robot(robot: tuple[Sequence[Path], GravityModel | None], options: ReadOptions,

@@ -154,7 +154,7 @@ class Epoch:
 
     def lacking(self) -> tuple[str, ...]:
         """Return the joints that have not yet moved over `min_span`."""
-        return self.coverage().lacking(self._options.min_span)
+        return self.coverage().joints_below_span(self._options.min_span)
 
     def missing_for_fit(self) -> str | None:
         """Return what is missing for a fit, None if nothing is."""

@@ -14,7 +14,7 @@ from gravity_comp_ros.errors import DataError, FitError
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.estimation.fit_with_effects import fit_with_effects
 from gravity_comp_ros.estimation.payload_path import payload_path
-from gravity_comp_ros.estimation.settled import unsettled
+from gravity_comp_ros.estimation.subset_stability import instability
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.node import outliers
 from gravity_comp_ros.node.base_chain import BaseChains, changed_by_payload, without_friction
@@ -202,7 +202,7 @@ def _full_fits(job: FitJob, first: Candidate | None = None) -> Iterator[Candidat
 def _unsettled(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
-    return unsettled(model, job.train, residual_noise(model),
+    return instability(model, job.train, residual_noise(model),
                      lambda early: full_fit(replace(job, train=early), options))
 
 

@@ -17,7 +17,7 @@ from gravity_comp_ros.node.fit_process import AnyJob
 from gravity_comp_ros.node.payload import PayloadFinding
 from gravity_comp_ros.node.payload_evidence import find_payload
 from gravity_comp_ros.planning.plan import plan
-from gravity_comp_ros.worker.serve import Tell, Work
+from gravity_comp_ros.worker.serve import ProgressCallback, Work
 import numpy as np
 
 _chains = BaseChains()
@@ -28,7 +28,7 @@ def fitting() -> Work:
     return run_job
 
 
-def run_job(job: AnyJob, _: Tell) -> FitResult | DiagnosisResult | PayloadResult:
+def run_job(job: AnyJob, _: ProgressCallback) -> FitResult | DiagnosisResult | PayloadResult:
     """Run a job of any kind."""
     if isinstance(job, DiagnosisJob):
         return run_diagnosis(job)

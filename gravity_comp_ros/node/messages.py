@@ -143,7 +143,7 @@ class JointStateReader:
         q = self._vector(message.position, POSITION_NOT_FINITE)
         if q is None:
             return None
-        if not self._bounds.hold(q):
+        if not self._bounds.contain(q):
             self.counts[POSITION_ABSURD] += 1
             return None
         stamp = message.header.stamp

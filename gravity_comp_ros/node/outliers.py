@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray, JointSamples
 from gravity_comp_ros.estimation import robust
-from gravity_comp_ros.estimation.update import change_trust
+from gravity_comp_ros.estimation.update import payload_change_weights
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.noise import floor
 from gravity_comp_ros.node.live_friction import moving_rms, REST_SPEED
@@ -31,7 +31,7 @@ def outliers_of_change(gravity: JointSamples, chain: GravityModel) -> BoolArray:
     :param gravity: samples after the change whose torque is gravity.
     :param chain: of the arm before the change.
     """
-    return _none_if_too_many(change_trust(chain, gravity) == 0.0)
+    return _none_if_too_many(payload_change_weights(chain, gravity) == 0.0)
 
 
 def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
@@ -42,7 +42,7 @@ def outliers_of_fit(residual: FloatArray, samples: JointSamples) -> BoolArray:
 
     :param residual: residual without friction and offset (M, N), N·m.
     """
-    far = robust.trust(residual, floor(samples.tau)) == 0.0
+    far = robust.huber_weights(residual, floor(samples.tau)) == 0.0
     return _none_if_too_many(far & (np.abs(samples.qd) > REST_SPEED))
 
 

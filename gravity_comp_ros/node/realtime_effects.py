@@ -100,7 +100,7 @@ class InstantEffects:
             return total
         if self.options is not None:
             qd = np.minimum(np.maximum(qd, -self.options.top_speed), self.options.top_speed)
-        sample = JointSamples.moment(self._model.joints, q, qd)
+        sample = JointSamples.single_sample(self._model.joints, q, qd)
         motion = Motion(sample, self._zeros[0], gravity[None], self._zeros[1], self._width,
                         self._model)
         for term in self._terms:
@@ -130,7 +130,7 @@ def _term(model: GravityModel, effect: AppliedEffect) -> _Term:
     """Return an effect after one evaluation, so that errors occur before the loop."""
     n, joint = model.n_joints, joint_number(model, effect)
     pose = np.zeros((1, n))
-    motion = Motion(JointSamples.moment(model.joints, pose[0], pose[0]), pose, pose,
+    motion = Motion(JointSamples.single_sample(model.joints, pose[0], pose[0]), pose, pose,
                     np.zeros((1, n, n)), np.ones(n), model)
     try:
         symbols = [c.symbol for c in

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gravity_comp_ros.data.runs import clock_time, one_clock, recorded_time
+from gravity_comp_ros.data.runs import session_time, have_common_clock, recorded_time
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
@@ -149,9 +149,9 @@ class DesignContext:
         None without a common clock: a new recording is then a session of its own.
         """
         samples = self.recorded.samples
-        if not samples.starts or not one_clock(samples):
+        if not samples.starts or not have_common_clock(samples):
             return None
-        first = int(np.flatnonzero(clock_time(samples) == 0.0)[-1])
+        first = int(np.flatnonzero(session_time(samples) == 0.0)[-1])
         return samples.select([first]).run(int(samples.runs[first]))
 
     @property

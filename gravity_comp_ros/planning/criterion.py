@@ -17,7 +17,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.options import LEAST_LEFT
+from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
@@ -38,7 +38,7 @@ class EffectScore:
     `separations` are the square roots of lambda: first with nuisance terms only, then with each
     alternative. `std` (K,) are standard errors of the target's coefficients, fitted jointly with
     the nuisance terms. `unabsorbed` is the share of the target's torque outside the gravity terms
-    of a diagnosis; below `LEAST_LEFT` the diagnosis reports the size as uncertain at any noise.
+    of a diagnosis; below `MIN_UNABSORBED` the diagnosis reports the size as uncertain at any noise.
     """
 
     separations: tuple[float, ...]
@@ -69,7 +69,7 @@ class EffectScore:
         It is logarithmic in the information: the effect may be smaller than assumed, and one
         target must not take the whole duration.
         """
-        effective = min(1.0, self.unabsorbed / LEAST_LEFT) * self.separation
+        effective = min(1.0, self.unabsorbed / MIN_UNABSORBED) * self.separation
         return float(np.log1p((effective / _UTILITY_SCALE) ** 2))
 
 

@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.options import LEAST_LEFT
+from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -269,7 +269,7 @@ def _design_problems(targets: Sequence[Target], parts: Sequence[Part], context: 
 
 def _absorbed(after: EffectScore) -> str:
     """Return why a diagnosis will report the size as uncertain, '' if it will not."""
-    if after.unabsorbed >= LEAST_LEFT:
+    if after.unabsorbed >= MIN_UNABSORBED:
         return ''
     return f'gravity may absorb all but {after.unabsorbed:.1%} of its torque'
 

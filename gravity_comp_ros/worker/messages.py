@@ -1,4 +1,4 @@
-"""What a worker process says to the one that started it."""
+"""Messages of a worker process to its parent process."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Ready:
-    """It has imported what its jobs need, and waits for the first one."""
+    """The process has imported its modules and accepts jobs."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a job is: its stage in words, and a share from 0 to 1."""
+    """The progress of a job: its stage in words, and a share from 0 to 1."""
 
     stage: str
     share: float
@@ -21,21 +21,21 @@ class Progress:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """The answer to a job."""
+    """The result of a job."""
 
     answer: Any
 
 
 @dataclass(frozen=True)
 class Failed:
-    """Why a job has no answer, in one line."""
+    """The reason of a job's failure, in one line."""
 
     reason: str
 
 
 @dataclass(frozen=True)
 class Lost:
-    """The process is gone, and how it ended."""
+    """The process has ended; `how` is its exit status in words."""
 
     how: str
 

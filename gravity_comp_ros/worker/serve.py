@@ -1,8 +1,8 @@
 """
-The worker's own end: a process that does one job after another, started by `WorkerProcess`.
+Main program of a worker process, which does one job after another for a `WorkerProcess`.
 
 It runs as `python3 -m gravity_comp_ros.worker.serve MODULE:FACTORY NICENESS DESCRIPTOR`. The
-factory returns what does a job; the descriptor is that of a pipe.
+factory returns the job function; the descriptor is that of a pipe.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from typing import Any
 from gravity_comp_ros.errors import GravityCompError
 from gravity_comp_ros.worker.messages import Done, Failed, Progress, Ready
 
-# Told how far a job is: its stage in words, and a share from 0 to 1.
-Tell = Callable[[str, float], None]
-# Does a job, and returns its answer.
-Work = Callable[[Any, Tell], Any]
-# How often the process looks whether the one that started it is still there, in s.
-_LOOKS = 0.2
+# Progress of a job: its stage in words, and a share from 0 to 1.
+ProgressCallback = Callable[[str, float], None]
+# Job function: from a job to its result.
+Work = Callable[[Any, ProgressCallback], Any]
+# Period, in s, of the check that the parent process exists.
+_PARENT_CHECK_PERIOD = 0.2
 
 
 def serve(connection: Connection, work: Work) -> None:
-    """Do one job after another until the other side closes the connection."""
-    def tell(stage: str, share: float) -> None:
+    """Do one job after another until the parent closes the connection."""
+    def report(stage: str, share: float) -> None:
         connection.send(Progress(stage, share))
 
     connection.send(Ready())
@@ -39,34 +39,34 @@ def serve(connection: Connection, work: Work) -> None:
             job = connection.recv()
         except EOFError:
             return
-        connection.send(_done(work, job, tell))
+        connection.send(_result(work, job, report))
 
 
-def _done(work: Work, job: Any, tell: Tell) -> Done | Failed:
+def _result(work: Work, job: Any, report: ProgressCallback) -> Done | Failed:
     try:
-        return Done(work(job, tell))
+        return Done(work(job, report))
     except GravityCompError as problem:
         return Failed(str(problem))
     except (BrokenPipeError, ConnectionResetError):
         raise
     except Exception as problem:
-        # A fault of one job is no reason to lose the warm process.
+        # After an error in one job the process stays available for the next.
         words = ' '.join(str(problem).split())
         return Failed(f'internal error, please report it: {type(problem).__name__}: {words}')
 
 
-def _end_with(parent: int) -> None:
-    """End this process when its parent is gone, also in the middle of a job."""
+def _exit_with(parent: int) -> None:
+    """Exit when the parent process has ended, also during a job."""
     while os.getppid() == parent:
-        sleep(_LOOKS)
+        sleep(_PARENT_CHECK_PERIOD)
     os._exit(1)
 
 
 def main() -> None:
     """Run with the arguments that `WorkerProcess` appends."""
-    # Ctrl-C in a terminal reaches the whole group; the other side decides when this ends.
+    # Ctrl-C in a terminal reaches the whole group; only the parent ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+    Thread(target=_exit_with, args=(os.getppid(),), daemon=True).start()
     task, niceness, descriptor = sys.argv[1:]
     os.nice(int(niceness))
     module, _, factory = task.partition(':')

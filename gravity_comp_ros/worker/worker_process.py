@@ -1,4 +1,4 @@
-"""A process that does long work, seen from the one that started it."""
+"""Worker process for long jobs: start, jobs, messages and end, from the parent's side."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from gravity_comp_ros.worker.messages import Lost, Message
 
 def command(task: str, niceness: int) -> tuple[str, ...]:
     """
-    Return how to start a process that does a task.
+    Return the command line of a worker process, without the pipe's descriptor.
 
-    :param task: 'MODULE:FACTORY'; the factory returns what does a job (`serve.Work`).
-    :param niceness: by how much its priority is lower.
+    :param task: 'MODULE:FACTORY'; the factory returns the job function (`serve.Work`).
+    :param niceness: increment of the process's nice value.
     """
     return sys.executable, '-m', 'gravity_comp_ros.worker.serve', task, str(niceness)
 
 
 class WorkerProcess:
     """
-    A process of its own and the pipe to it. Nothing here waits for it.
+    A worker process and the pipe to it. No method blocks on it.
 
-    It stays warm between jobs. It ends with the process that started it.
+    It keeps running between jobs and ends with its parent process.
 
-    :param command: how to start the process; the descriptor of its pipe is appended.
+    :param command: the command line; the descriptor of the pipe is appended.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
@@ -46,16 +46,16 @@ class WorkerProcess:
 
     def start(self) -> None:
         """
-        Start the process; `Ready` says when it takes a job.
+        Start the process; it accepts jobs after `Ready`.
 
         :raises OSError: if it cannot be started.
         """
         ours, theirs = Pipe()
-        # A process started with sys.path changed must find the same package.
+        # The worker must import the same package, also if sys.path was changed.
         environment = {**os.environ, 'PYTHONPATH': os.pathsep.join(p for p in sys.path if p),
                        'OPENBLAS_NUM_THREADS': '1', 'OMP_NUM_THREADS': '1'}
         try:
-            with _plain_children():
+            with _default_child_priority():
                 self._process = subprocess.Popen(
                     [*self._command, str(theirs.fileno())], pass_fds=[theirs.fileno()],
                     stdin=subprocess.DEVNULL, env=environment, start_new_session=True)
@@ -67,27 +67,27 @@ class WorkerProcess:
         self._connection = ours
 
     def send(self, job: Any) -> None:
-        """Give the process a job."""
+        """Send a job to the process."""
         if self._connection is not None:
-            # A pipe that nobody empties blocks its writer, and this process must not wait.
+            # Writing to a full pipe blocks, so a thread does it.
             Thread(target=_send, args=(self._connection, job), daemon=True).start()
 
     def messages(self) -> list[Message]:
-        """Return what the process has said since the last call; `Lost` is the last of all."""
-        found: list[Message] = []
+        """Return the messages since the last call; `Lost` is the last of all."""
+        received: list[Message] = []
         try:
             while self._connection is not None and self._connection.poll():
-                found.append(self._connection.recv())
+                received.append(self._connection.recv())
         except (EOFError, OSError):
-            found.append(Lost(self._exit_text()))
+            received.append(Lost(self._exit_text()))
             self.end()
-        return found
+        return received
 
     def end(self) -> None:
         """Kill the process, if there is one."""
         if self._process is not None:
             self._process.kill()
-            # Killed all the same; a process stuck in the kernel must not hold this one up.
+            # A process blocked in the kernel ends later; this one must not wait for it.
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(timeout=0.5)
         if self._connection is not None:
@@ -105,8 +105,8 @@ class WorkerProcess:
 
 
 @contextmanager
-def _plain_children() -> Iterator[None]:
-    """Let a child have the priority of any process, where this one has that of control."""
+def _default_child_priority() -> Iterator[None]:
+    """Start children with default scheduling, also from a process with real-time priority."""
     if not hasattr(os, 'SCHED_RESET_ON_FORK'):
         yield
         return
@@ -115,7 +115,7 @@ def _plain_children() -> Iterator[None]:
     try:
         yield
     finally:
-        # Only the privileged may take it back; for others it stays, which does no harm.
+        # Resetting the flag requires a privilege; without it the flag stays, without harm.
         with suppress(PermissionError):
             os.sched_setscheduler(0, policy, parameters)
 
@@ -124,5 +124,5 @@ def _send(connection: Connection, job: Any) -> None:
     try:
         connection.send(job)
     except (OSError, ValueError):
-        # The other end is gone, which `messages` will see; or this end was closed meanwhile.
+        # The process has ended, which `messages` reports, or this end has been closed.
         pass
