@@ -26,7 +26,7 @@ def test_each_threshold_is_halved_and_doubled_alone():
 
 def test_a_threshold_can_make_a_finding_weak(monkeypatch):
     usual = DiagnosisOptions()
-    strict = replace(usual, verdict=replace(usual.verdict, fewest_effective=1e9))
+    strict = replace(usual, verdict=replace(usual.verdict, min_effective=1e9))
     monkeypatch.setattr(sensitivity, 'variants', lambda: [(AS_IT_IS, usual), ('strict', strict)])
     monkeypatch.setattr(sensitivity, 'SECONDS', 30.0)
     counts = counted(Task(replace(case('six_axis', 'coulomb_large'), runs=2), 3, 25.0))

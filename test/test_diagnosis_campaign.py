@@ -68,7 +68,7 @@ def test_a_detent_is_said_to_be_unknown():
 def test_play_in_a_gear_is_not_a_soft_gear(arm, seed):
     diagnosis, result = judged(arm, 'backlash', seed)
     assert result.right, [f.to_json() for f in diagnosis.findings]
-    assert any('play' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
+    assert any('backlash' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
 
 
 @pytest.mark.parametrize('arm, kind', [('iiwa7', 'drift'), ('right_seven', 'warming')])

@@ -43,7 +43,7 @@ def test_an_offset_that_gravity_imitates_is_weak_and_is_established_in_wider_mot
         return np.full(len(q), 0.5)
 
     narrow = on_elbow(0.3, offset, seed)['torque_offset']
-    assert narrow.verdict == Verdict.WEAK and 'gravity can imitate all but' in narrow.why
+    assert narrow.verdict == Verdict.WEAK and 'gravity absorbs all but' in narrow.why
     wide = on_elbow(1.2, offset, seed)['torque_offset']
     assert wide.verdict == Verdict.ESTABLISHED
     low, high = wide.coefficients['b'].ci95
@@ -59,7 +59,7 @@ def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
     assert found['coulomb_friction'].verdict == Verdict.ESTABLISHED
     ripple = found['torque_ripple']
     assert ripple.verdict == Verdict.WEAK
-    assert 'of coulomb_friction, and may be what the law of that leaves' in ripple.why
+    assert 'of coulomb_friction and may be a model error of that effect' in ripple.why
 
 
 @pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
@@ -70,4 +70,4 @@ def test_what_corrects_a_friction_that_is_open_is_open_too(arm):
     found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
     assert found['coulomb_friction'].verdict == Verdict.UNTESTABLE
     assert found['presliding_hysteresis'].verdict == Verdict.WEAK
-    assert 'corrects coulomb_friction, which is not settled' in found['presliding_hysteresis'].why
+    assert 'corrects coulomb_friction, which is undecided' in found['presliding_hysteresis'].why

@@ -2,8 +2,8 @@
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.evidence import (
-    absorbed, covariance, held_out_errors, joint_rows, largest_part, Prior, rebased,
-    shared_information, solve)
+    absorbed, covariance, held_out_errors, joint_rows, largest_group_share, Prior,
+    shared_information, solve, with_gravity_columns)
 from gravity_comp_ros.diagnosis.options import SelectionOptions, VerdictOptions
 from gravity_comp_ros.errors import DataError, OptionError
 from gravity_comp_ros.evaluation.blocks import cut
@@ -106,7 +106,7 @@ def test_a_column_that_a_training_set_has_not_seen_gives_numbers():
     x = rng.normal(size=(len(samples), 2))
     x[sample_folds(blocks) != 1, 1] = 0.0
     joint = joint_rows(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
-    assert joint.training[1, 1, 1] == 0.0
+    assert joint.grams[1, 1, 1] == 0.0
     fit = solve(joint, np.arange(2), 0, no_prior(0, blocks))
     np.testing.assert_allclose(fit.without[:, 0], 1.0, atol=1e-6)
     assert np.isfinite(held_out_errors(joint, fit)).all()
@@ -119,7 +119,7 @@ def test_the_largest_part_of_a_column_is_that_of_its_fullest_group():
     x = np.ones((len(samples), 2))
     x[np.repeat(blocks.run, np.diff(blocks.starts)) == 0, 1] = 0.0
     joint = joint_rows(x, x[:, 0], blocks, np.ones(2), 1.0, np.zeros(2))
-    np.testing.assert_allclose(largest_part(
+    np.testing.assert_allclose(largest_group_share(
         joint, np.arange(2), joint.group_of_rows(blocks.run)), [1000 / 1600, 1.0])
 
 
@@ -129,7 +129,7 @@ def test_products_of_columns_that_are_not_kept_are_those_of_all():
     x = np.random.default_rng(4).normal(size=(len(samples), 5))
     some, every = (joint_rows(x, x[:, 0], blocks, np.ones(5), 1.0, np.full(5, 2.0), n_core)
                    for n_core in (2, None))
-    assert some.training.shape[1] == 2
+    assert some.grams.shape[1] == 2
     for columns in (np.array([0, 1]), np.array([1, 4]), np.array([3, 2])):
         np.testing.assert_allclose(some.gram(columns), every.gram(columns), rtol=1e-10)
 
@@ -141,11 +141,11 @@ def test_other_columns_of_gravity_change_nothing_else():
     old, new, rest = (rng.normal(size=(len(samples), k)) for k in (2, 3, 4))
     y, scale = rng.normal(size=len(samples)), np.array([1.0, 1.0, 2.0, 3.0, 0.5, 1.0])
     before = joint_rows(np.column_stack([old, rest]), y, blocks, scale, 0.7, np.arange(6.0), 5)
-    found = rebased(before, new, 2)
+    found = with_gravity_columns(before, new, 2)
     wanted = joint_rows(np.column_stack([new, rest]), y, blocks,
                         np.concatenate([np.ones(3), scale[2:]]), 0.7,
                         np.concatenate([np.zeros(3), np.arange(6.0)[2:]]), 6)
-    for name in ('x', 'y', 'training', 'aims', 'ridge', 'scale'):
+    for name in ('x', 'y', 'grams', 'right_sides', 'ridge', 'scale'):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9,
                                    atol=1e-9)
 
@@ -207,15 +207,15 @@ def test_absorbed_is_the_share_that_the_base_imitates():
     assert absorbed(joint, np.array([2]), sure) < 1e-3
 
 
-@pytest.mark.parametrize('wrong', [{'alpha': 0.0}, {'alpha': 1.0}, {'least_share': -0.1},
-                                   {'most': 0}])
+@pytest.mark.parametrize('wrong', [{'alpha': 0.0}, {'alpha': 1.0}, {'min_share': -0.1},
+                                   {'max_effects': 0}])
 def test_options_out_of_range_are_refused(wrong):
     with pytest.raises(OptionError, match='selection'):
         SelectionOptions(**wrong)
 
 
-@pytest.mark.parametrize('wrong', [{'least_effective': -1.0}, {'alike': 1.5},
-                                   {'most_runs': -0.1}, {'least_reduction': 2.0}])
+@pytest.mark.parametrize('wrong', [{'min_effective_established': -1.0}, {'max_collinearity': 1.5},
+                                   {'min_runs_better': -0.1}, {'min_reduction': 2.0}])
 def test_thresholds_of_a_verdict_out_of_range_are_refused(wrong):
     with pytest.raises(OptionError, match='verdict'):
         VerdictOptions(**wrong)

@@ -6,7 +6,7 @@ from bench.cases.generated import generated_arm
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.base import choose_base
 from gravity_comp_ros.diagnosis.diagnose import diagnose
-from gravity_comp_ros.diagnosis.laws import OneEnergy
+from gravity_comp_ros.diagnosis.structure_tests import OneEnergy
 from gravity_comp_ros.diagnosis.wording import FOUND
 from gravity_comp_ros.models.gravity_gradient import gravity_gradient
 from gravity_comp_ros.models.gravity_model import Coverage, GravityModel

@@ -262,10 +262,10 @@ def test_too_much_torque_is_not_plausible(effect):
     columns = effect.columns(motion, joint, settings[0])
     size = 100 * np.abs(motion.samples.tau).max() / np.abs(columns).max(axis=(0, 1), initial=0)
     said = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
-    assert re.search(r'N·m|too much|would be seen', said)
+    assert re.search(r'N·m|too large|would be visible', said)
     small = np.full(columns.shape[-1], 1e-6)
     said = effect.implausible(small, settings[0], motion, joint)
-    assert (said is None) if effect.name != 'torque_gain' else ('too little' in said)
+    assert (said is None) if effect.name != 'torque_gain' else ('too small' in said)
 
 
 @pytest.mark.parametrize('name', [

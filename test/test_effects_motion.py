@@ -195,7 +195,7 @@ def test_one_way_motion_shows_no_friction():
     motion = swing(0.05 * t + 0.1 * np.sin(0.3 * t), 0.05 + 0.03 * np.cos(0.3 * t))
     for name in ('coulomb_friction', 'viscous_friction', 'load_dependent_friction',
                  'friction_drift', 'presliding_hysteresis'):
-        assert 'one way only' in EFFECTS[name].untestable(motion, 0)
+        assert 'one direction only' in EFFECTS[name].untestable(motion, 0)
     assert EFFECTS['joint_spring'].untestable(motion, 0) is None
 
 
@@ -207,7 +207,7 @@ def test_one_speed_shows_no_influence_of_speed():
     assert EFFECTS['coulomb_friction'].untestable(motion, 0) is None
     for name in ('viscous_friction', 'stribeck_friction', 'degressive_friction'):
         assert 'one speed' in EFFECTS[name].untestable(motion, 0)
-    assert 'never stands' in EFFECTS['asymmetric_friction'].untestable(motion, 0)
+    assert 'never at rest' in EFFECTS['asymmetric_friction'].untestable(motion, 0)
     assert EFFECTS['presliding_hysteresis'].untestable(motion, 0) is None
     assert reversals(motion, 0) == 5
 
@@ -215,7 +215,7 @@ def test_one_speed_shows_no_influence_of_speed():
 def test_few_reversals_show_no_presliding():
     t = np.arange(0.0, 40.0, 0.05)
     motion = swing(np.sin(0.15 * t), 0.15 * np.cos(0.15 * t))
-    assert 'turns back' in EFFECTS['presliding_hysteresis'].untestable(motion, 0)
+    assert 'reversals' in EFFECTS['presliding_hysteresis'].untestable(motion, 0)
 
 
 def test_a_load_that_stays_shows_no_influence_of_load():

@@ -4,7 +4,7 @@ from effect_motions import (
     arm_of, base_columns, clean_motion, exact_model, least_squares, motions_of, NOISE, samples_of)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.effects.presliding import presliding_state, steady_path
+from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
@@ -209,7 +209,7 @@ def test_presliding_outlasts_an_encoder_that_flutters():
     q = np.concatenate([np.linspace(0.0, 0.1, 500), np.full(3000, 0.1)])
     noisy = q + 3e-5 * rng.standard_normal(len(q))
     assert presliding_state(noisy, 1e-3)[-1] < 0.2
-    assert presliding_state(steady_path(noisy), 1e-3)[-1] > 0.8
+    assert presliding_state(denoised_path(noisy), 1e-3)[-1] > 0.8
 
 
 def test_presliding_pauses_keep_what_was_built_up():
@@ -283,7 +283,7 @@ def test_a_path_without_flutter_turns_where_the_joint_turns(seed, noise):
     parts = [np.concatenate([np.full(40, a), np.linspace(a, b, max(2, round(abs(b - a) / 2e-3)))])
              for a, b in zip(turns, turns[1:])]
     truth = np.concatenate(parts)
-    path = steady_path(truth + noise * rng.standard_normal(len(truth)))
+    path = denoised_path(truth + noise * rng.standard_normal(len(truth)))
     # No lag: an encoder's noise is all by which the path is off.
     assert np.abs(path - truth).max() < 6.0 * noise
     # At rest it moves by the noise at most, however long that lasts.

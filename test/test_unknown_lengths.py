@@ -8,7 +8,8 @@ from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, open_ways, turned, way_of
+from gravity_comp_ros.effects.arm_dynamics import (
+    axis_sign, axis_sign_options, chain_dynamics, with_axis_signs)
 from gravity_comp_ros.effects.motion import accelerations, build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
@@ -84,12 +85,12 @@ def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     arm = generated_arm(4 * (seed // 4), n)
     chain = chain_of(arm)
     q, speed, rate = drawn(n, 50, seed)
-    way = way_of(chain)
-    assert way_of(mirrored(chain)) == way
+    way = axis_sign(chain)
+    assert axis_sign(mirrored(chain)) == way
     assert mirrored(chain).torque(q) == pytest.approx(chain.torque(q), abs=1e-9)
-    assert turned(chain, (way,)) is chain
-    other = turned(chain, (-way,))
-    assert way_of(other) == -way
+    assert with_axis_signs(chain, (way,)) is chain
+    other = with_axis_signs(chain, (-way,))
+    assert axis_sign(other) == -way
     # The moment about a vertical axis is free, so that joint is left out.
     assert other.torque(q)[:, 1:] == pytest.approx(chain.torque(q)[:, 1:], abs=1e-9)
     truth = of_motion(arm, q, speed, rate).ravel()
@@ -105,21 +106,21 @@ def test_two_vertical_axes_turn_each_its_own_way():
     chain = chain_of(arm)
     q, speed, rate = drawn(6, 300, 1)
     truth = of_motion(arm, q, speed, rate).ravel()
-    every, right = open_ways(chain, q), (way_of(chain), way_of(chain, 1))
+    every, right = axis_sign_options(chain, q), (axis_sign(chain), axis_sign(chain, 1))
     assert len(every) == 4 and right in every
-    for start in (*(turned(chain, ways) for ways in every), mirrored(chain)):
+    for start in (*(with_axis_signs(chain, signs) for signs in every), mirrored(chain)):
         assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
-        for ways in every:
-            flat = chain_dynamics(start, ways).columns(q, speed, rate).reshape(len(truth), -1)
+        for signs in every:
+            flat = chain_dynamics(start, signs).columns(q, speed, rate).reshape(len(truth), -1)
             left = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
             share = np.linalg.norm(left) / np.linalg.norm(truth)
-            assert (share < 1e-8) == (ways == right), (ways, share)
+            assert (share < 1e-8) == (signs == right), (signs, share)
 
 
 def test_a_horizontal_second_axis_has_no_way_of_its_own():
     chain, q = chain_of(ARMS['six_axis']()), drawn(6, 50, 0)[0]
-    assert open_ways(chain, q) == [(1.0,), (-1.0,)]
-    assert open_ways(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
+    assert axis_sign_options(chain, q) == [(1.0,), (-1.0,)]
+    assert axis_sign_options(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
 
 
 def mirrored(chain):
@@ -135,15 +136,15 @@ def test_motion_shows_which_way_a_vertical_axis_turns(seed):
     chain = chain_of(arm)
     samples = recording(arm, seed, 20.0, 50.0)
     model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
-    effect, ways = known_effect('rigid_body_dynamics'), []
-    for start in (turned(chain, (1.0,)), turned(chain, (-1.0,))):
+    effect, signs = known_effect('rigid_body_dynamics'), []
+    for start in (with_axis_signs(chain, (1.0,)), with_axis_signs(chain, (-1.0,))):
         motion = build_motion(samples, replace(model, chain=start))
         setting, = effect.settings(motion, 0)
-        ways.append(setting['way'])
+        signs.append(setting['way'])
         columns = effect.columns(motion, 0, setting)
         assert columns.shape[2] == len(effect.coefficients_of(motion, 0, setting))
     # Whichever way the chain came out, the dynamics are those of the arm.
-    assert ways == [way_of(chain)] * 2
+    assert signs == [axis_sign(chain)] * 2
 
 
 @pytest.mark.parametrize('arm, seed', [('iiwa7', 2), ('six_axis', 2), ('right_seven', 1)])

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from gravity_comp_ros.data.condense import Condensation, condense
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, IntArray, JointSamples
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.motion_fit import samples_each
+from gravity_comp_ros.effects.motion_fit import samples_per_observation
 from gravity_comp_ros.effects.predict import (
     direction_of, effect_torque, installed, predict_on)
 from gravity_comp_ros.effects.request import known_effect
@@ -149,7 +149,7 @@ def _once(motion: Motion, rows: IntArray, model: GravityModel,
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
-    beside = motion.beside(gravity)
+    beside = motion.with_model(gravity)
     now = _columns(beside, rows, terms)
     if not _same(columns, now) and _symbols(motion, terms) == _symbols(beside, terms):
         # Beside the gravity that was found, effects that are made of it have other columns.
@@ -233,7 +233,7 @@ def _usual(motion: Motion, terms: Sequence[Term], samples: JointSamples,
         known = known or usual is not None
     if not known or columns is None:
         return None
-    noise = np.sqrt(samples_each(samples)) * _left(motion, samples, columns)
+    noise = np.sqrt(samples_per_observation(samples)) * _left(motion, samples, columns)
     lengths = np.sqrt((columns ** 2).sum(axis=(1, 2)))
     weighted = np.sqrt(((columns / noise[:, None]) ** 2).sum(axis=(1, 2)))
     # What this motion does not show has no length, and stays free.
@@ -285,7 +285,7 @@ def of_gravity(gravity: GravityModel, motion: Motion,
     """
     if all(installed(applied).has_fixed_coefficients for applied in effects):
         return effects
-    beside = motion.beside(gravity)
+    beside = motion.with_model(gravity)
     found = []
     for applied in effects:
         joint = 0 if applied.joint is None else motion.samples.names.index(applied.joint)

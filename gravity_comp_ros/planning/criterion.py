@@ -16,7 +16,7 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.diagnosis.options import LEAST_LEFT
+from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 import numpy as np
 from scipy import special
 from scipy.linalg import cho_factor, cho_solve
@@ -37,7 +37,7 @@ class Answer:
     `separations` are the square roots of lambda beside nuisance terms alone, then beside each
     alternative. `spread` (K,) are standard errors of the target's coefficients beside nuisance
     terms. `left` is the share of the target's torque that the gravity of a diagnosis cannot
-    imitate: below `LEAST_LEFT` it calls the size uncertain whatever the noise.
+    imitate: below `MIN_UNABSORBED` it calls the size uncertain whatever the noise.
     """
 
     separations: tuple[float, ...]
@@ -68,7 +68,7 @@ class Answer:
         It grows by the logarithm: the size of an effect may be a fraction of what is assumed, and
         one target is not worth all the time.
         """
-        shown = min(1.0, self.left / LEAST_LEFT) * self.separation
+        shown = min(1.0, self.left / MIN_UNABSORBED) * self.separation
         return float(np.log1p((shown / _SCALE) ** 2))
 
 

@@ -9,7 +9,7 @@ from gravity_comp_ros.data.samples import evenly_picked, JointSamples
 from gravity_comp_ros.data.trajectory import Trajectory
 from gravity_comp_ros.diagnosis.diagnose import diagnose
 from gravity_comp_ros.diagnosis.findings import Diagnosis
-from gravity_comp_ros.diagnosis.options import LEAST_LEFT
+from gravity_comp_ros.diagnosis.options import MIN_UNABSORBED
 from gravity_comp_ros.effects.motion import build_motion
 from gravity_comp_ros.effects.request import known_effect
 from gravity_comp_ros.errors import OptionError
@@ -243,7 +243,7 @@ def _planned_parts(stretches: list[tuple[float, float]], chosen: Sequence[Part],
 
 def _imitated(after: Answer) -> str:
     """Return why a diagnosis will call a size uncertain, '' if it will not."""
-    if after.left >= LEAST_LEFT:
+    if after.left >= MIN_UNABSORBED:
         return ''
     return f'gravity may imitate all but {after.left:.1%} of its torque'
 

@@ -6,7 +6,7 @@ finds it from then on, next to its own.
 """
 
 from gravity_comp_ros.effects.effect import Coefficient, Effect
-from gravity_comp_ros.effects.excitation import lacks_speeds
+from gravity_comp_ros.effects.excitation import insufficient_speeds
 import numpy as np
 
 
@@ -31,4 +31,4 @@ class SealDrag(Effect):
         return motion.direction(joint)[:, None] * np.sqrt(speed)
 
     def untestable(self, motion, joint):
-        return lacks_speeds(motion, joint)
+        return insufficient_speeds(motion, joint)
