@@ -156,7 +156,7 @@ def test_payload_is_that_of_a_mass_at_the_last_link(name, com):
     assert effect.implausible(found, setting, motion, 0) is None
     symbols = [c.symbol for c in effect.coefficients_of(motion, 0, setting)]
     alone = np.where(np.array(symbols) == 'm_2', -0.1, 0.0)
-    assert 'none beyond it' in effect.implausible(alone, setting, motion, 0)
+    assert 'only the first moment' in effect.implausible(alone, setting, motion, 0)
 
 
 def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():

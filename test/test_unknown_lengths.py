@@ -171,7 +171,7 @@ def test_parts_of_a_motion_have_the_columns_of_the_whole():
     both = tuple(np.concatenate(pair) for pair in zip(one, two))
     parts = np.concatenate([dynamics.columns(*one), dynamics.columns(*two)])
     assert np.abs(dynamics.columns(*both) - parts).max() < 1e-12
-    assert parts.shape[2] == len(dynamics.usual) == len(dynamics.coefficients())
+    assert parts.shape[2] == len(dynamics.prior_std) == len(dynamics.coefficients())
 
 
 @pytest.mark.parametrize('formulation', ['auto', 'potential'])

@@ -146,7 +146,7 @@ class Criteria:
         """Return whether gravity absorbs a spring or an offset of a joint in this motion."""
         if ('joint_spring', joint) in self.fits.layout.untestable:
             return True
-        return any(1.0 - self.fits.absorbed(c) < self.options.min_unabsorbed ** 2
+        return any(1.0 - self.fits.absorbed(c) < self.options.min_unabsorbed_nuisance ** 2
                    for c in self.candidates if c.joint == joint and c.effect.name in _ABSORBABLE)
 
     def _simpler_speed_laws(self, trial: AnyTrial, chosen: Sequence[Candidate]) -> list[Candidate]:

@@ -17,8 +17,8 @@ class SelectionOptions:
 
     - `alpha`: family-wise error rate.
     - `min_share`: minimum reduction of a joint's held-out error; `min_rare_share`: the same for a
-      rare effect. A rare effect of the whole arm must reach it on a joint whose offset and spring
-      are not absorbed by gravity to all but `min_unabsorbed`.
+      rare effect. A rare effect of the whole arm must reach it on a joint of whose offset and
+      spring gravity leaves at least `min_unabsorbed_nuisance` unabsorbed.
     - `evident_share`: Coulomb or viscous friction or an offset with this reduction of the error
       is not corrected for the other joints and effects tested, and a t-test of its coefficient is
       accepted as well. Chance reduces the error by a few percent, and a short recording has few
@@ -31,7 +31,7 @@ class SelectionOptions:
     alpha: float = 0.01
     min_share: float = 0.004
     min_rare_share: float = 0.1
-    min_unabsorbed: float = MIN_UNABSORBED
+    min_unabsorbed_nuisance: float = MIN_UNABSORBED
     evident_share: float = 0.4
     evident_rare_share: float = 0.8
     max_effects: int = 40
