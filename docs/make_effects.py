@@ -30,7 +30,8 @@ the number of joints. Torque is that of the drive, positive in the direction of 
 - **Time**: presliding friction starts again with every run. Warm-up and drift continue over
   recordings with stamps on one clock, and start again with every run otherwise. A payload change
   persists in the following runs.
-- An effect is *untestable* on a recording if the motion does not excite it; the reason is reported.
+- An effect is *untestable* on a recording if the motion does not excite it. The reason is
+  reported.
 
 A package can provide its own effects through the entry-point group `gravity_comp_ros.effects`;
 `examples/custom_effect` is a template. Effects that cannot be loaded are skipped and reported.

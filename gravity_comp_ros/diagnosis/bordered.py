@@ -144,7 +144,7 @@ def _errors_with(base_fit: BaseFit, effects: list[IntArray],
         b[:, :others.cross.shape[1]] += others.cross
         right_sides += others.vector
     w: FloatArray = np.asarray(np.linalg.solve(base_fit.system, b), dtype=np.float64)
-    coefficients = np.concatenate([fit.without, fit.all_data[None]])
+    coefficients = np.concatenate([fit.by_fold, fit.all_data[None]])
     right_sides -= np.einsum('fkc,fk->fc', b, coefficients)
     rest = _residualised(base_fit, columns, w)
     errors = np.empty((joint.blocks.count, len(effects)))

@@ -153,10 +153,10 @@ class Criteria:
         """Return the simpler effects, not chosen, that a nonlinear friction law must exceed."""
         if not isinstance(trial, Candidate) or not trial.effect.is_nonlinear_in_speed:
             return []
-        taken = {c.key for c in chosen} | {trial.key}
+        keys = {c.key for c in chosen} | {trial.key}
         here = {c.key: c for c in reversed(self.candidates) if c.joint == trial.joint}
         return [here[name, trial.joint] for name in ('viscous_friction', 'presliding_hysteresis')
-                if (name, trial.joint) in here and (name, trial.joint) not in taken]
+                if (name, trial.joint) in here and (name, trial.joint) not in keys]
 
     def is_physical(self, candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
         """Return whether the coefficients of a chosen effect are physically possible."""
@@ -182,10 +182,10 @@ class Criteria:
 
     def available(self, chosen: Sequence[Candidate], refused: Collection[Key]) -> list[Candidate]:
         """Return the candidates that can be added; only one model of the dynamics is allowed."""
-        taken = {c.key for c in chosen}
+        keys = {c.key for c in chosen}
         has_dynamics = any(c.effect.certain for c in chosen)
-        return [c for c in self.candidates if c.key not in taken and c.key not in refused
-                and self.has_parent(c, taken) and not (has_dynamics and _is_dynamics(c))]
+        return [c for c in self.candidates if c.key not in keys and c.key not in refused
+                and self.has_parent(c, keys) and not (has_dynamics and _is_dynamics(c))]
 
     def available_on(self, joint: int, chosen: Sequence[Candidate],
                      refused: Collection[Key]) -> list[Candidate]:
@@ -196,10 +196,10 @@ class Criteria:
     def replacements(self, candidate: Candidate, chosen: Sequence[Candidate],
                      refused: Collection[Key]) -> list[Candidate]:
         """Return possible replacements of a chosen effect, on its joint or on the whole arm."""
-        taken = {c.key for c in chosen if c is not candidate}
+        keys = {c.key for c in chosen if c is not candidate}
         return [c for c in self.candidates if c is not candidate
-                and c.key not in taken and c.key not in refused
-                and self.has_parent(c, taken)
+                and c.key not in keys and c.key not in refused
+                and self.has_parent(c, keys)
                 and (c.joint == candidate.joint or c.shared or candidate.shared)]
 
     def with_each_replacement(self, candidate: Candidate, others: Sequence[Candidate],
@@ -221,9 +221,9 @@ class Criteria:
             after.update(zip(map(id, here), self.fits.errors_with_each(joint, rest, here)))
         return ((c, self.fits.errors(joints[id(c)], chosen), after[id(c)]) for c in others)
 
-    def has_parent(self, candidate: Candidate, taken: set[Key]) -> bool:
+    def has_parent(self, candidate: Candidate, keys: set[Key]) -> bool:
         """Return whether one of the effects that a candidate corrects is on its joint."""
-        required, present = candidate.effect.corrects, taken | self.given
+        required, present = candidate.effect.corrects, keys | self.given
         return not required or any((name, candidate.joint) in present for name in required)
 
 

@@ -198,7 +198,7 @@ class Fit:
 
     columns: IntArray
     all_data: FloatArray
-    without: FloatArray
+    by_fold: FloatArray
 
 
 def solve(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
@@ -212,7 +212,7 @@ def held_out_residual(joint: JointRows, fit: Fit) -> FloatArray:
     """Return each row's residual (M,) in units of noise, fitted without its fold."""
     residual = joint.y.copy()
     for fold, rows in enumerate(joint.folds):
-        residual[rows] -= joint.combined(rows, fit.columns, fit.without[fold])
+        residual[rows] -= joint.combined(rows, fit.columns, fit.by_fold[fold])
     return residual
 
 

@@ -123,7 +123,7 @@ def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candi
     """Return why an effect with enough samples is not established, '' if it is."""
     fit = fits.fit(candidate.joint_index, chosen)
     here = np.isin(fit.columns, candidate.columns)
-    if not (np.sign(fit.without[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
+    if not (np.sign(fit.by_fold[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
         return 'its sign differs between cross-validation folds'
     if evidence.runs_better < options.min_runs_better:
         return f'it reduces the error in only {evidence.runs_better:.0%} of the runs'

@@ -91,7 +91,7 @@ def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatA
     """
     fit = _Fit(qd, qdd, residual)
     width, error = _best_width(fit, qd, least_width)
-    if error > (1.0 - _MIN_FRICTION) * fit.without:
+    if error > (1.0 - _MIN_FRICTION) * fit.baseline:
         return Shape(least_width)
     hold, hold_error = _best_hold(fit, samples, _path(samples, q))
     return Shape(width, hold if hold_error < (1.0 - _MIN_IMPROVEMENT) * error else 0.0)
@@ -124,15 +124,15 @@ class _Fit:
         basis, size, _ = svd(np.column_stack([np.ones_like(qd), qd, qdd])[self.rows])
         self.basis = basis[:, size > 1e-12 * size[0]]
         self.y = self._rest(residual[self.rows])
-        self.without = float(self.y @ self.y)
+        self.baseline = float(self.y @ self.y)
         # Rounding error counts as 0.
-        if self.without < 1e-9 * float(residual[self.rows] @ residual[self.rows]):
-            self.without = 0.0
+        if self.baseline < 1e-9 * float(residual[self.rows] @ residual[self.rows]):
+            self.baseline = 0.0
 
     def error(self, direction: FloatArray) -> float:
         d = self._rest(direction[self.rows])
         size = float(d @ d)
-        return self.without - (float(d @ self.y) ** 2 / size if size > 0.0 else 0.0)
+        return self.baseline - (float(d @ self.y) ** 2 / size if size > 0.0 else 0.0)
 
     def _rest(self, values: FloatArray) -> FloatArray:
         return np.asarray(values - self.basis @ (self.basis.T @ values))
@@ -141,7 +141,7 @@ class _Fit:
 def _best_width(fit: _Fit, qd: FloatArray, least: float) -> tuple[float, float]:
     """Return the width with the smallest error, and that error."""
     widest = _MAX_WIDTH * float(np.quantile(np.abs(qd), 0.95))
-    if fit.without == 0.0:
+    if fit.baseline == 0.0:
         return least, 1.0
     if widest <= least:
         return least, fit.error(np.tanh(qd / least))

@@ -68,17 +68,18 @@ def _reversals(path: FloatArray, least: float) -> list[tuple[int, float]]:
     moves = np.flatnonzero(steps)
     # The last sample of each stretch in one direction.
     ends = moves[np.flatnonzero(np.diff(np.sign(steps[moves]), append=0.0))] + 1
-    found: list[tuple[int, float]] = []
+    reversals: list[tuple[int, float]] = []
     sign, high, low = 0.0, float(path[0]), float(path[0])
     for k, value in zip(ends.tolist(), path[ends].tolist()):
         high, low = max(high, value), min(low, value)
         if sign <= 0.0 and value > low + least:
             sign, high = 1.0, value
-            found.append((k, sign))
         elif sign >= 0.0 and value < high - least:
             sign, low = -1.0, value
-            found.append((k, sign))
-    return found
+        else:
+            continue
+        reversals.append((k, sign))
+    return reversals
 
 
 def _play_operator(q: FloatArray, play: float) -> FloatArray:
