@@ -64,7 +64,8 @@ class RigidBodyDynamics(Effect):
         key = f'rigid_body {_signs(setting)}'
         if key not in motion.memo:
             samples = motion.samples
-            motion.memo[key] = _known(motion, setting).columns(samples.q, samples.qd, motion.qdd)
+            dynamics = _required_dynamics(motion, setting)
+            motion.memo[key] = dynamics.columns(samples.q, samples.qd, motion.qdd)
         return motion.memo[key]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
@@ -74,10 +75,10 @@ class RigidBodyDynamics(Effect):
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         """Return the factor of the prior of unknown lengths, and the signs of vertical axes."""
         dynamics = _dynamics(motion, {})
-        return [_physical(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
+        return [_best_setting(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
 
     def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        prior_std = _known(motion, setting).prior_std
+        prior_std = _required_dynamics(motion, setting).prior_std
         return np.where(np.isinf(prior_std), prior_std, setting.get('spread', 1.0) * prior_std)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
@@ -91,7 +92,7 @@ class RigidBodyDynamics(Effect):
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
-        return (_not_positive(_known(motion, setting), values, motion.samples.q)
+        return (_not_positive(_required_dynamics(motion, setting), values, motion.samples.q)
                 or super().implausible(values, setting, motion, joint))
 
 
@@ -107,13 +108,13 @@ def _signs(setting: Setting) -> tuple[float, ...]:
     return tuple(setting[name] for name in SIGN_SETTINGS if name in setting)
 
 
-def _known(motion: Motion, setting: Setting) -> Dynamics:
+def _required_dynamics(motion: Motion, setting: Setting) -> Dynamics:
     dynamics = _dynamics(motion, setting)
     assert dynamics is not None, 'checked by `untestable`'
     return dynamics
 
 
-def _physical(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
+def _best_setting(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
     """
     Return the setting with the smallest cross-validation error.
 
@@ -138,23 +139,25 @@ def _best_share(problem: MotionProblem, dynamics: ChainDynamics, q: FloatArray
     """Return the cross-validation error and the best share, or a smaller physical one."""
     errors = problem.held_out_errors(_SHARES)
     for number in range(int(errors.argmin()), len(_SHARES)):
-        least, largest = _least_energy(dynamics, problem.fit(_SHARES[number]).dynamics, q)
+        coefficients = problem.fit(_SHARES[number]).dynamics
+        least, largest = _eigenvalue_range(dynamics, coefficients, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
     return float(errors[number]), _SHARES[number]
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:
-    """Return the reason if the kinetic energy is not positive, at poses of q (M, N)."""
-    least, largest = _least_energy(dynamics, values, q)
+    """Return the reason if the mass matrix is not positive definite at poses of q (M, N)."""
+    least, largest = _eigenvalue_range(dynamics, values, q)
     if least < -_NEGATIVE * largest:
-        return (f'the mass matrix has an eigenvalue of {least:.2g} kg·m^2, but kinetic energy is '
-                f'not negative')
+        return (f'the mass matrix has a negative eigenvalue ({least:.2g} kg·m^2), and kinetic '
+                f'energy is positive')
     return None
 
 
-def _least_energy(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> tuple[float, float]:
-    """Return the least and the largest eigenvalue of the mass matrix at poses of q (M, N)."""
+def _eigenvalue_range(dynamics: Dynamics, values: FloatArray,
+                      q: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest eigenvalue of the mass matrix at poses of q (M, N)."""
     n = q.shape[1]
     few = q[np.linspace(0, len(q) - 1, _CHECKED).astype(int)] if len(q) else q
     rows = np.repeat(few, n, axis=0)
