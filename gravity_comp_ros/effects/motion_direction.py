@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.runs import run_slices
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.presliding import denoised_path, evenly_spaced, presliding_state
+from gravity_comp_ros.effects.presliding import (
+    denoised_path, evenly_spaced, noise_of_fourth_differences, presliding_state)
 from gravity_comp_ros.models.least_squares import svd
 import numpy as np
 
@@ -76,8 +77,7 @@ def speed_noise(samples: JointSamples, joints: Sequence[int] | None = None) -> F
     jumps = np.concatenate(parts) if parts else qd[:0]
     if not len(jumps):
         return np.zeros(qd.shape[1])
-    # The variance of fourth differences of white noise is 1 + 16 + 36 + 16 + 1 = 70 times its own.
-    return np.asarray(1.4826 * np.median(np.abs(jumps), axis=0) / np.sqrt(70.0))
+    return noise_of_fourth_differences(jumps)
 
 
 def find_shape(samples: JointSamples, q: FloatArray, qd: FloatArray, qdd: FloatArray,

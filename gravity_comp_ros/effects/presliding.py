@@ -105,8 +105,13 @@ def position_noise(q: FloatArray, t: FloatArray | None = None) -> float:
     jumps = np.diff(q, n=4)
     if t is not None:
         jumps = jumps[evenly_spaced(t)]
-    # Fourth differences of white noise have 70 times its variance.
-    return float(1.4826 * np.median(np.abs(jumps)) / np.sqrt(70.0)) if len(jumps) else 0.0
+    return float(noise_of_fourth_differences(jumps)) if len(jumps) else 0.0
+
+
+def noise_of_fourth_differences(differences: FloatArray) -> FloatArray:
+    """Return the standard deviation of white noise from its fourth differences (K, ...)."""
+    # Their variance is 1 + 16 + 36 + 16 + 1 = 70 times that of the noise.
+    return np.asarray(1.4826 * np.median(np.abs(differences), axis=0) / np.sqrt(70.0))
 
 
 def evenly_spaced(t: FloatArray) -> BoolArray:
