@@ -72,7 +72,7 @@ def test_json_is_as_agreed_and_names_what_is_missing(capsys):
 def test_people_get_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
-    assert 'effects are missing. The largest is' in lines[0] and '±' in lines[0]
+    assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
     for words in ('the recording: 2400 samples', 'what is missing', 'held-out error', 'next step',
                   'cannot be judged from this recording', 'coulomb_friction', 'established',
                   'reversals', 'at rest', 'effective n'):

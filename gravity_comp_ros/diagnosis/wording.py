@@ -18,7 +18,7 @@ def verdict(diagnosis: Diagnosis) -> str:
     if found:
         if len(found) == 1:
             return f'Missing: {sentence(found[0])}.'
-        return f'{len(found)} effects are missing. The largest is {sentence(found[0])}.'
+        return f'{len(found)} effects are missing. The strongest is {sentence(found[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
     name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
