@@ -1,5 +1,5 @@
 """
-docs/effects.md, made from the library itself.
+Generator of docs/effects.md from the texts of the library.
 
 `python3 docs/make_effects.py > docs/effects.md`
 """
@@ -11,36 +11,37 @@ from gravity_comp_ros.effects.registry import library_effects
 
 _HEAD = """# Effects
 
-What a torque can hold besides gravity: the library that `gravity_comp diagnose` chooses from and
-`gravity_comp add` adds from. This page is made from the library by
+Physical effects in addition to gravity, which `gravity_comp diagnose` tests and `gravity_comp add`
+adds to a model. This page is generated from the library by
 `python3 docs/make_effects.py > docs/effects.md`.
 
-Every effect is a torque that is linear in a few coefficients, with columns computed from the
-motion and from the predicted gravity torque g, never from the measured one. What an effect is
-not linear in (a speed, a distance, a time) is a setting: several are tried and the best is taken.
-q, qd, qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is the joint that the
-effect is about, of N. Torque is positive in the direction of positive q, as the drive supplies it.
+Every effect is a torque that is linear in a few coefficients. Its columns are computed from the
+motion and the predicted gravity torque g, never from the measured torque. Several values of its
+nonlinear parameters (a speed, a distance, a time) are compared, and the best is used. q, qd and
+qdd are angle, speed and acceleration in rad, rad/s and rad/s^2; n is the joint of the effect, N
+the number of joints. Torque is that of the drive, positive in the direction of positive q.
 
-- **d_n**, from -1 to 1, is the direction of motion. It is tanh(qd_n / width), with a width of
-  three times the noise of the measured speed and at least 2 mrad/s. Where friction is plain to
-  see, the shape that fits best is taken: another width, or a direction that holds on while the
-  joint stands and turns within at most 0.5 mrad of motion.
-- **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, half before and half
-  after, never across the border of two runs.
-- **Runs**: whatever has a memory (warming, drift, friction that builds up) starts anew with every
-  run. A payload that has changed stays changed in the runs that follow.
-- An effect can be *untestable* on a recording: the motion does not show it. The tool says why.
+- **d_n**, from -1 to 1, is the direction of motion: tanh(qd_n / width), with a width of three
+  standard deviations of the speed noise and at least 2 mrad/s. If friction is large enough, the
+  best shape is fitted: another width, or a direction that persists at rest and reverses within at
+  most 0.5 mrad of motion.
+- **Acceleration** is the slope of a cubic fitted to the speed over 0.3 s, symmetric about each
+  sample and within one run.
+- **Time**: presliding friction starts again with every run. Warm-up and drift continue over
+  recordings with stamps on one clock, and start again with every run otherwise. A payload change
+  persists in the following runs.
+- An effect is *untestable* on a recording if the motion does not excite it. The reason is
+  reported.
 
-A package can bring effects of its own, through the entry-point group `gravity_comp_ros.effects`;
-`examples/custom_effect` is one that can be copied. Effects that cannot be loaded are left out
-with a line that says why.
+A package can provide its own effects through the entry-point group `gravity_comp_ros.effects`;
+`examples/custom_effect` is a template. Effects that cannot be loaded are skipped and reported.
 """
 
 
 def document() -> str:
     """Return docs/effects.md."""
     effects = library_effects()
-    lines = [_HEAD, '| name | what it is | acts on | coefficients |', '|---|---|---|---|']
+    lines = [_HEAD, '| name | effect | acts on | coefficients |', '|---|---|---|---|']
     lines += [f'| [{name}](#{name}) | {effect.title} | {_acts_on(effect)} | '
               f'{", ".join(c.symbol for c in effect.coefficients)} |'
               for name, effect in effects.items()]
@@ -50,20 +51,20 @@ def document() -> str:
 
 
 def _section(effect: Effect) -> list[str]:
-    many = '' if effect.has_fixed_coefficients else ' (and others of their kinds)'
+    many = '' if effect.has_fixed_coefficients else ' (and further coefficients of these kinds)'
     lines = [f'## {effect.name}', '', f'**{effect.title}.** {effect.description}', '',
              f'    {effect.equation}', '']
     lines += [f'- `{c.symbol}` {f"in {c.unit}" if c.unit else "(no unit)"}: {c.meaning}'
               for c in effect.coefficients]
     lines[-1] += many
     if effect.setting_units:
-        lines.append('- settings: ' + ', '.join(
+        lines.append('- nonlinear parameters: ' + ', '.join(
             f'{name} in {unit}' if unit else name
             for name, unit in effect.setting_units.items()))
-    lines += [f'- shows when the residual is plotted over: {effect.signature}',
-              '- can look like: ' + ', '.join(
+    lines += [f'- plot of the residual over: {effect.signature}',
+              '- confounders: ' + ', '.join(
                   f'[{name}](#{name})' for name in effect.confounders),
-              f'- what settles it: {effect.experiment.replace("{joint}", "n")}',
+              f'- decisive experiment: {effect.experiment.replace("{joint}", "n")}',
               f'- source: {effect.source}']
     return lines
 

@@ -1,4 +1,4 @@
-"""Motions of arms of 1, 6 and 7 joints, with gravity models that are exact."""
+"""Motions of arms with 1, 6 and 7 joints, with exact gravity models."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def potential_energy(arm, q):
 @cache
 def exact_model(name):
     """
-    Return the model that no fit could better.
+    Return the exact gravity model.
 
-    In each joint U is a + b sin q + c cos q, so three angles a joint tell all 3^N weights.
+    In each joint U is a + b sin q + c cos q, so three angles per joint determine all 3^N weights.
     """
     arm, angles = arm_of(name), 2 * np.pi * np.arange(3) / 3
     n = arm.n_joints
@@ -76,7 +76,7 @@ def samples_of(arm, motions, tau):
 
 @cache
 def motions_of(name, runs=3, rate=RATE):
-    """Return multisines with pauses, each run another."""
+    """Return multisines with pauses, a different one for each run."""
     arm = arm_of(name)
     options = MultisineOptions(max_speed=0.4, period=DURATION)
     pauses = (Pause(20.0, 4.0), Pause(60.0, 4.0))
@@ -86,7 +86,7 @@ def motions_of(name, runs=3, rate=RATE):
 
 @cache
 def clean_samples(name, runs=3):
-    """Return gravity and white noise alone."""
+    """Return samples with gravity and white noise only."""
     rng = np.random.default_rng(5)
     return samples_of(arm_of(name), motions_of(name, runs), lambda arm, m: (
         gravity_torque(arm, m.q) + NOISE * rng.standard_normal(m.q.shape)))

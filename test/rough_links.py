@@ -1,4 +1,4 @@
-"""Two links with friction and an offset, whose torque is known by hand."""
+"""Two links with friction and an offset, with torque by a formula."""
 
 from gravity_comp_ros.data.samples import JointSamples
 import numpy as np

@@ -223,7 +223,7 @@ def test_an_effect_that_is_not_installed_is_named(bags, model, capsys):
     ('coulomb_friction:shoulder,coulomb_friction', 'one', 'asked for twice'),
     ('base_tilt:shoulder', 'one', 'whole arm'),
     ('coulomb_friction:shoulder', 'short', 'too few'),
-    ('coulomb_friction:shoulder', 'one_way', 'one way only'),
+    ('coulomb_friction:shoulder', 'one_way', 'one direction only'),
     ('coulomb_friction:shoulder', 'other', 'no joint shoulder'),
     ('coulomb_friction:shoulder', 'missing', 'missing.mcap'),
 ])

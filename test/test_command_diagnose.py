@@ -72,7 +72,7 @@ def test_json_is_as_agreed_and_names_what_is_missing(capsys):
 def test_people_get_a_sentence_a_table_and_commands(capsys):
     out, _ = shown(capsys, 'one.mcap', 'two.mcap', '--model', 'arm.json')
     lines = out.splitlines()
-    assert 'effects are missing, above all' in lines[0] and '±' in lines[0]
+    assert 'effects are missing. The strongest is' in lines[0] and '±' in lines[0]
     for words in ('the recording: 2400 samples', 'what is missing', 'held-out error', 'next step',
                   'cannot be judged from this recording', 'coulomb_friction', 'established',
                   'reversals', 'at rest', 'effective n'):
@@ -100,7 +100,7 @@ def test_without_a_model_the_next_step_begins_with_a_fit(capsys):
 def test_nothing_is_invented_where_nothing_is_missing(capsys):
     found = run_json(capsys, 'clean.mcap')
     assert found['findings'] == []
-    assert found['verdict'] == 'Nothing is missing that this motion could show.'
+    assert found['verdict'] == 'Nothing is missing that is detectable in this motion.'
     out, _ = shown(capsys, 'clean.mcap')
     assert out.startswith('Nothing is missing') and 'next step' not in out
 
@@ -112,7 +112,8 @@ def test_one_way_motion_cannot_show_friction(capsys):
     assert 'one way only' in found['joints']['shoulder']['untestable']['coulomb_friction']
     assert any('one direction only: shoulder' in remark for remark in found['data']['remarks'])
     out, _ = shown(capsys, 'one_way.mcap')
-    assert 'coulomb_friction on shoulder: the joint moves one way only' in ' '.join(out.split())
+    reason = 'coulomb_friction on shoulder: the joint moves in one direction only'
+    assert reason in ' '.join(out.split())
 
 
 def test_json_into_a_file_comes_with_the_text(capsys, tmp_path):

@@ -1,4 +1,4 @@
-"""Held-out errors with one more effect are those of a fit that has it."""
+"""Held-out errors with one more effect equal those of a fit with it."""
 
 from gravity_comp_ros.data.samples import concatenate, JointSamples
 from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
@@ -26,7 +26,7 @@ def fits(seed, prior=0.0, n_core=None):
                      True, 1) for k, size in ((0, 1), (1, 2))]
     for joint in range(joints):
         x = rng.normal(size=(2 * count, N_BASE + N_ARM + N_OWN))
-        # Columns of effects that gravity nearly imitates.
+        # Columns of effects that are nearly collinear with gravity.
         x[:, -1] = x[:, 0] + 0.05 * x[:, -1]
         y = x @ rng.normal(size=x.shape[1]) + rng.normal(size=2 * count)
         rows.append(joint_rows(x, y, blocks, np.full(x.shape[1], 2.0), 0.5,
@@ -40,7 +40,7 @@ def fits(seed, prior=0.0, n_core=None):
 
 @settings(max_examples=15)
 @given(st.integers(0, 10 ** 6), st.sampled_from([0.0, 3.0]), st.sampled_from([None, 6]))
-def test_an_effect_of_one_joint(seed, prior, n_core):
+def test_errors_with_an_effect_of_one_joint(seed, prior, n_core):
     every, arm, own = fits(seed, prior, n_core)
     for chosen in ([], [arm[0]], [own[0], own[2]], [arm[1], own[4]]):
         others = [c for c in own if c.joint == 1 and c not in chosen]
@@ -51,7 +51,7 @@ def test_an_effect_of_one_joint(seed, prior, n_core):
 
 @settings(max_examples=15)
 @given(st.integers(0, 10 ** 6), st.sampled_from([0.0, 3.0]), st.sampled_from([None, 6]))
-def test_effects_of_the_whole_arm(seed, prior, n_core):
+def test_errors_with_effects_of_the_whole_arm(seed, prior, n_core):
     every, arm, own = fits(seed, prior, n_core)
     for chosen in ([], [own[0], own[3]]):
         for joint in (None, 2):
@@ -62,7 +62,7 @@ def test_effects_of_the_whole_arm(seed, prior, n_core):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_effects_of_some_joint_on_all_joints(seed):
+def test_errors_of_all_joints_with_effects_of_some(seed):
     every, arm, own = fits(seed)
     mixed = [arm[1], own[0], own[3]]
     found = every.errors_with_each(None, [own[4]], mixed)
@@ -71,13 +71,13 @@ def test_effects_of_some_joint_on_all_joints(seed):
         np.testing.assert_allclose(errors, every.errors(None, [own[4], candidate]), rtol=1e-4)
 
 
-def test_the_order_of_effects_changes_nothing():
+def test_the_order_of_effects_does_not_matter():
     every, arm, own = fits(7)
     chosen = [own[2], arm[1], own[0]]
     np.testing.assert_array_equal(every.errors(0, chosen), every.errors(0, chosen[::-1]))
 
 
-def test_other_folds_keep_columns_and_effects():
+def test_refolded_fits_keep_columns_and_effects():
     every, arm, own = fits(3)
     chosen = [own[3], arm[1], own[0]]
     again, moved = every.refolded(chosen, every.blocks)
@@ -89,17 +89,17 @@ def test_other_folds_keep_columns_and_effects():
 
 @settings(max_examples=10)
 @given(st.integers(0, 10 ** 6), st.sampled_from([0.0, 3.0]))
-def test_what_an_effect_explains_is_what_the_fit_to_all_data_loses(seed, prior):
+def test_explained_squares_are_the_reduction_of_the_cost(seed, prior):
     every, arm, own = fits(seed, prior)
 
     def cost(chosen):
         total = 0.0
         for joint, rows in enumerate(every.rows):
             fit = every.fit(joint, chosen)
-            left = rows.y - rows.x[:, fit.columns] @ fit.all_data
+            residual = rows.y - rows.x[:, fit.columns] @ fit.all_data
             n_shared = len(every.shared(chosen))
             ridge = rows.ridge[fit.columns]
-            total += float(left @ left) + float(ridge @ fit.all_data ** 2)
+            total += float(residual @ residual) + float(ridge @ fit.all_data ** 2)
             assert n_shared <= len(fit.columns)
         return total
 

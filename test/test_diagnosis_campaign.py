@@ -1,4 +1,4 @@
-"""Hidden effects in short recordings: the campaign's short form, its verdicts asserted."""
+"""Hidden effects in short recordings: a short form of the campaign."""
 
 from dataclasses import replace
 
@@ -36,70 +36,70 @@ def judged(arm, name, seed, **changes):
     ('iiwa7', 'coulomb_and_offset', 5), ('iiwa7', 'cable', 0), ('iiwa7', 'encoder_slipped', 1),
     ('iiwa7', 'greased', 0), ('six_axis', 'coulomb_wrist', 6),
     ('six_axis', 'balancer', 0), ('six_axis', 'cogging', 1)])
-def test_what_is_hidden_is_named_and_nothing_else(arm, name, seed):
+def test_hidden_effects_are_named_without_false_findings(arm, name, seed):
     diagnosis, result = judged(arm, name, seed)
     assert all(result.named), [f.to_json() for f in diagnosis.findings]
     assert not result.false
     for interval in result.intervals:
         half = 0.5 * (interval.high - interval.low)
-        # One in twenty may lie outside; none of these few far outside.
+        # One in twenty may lie outside, but not far outside.
         assert abs(interval.value - interval.truth) < 4.0 * half
 
 
 @pytest.mark.parametrize('arm, name, seed', [
     ('iiwa7', 'nothing_correlated', 2), ('six_axis', 'nothing_slow', 4)])
-def test_where_nothing_is_missing_nothing_is_named(arm, name, seed):
+def test_no_finding_without_a_hidden_effect(arm, name, seed):
     diagnosis, result = judged(arm, name, seed)
     assert not result.false and result.right
     assert not diagnosis.laws
 
 
-def test_friction_and_offset_look_alike_in_one_way_motion():
+def test_friction_and_offset_are_indistinguishable_in_one_way_motion():
     _, result = judged('iiwa7', 'one_way', 0)
     assert result.right
 
 
-def test_a_detent_is_said_to_be_unknown():
+def test_a_detent_is_unexplained():
     diagnosis, result = judged('iiwa7', 'detent', 1, runs=8)
     assert result.right, [f.to_json() for f in diagnosis.findings]
 
 
 @pytest.mark.parametrize('arm, seed', [('iiwa7', 0), ('iiwa7', 3), ('six_axis', 0)])
-def test_play_in_a_gear_is_not_a_soft_gear(arm, seed):
+def test_backlash_is_not_joint_elasticity(arm, seed):
     diagnosis, result = judged(arm, 'backlash', seed)
     assert result.right, [f.to_json() for f in diagnosis.findings]
-    assert any('play' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
+    assert any('backlash' in f.why for f in diagnosis.findings if f.verdict == 'unexplained')
 
 
 @pytest.mark.parametrize('arm, kind', [('iiwa7', 'drift'), ('right_seven', 'warming')])
-def test_slow_effects_go_on_from_recording_to_recording(arm, kind):
+def test_slow_effects_continue_from_recording_to_recording(arm, kind):
     entry = judging_case(arm, kind, 0)
     samples = recordings(entry, 0, RATE)
     diagnosis = diagnose(samples)
     result = score(entry, diagnosis.to_json(), samples.names)
     assert result.right, [f.to_json() for f in diagnosis.findings]
-    # Without the clock each recording begins anew.
+    # Without a clock each recording would be its own session.
     assert samples.starts and np.diff(samples.starts).min() > entry.duration
 
 
 def test_cables_that_are_slack_over_half_of_the_range_are_found():
-    """In 20 blocks they took 22.7 % of error to 2.4 %, and were weak."""
+    """They reduced the error from 22.7 to 2.4 % in 20 blocks, and were weak."""
     entry = judging_case('six_axis', 'three_beside', 10)
     samples = recordings(entry, 10, 2 * RATE)
     result = score(entry, diagnose(samples).to_json(), samples.names)
     assert all(result.named) and not result.false, result
 
 
-def test_an_effect_may_be_looked_for_alone():
+def test_a_single_effect_can_be_tested():
     samples = recordings(replace(case('iiwa7', 'coulomb_large'), duration=DURATION), 7, RATE)
     found = diagnose(samples, options=DiagnosisOptions(effects=('viscous_friction',)))
     assert {f.effect for f in found.findings} <= {'viscous_friction', None}
 
 
 @pytest.mark.parametrize('seed', [1, 5])
-def test_a_tilted_base_is_found_and_the_law_that_it_breaks(seed):
-    # So with three of seven seeds. With two others the breach of the law is not significant, with
-    # two the independent samples are said to be too few.
+def test_a_base_tilt_is_found_with_the_violated_law(seed):
+    # As for three of seven seeds. With two others the violation is not significant, with two the
+    # effective sample size is too small.
     diagnosis, result = judged('iiwa7', 'tilted_base', seed, duration=200.0)
     assert all(result.named) and not result.false
     assert 'level base' in {law.law for law in diagnosis.laws}
@@ -108,8 +108,8 @@ def test_a_tilted_base_is_found_and_the_law_that_it_breaks(seed):
 
 @pytest.mark.parametrize('arm, joint, seed', [
     ('iiwa7', 1, 20), ('iiwa7', 3, 21), ('six_axis', 2, 20), ('drawn0', 3, 20)])
-def test_a_spring_that_pulls_in_one_posture_is_taken_for_nothing_else(arm, joint, seed):
-    """Each was said to be a ripple, a cable, an offset of -49 N·m or a force in the tool."""
+def test_a_spring_in_one_posture_causes_no_false_finding(arm, joint, seed):
+    """Findings were a ripple, a cable, an offset of -49 N·m or a tool force."""
     scene = Scene(arm, 'joint_spring', joint, 'settled', seed)
     diagnosis = diagnose(scene.recorded())
     name = scene.arm_model.joints[joint]

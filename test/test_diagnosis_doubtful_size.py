@@ -1,4 +1,4 @@
-"""Effects whose size says little: what gravity can imitate, and what another law may leave."""
+"""Effects of uncertain size: absorbed by gravity, or model errors of other effects."""
 
 from pathlib import Path
 
@@ -25,8 +25,8 @@ def links(reach, own, seed, count=2000):
     return JointSamples.single_run(JOINTS, t, q, qd, tau + rng.normal(scale=NOISE, size=q.shape))
 
 
-def test_rounding_breaks_no_law():
-    """87 % of a held-out error of 1e-9 N·m was said to be gravity of another size."""
+def test_rounding_error_violates_no_law():
+    """87 % of a held-out error of 1e-9 N·m was a violation."""
     clean = read_bag(BAGS / 'eq15_test.mcap').samples
     found = diagnose(concatenate([clean, clean]))
     assert not found.findings and not found.laws
@@ -38,12 +38,12 @@ def on_elbow(reach, own, seed):
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_an_offset_that_gravity_imitates_is_weak_and_is_established_in_wider_motion(seed):
+def test_an_offset_absorbed_by_gravity_is_weak_and_established_in_wider_motion(seed):
     def offset(q, qd):
         return np.full(len(q), 0.5)
 
     narrow = on_elbow(0.3, offset, seed)['torque_offset']
-    assert narrow.verdict == Verdict.WEAK and 'gravity can imitate all but' in narrow.why
+    assert narrow.verdict == Verdict.WEAK and 'gravity absorbs all but' in narrow.why
     wide = on_elbow(1.2, offset, seed)['torque_offset']
     assert wide.verdict == Verdict.ESTABLISHED
     low, high = wide.coefficients['b'].ci95
@@ -51,7 +51,7 @@ def test_an_offset_that_gravity_imitates_is_weak_and_is_established_in_wider_mot
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
+def test_a_possible_model_error_of_another_effect_is_weak(seed):
     def friction(q, qd):
         return 4.0 * np.tanh(qd / 0.005) + 0.05 * np.sin(12.0 * q)
 
@@ -59,15 +59,15 @@ def test_what_the_law_of_another_effect_may_leave_is_weak(seed):
     assert found['coulomb_friction'].verdict == Verdict.ESTABLISHED
     ripple = found['torque_ripple']
     assert ripple.verdict == Verdict.WEAK
-    assert 'of coulomb_friction, and may be what the law of that leaves' in ripple.why
+    assert 'of coulomb_friction and may be a model error of that effect' in ripple.why
 
 
 @pytest.mark.parametrize('arm', ['iiwa7', 'six_axis'])
-def test_what_corrects_a_friction_that_is_open_is_open_too(arm):
-    """At one speed viscous friction was an established hysteresis beside a friction left open."""
+def test_a_correction_of_an_undecided_friction_is_weak(arm):
+    """At one speed viscous friction was an established hysteresis with an undecided friction."""
     scene = Scene(arm, 'viscous_friction', 1, 'one_speed', 14)
     name = scene.arm_model.joints[1]
     found = {f.effect: f for f in diagnose(scene.recorded()).findings if f.joint == name}
     assert found['coulomb_friction'].verdict == Verdict.UNTESTABLE
     assert found['presliding_hysteresis'].verdict == Verdict.WEAK
-    assert 'corrects coulomb_friction, which is not settled' in found['presliding_hysteresis'].why
+    assert 'corrects coulomb_friction, which is undecided' in found['presliding_hysteresis'].why

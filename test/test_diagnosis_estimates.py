@@ -1,9 +1,9 @@
-"""Sizes of effects: their intervals, and whether they may be nothing."""
+"""Coefficients of effects: intervals and significance."""
 
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.diagnosis.candidates import Candidate, Layout
 from gravity_comp_ros.diagnosis.estimates import (
-    all_may_be_nothing, each_may_be_nothing, estimates, half_widths)
+    estimates, every_interval_covers_zero, half_widths, jointly_insignificant)
 from gravity_comp_ros.diagnosis.evidence import joint_rows
 from gravity_comp_ros.diagnosis.findings import Estimate
 from gravity_comp_ros.diagnosis.fits import Fits
@@ -32,7 +32,7 @@ def chosen(own, tau):
 
 
 @pytest.mark.parametrize('seed', range(5))
-def test_columns_that_stand_for_each_other_may_each_be_nothing_but_not_all(seed):
+def test_collinear_columns_are_significant_jointly_only(seed):
     rng = np.random.default_rng(seed)
     x = rng.normal(size=4000)
     own = np.column_stack([x, x + 0.01 * rng.normal(size=4000)])
@@ -40,32 +40,33 @@ def test_columns_that_stand_for_each_other_may_each_be_nothing_but_not_all(seed)
     fits, motion, candidate = chosen(own, tau)
     sizes = estimates(fits, [candidate], motion, candidate,
                       half_widths(fits, [candidate], 0, motion))
-    assert len(sizes) == 2 and each_may_be_nothing(sizes)
+    assert len(sizes) == 2 and every_interval_covers_zero(sizes)
     assert sum(one.value for one in sizes.values()) == pytest.approx(1.0, abs=0.1)
-    assert not all_may_be_nothing(fits, [candidate], candidate)
+    assert not jointly_insignificant(fits, [candidate], candidate)
 
 
-def test_a_size_that_stands_out_is_no_nothing():
+def test_a_large_coefficient_is_significant():
     rng = np.random.default_rng(1)
     x = rng.normal(size=(4000, 1))
     fits, motion, candidate = chosen(x, 0.5 * x[:, 0] + rng.normal(size=4000))
     sizes = estimates(fits, [candidate], motion, candidate,
                       half_widths(fits, [candidate], 0, motion))
-    assert not each_may_be_nothing(sizes) and not all_may_be_nothing(fits, [candidate], candidate)
+    assert not every_interval_covers_zero(sizes)
+    assert not jointly_insignificant(fits, [candidate], candidate)
 
 
-def test_what_is_not_there_may_be_nothing_in_nineteen_of_twenty():
+def test_an_absent_effect_is_insignificant_in_nineteen_of_twenty():
     said = []
     for seed in range(60):
         rng = np.random.default_rng(100 + seed)
         fits, _, candidate = chosen(rng.normal(size=(2000, 3)), rng.normal(size=2000))
-        said.append(all_may_be_nothing(fits, [candidate], candidate))
+        said.append(jointly_insignificant(fits, [candidate], candidate))
     assert 0.85 <= np.mean(said) < 1.0
 
 
-def test_of_many_intervals_one_misses_0_by_chance():
+def test_intervals_are_widened_for_their_number():
     sizes = {f'c{k}': Estimate(0.0, 'N·m', (-1.0, 1.0)) for k in range(31)}
     just_off = Estimate(1.05, 'N·m', (0.05, 2.05))
-    assert not each_may_be_nothing({'one': just_off})
-    assert each_may_be_nothing({**sizes, 'one': just_off})
-    assert not each_may_be_nothing({**sizes, 'one': Estimate(1.8, 'N·m', (0.8, 2.8))})
+    assert not every_interval_covers_zero({'one': just_off})
+    assert every_interval_covers_zero({**sizes, 'one': just_off})
+    assert not every_interval_covers_zero({**sizes, 'one': Estimate(1.8, 'N·m', (0.8, 2.8))})

@@ -1,4 +1,4 @@
-"""Facts about recordings: counted by hand, and remarks that are made when true and only then."""
+"""Facts and remarks about recordings, checked by hand."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def test_facts_by_hand():
     assert any('effort never changes: b' in text for text in facts.remarks)
 
 
-def test_good_slow_recording_gets_no_remark():
+def test_a_good_slow_recording_has_no_remark():
     assert describe(synthesise(ARM, motions.eq17(), NOISE)).remarks == ()
 
 
@@ -74,13 +74,13 @@ def test_short_one_way_and_narrow():
     assert 'iiwa_joint_7' in remarks(short, 'moves little')[0]
 
 
-def test_several_runs_turn_each_by_itself():
+def test_reversals_between_runs_do_not_count():
     up = synthesise(ARM, motions.eq17(duration=4, start=2.0), NOISE)
     down = replace(up, q=-up.q, qd=-up.qd)
     assert describe(concatenate([up, down])).joints['iiwa_joint_4'].reversals == 0
 
 
-def test_slow_samples_that_stand_still_while_the_rest_is_fast():
+def test_slow_samples_at_rest_in_a_fast_recording():
     motion = motions.eq15(duration=20, rate=10)
     fast = synthesise(ARM, motion, NOISE)
     waiting = replace(fast, q=np.tile(fast.q[:1], (200, 1)), qd=np.zeros_like(fast.qd))
@@ -93,7 +93,7 @@ def test_slow_samples_that_stand_still_while_the_rest_is_fast():
 
 @pytest.mark.parametrize('seed', range(6))
 @pytest.mark.parametrize(('speed', 'band'), [(0.1, 0.1), (1.0, 0.5)])
-def test_reversed_sign_is_seen_where_there_is_friction_and_never_invented(seed, speed, band):
+def test_a_reversed_sign_is_detected_with_friction_only(seed, speed, band):
     motion = motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, seed,
                                MultisineOptions(max_speed=speed, band=band), rate=10.0)
     rigid = synthesise(ARM, motion, NOISE)
@@ -104,7 +104,7 @@ def test_reversed_sign_is_seen_where_there_is_friction_and_never_invented(seed, 
     assert 'iiwa_joint_1=-1' in text
 
 
-def test_one_joint_wired_the_other_way_round():
+def test_one_joint_with_reversed_sign():
     samples = synthesise(ARM, motions.multisine(ARM.lower, ARM.upper, ARM.max_speed, 3), NOISE)
     sign = np.ones(7)
     sign[6] = -1.0
@@ -113,7 +113,7 @@ def test_one_joint_wired_the_other_way_round():
     assert text.endswith('--effort-scale iiwa_joint_7=-1')
 
 
-def test_gravity_that_is_compensated_already():
+def test_a_recording_with_gravity_compensation():
     samples = synthesise(ARM, motions.eq17(), NOISE)
     noise = 0.3 * np.random.default_rng(0).standard_normal(samples.tau.shape)
     assert len(remarks(replace(samples, tau=noise), 'hardly depends on the pose')) == 1

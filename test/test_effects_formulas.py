@@ -1,4 +1,4 @@
-"""Columns of effects against the formulas that their pages print, in numbers made by hand."""
+"""Columns of effects against their documented formulas, computed by hand."""
 
 from dataclasses import replace
 
@@ -64,11 +64,11 @@ def test_column_by_hand(motion, name, setting, column):
     ('torque_ripple', {'k': 3.0}, [np.sin(3 * Q[:, 0]), np.cos(3 * Q[:, 0])]),
     ('coriolis', {}, [QD[:, 0] * QD[:, 1], QD[:, 1] ** 2]),
     ('inertia', {'coupled': 1.0}, [QDD[:, 0], QDD[:, 1]]),
-    # The angle of joint b turns the inertia about joint a and what couples the two.
+    # The angle of joint b changes the inertia about joint a and the coupling of the two.
     ('inertia', {'coupled': 2.0}, [
         QDD[:, 0], QDD[:, 0] * np.sin(Q[:, 1]), QDD[:, 0] * np.cos(Q[:, 1]),
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
-    # About the means of these factors, J is the inertia in the middle of the motion.
+    # With centred factors, J is the mean inertia.
     ('inertia', {'coupled': 2.0, 'mean_s': 0.25, 'mean_c': -0.5}, [
         QDD[:, 0], QDD[:, 0] * (np.sin(Q[:, 1]) - 0.25), QDD[:, 0] * (np.cos(Q[:, 1]) + 0.5),
         QDD[:, 1], QDD[:, 1] * np.sin(Q[:, 1]), QDD[:, 1] * np.cos(Q[:, 1])]),
@@ -80,7 +80,7 @@ def test_columns_by_hand(motion, name, setting, columns):
 
 def test_columns_of_the_whole_arm_by_hand(motion):
     rows = np.arange(0.0, 24.0, 4.0)
-    # d tau / d q_b stands in the second column of each sample's gradient.
+    # d tau / d q_b is the second column of each sample's gradient.
     turned = np.column_stack([rows + 1, rows + 3])
     offset = known_effect('encoder_offset').columns(motion, 1, {'run': 1.0, 'time': 0.0})
     np.testing.assert_allclose(offset[:, :, 0], turned)
@@ -93,13 +93,13 @@ def test_columns_of_the_whole_arm_by_hand(motion):
     np.testing.assert_allclose(play, -turned * flank, rtol=1e-9)
 
 
-def test_inertia_has_a_symbol_for_each_column_and_few_for_little_motion(motion):
+def test_inertia_has_one_symbol_per_column_and_few_columns_for_short_motion(motion):
     inertia = known_effect('inertia')
     turned = 'J m_1[s2] m_1[c2] m_2 m_2[s2] m_2[c2]'
     for coupled, symbols in ((0.0, 'J'), (1.0, 'J m_2'), (2.0, turned)):
         found = inertia.coefficients_of(motion, 0, {'coupled': coupled})
         assert [c.symbol for c in found] == symbols.split()
-    # 4 s of motion tell one number.
+    # 4 s of motion identify one coefficient.
     assert inertia.settings(motion, 0) == [{'coupled': 0.0}]
     assert inertia.implausible(np.array([-1.0, 2.0]), {'coupled': 1.0}, motion, 0)
     assert inertia.implausible(np.array([1.0, -2.0]), {'coupled': 1.0}, motion, 0) is None
@@ -114,7 +114,7 @@ def test_presliding_column_by_hand(motion):
     np.testing.assert_allclose(found[:, 0], np.array(z) - D[:, 0], atol=1e-12)
 
 
-def test_a_direction_that_holds_on_turns_with_the_way(motion):
+def test_a_direction_that_persists_at_rest_reverses_with_distance(motion):
     holding = Motion(motion.samples, QDD, G, motion.gradient, motion.sign_width,
                      hold=np.array([0.1, 0.0]))
     expected = known_effect('presliding_hysteresis').columns(motion, 0, {'distance': 0.1})
@@ -123,7 +123,7 @@ def test_a_direction_that_holds_on_turns_with_the_way(motion):
 
 
 @pytest.mark.parametrize('starts', [(), (1.7e9, 1.7e9 + 200.0, 1.7e9 + 400.0)])
-def test_gravity_is_that_of_the_last_payload(starts):
+def test_gravity_includes_the_last_payload(starts):
     motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     motion = replace(motion, samples=replace(motion.samples, starts=starts))
     runs, time = motion.samples.runs, motion.samples.t
@@ -134,7 +134,7 @@ def test_gravity_is_that_of_the_last_payload(starts):
     np.testing.assert_array_equal(before[runs == 1], time[runs == 1] < first + 30.0)
 
 
-def test_a_recording_made_later_has_the_last_payload():
+def test_a_later_recording_has_the_last_payload():
     motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     stamped = {number: replace(motion.samples, starts=tuple(
         stamp + 200.0 * k for k in range(3))) for number, stamp in enumerate((1.7e9, 1.7e9 + 1e5))}
@@ -146,7 +146,7 @@ def test_a_recording_made_later_has_the_last_payload():
         assert not effect.columns(motion, 0, setting).any()
 
 
-def test_a_change_in_a_model_of_an_older_version_is_read_as_it_was_written():
+def test_change_points_of_older_model_files_keep_their_meaning():
     motion, effect = clean_motion('six_axis'), known_effect('payload_change')
     runs, time = motion.samples.runs, motion.samples.t
     made = np.abs(effect.columns(motion, 0, {'run': 2.0, 'time': 30.0})).max(axis=(1, 2)) > 0
@@ -154,7 +154,7 @@ def test_a_change_in_a_model_of_an_older_version_is_read_as_it_was_written():
     np.testing.assert_array_equal(made[runs == 1], time[runs == 1] >= 30.0)
 
 
-def test_change_points_are_where_a_load_could_have_been_taken_up():
+def test_change_points_are_starts_of_runs_and_times_within_them():
     motion = clean_motion('six_axis')
     points = known_effect('payload_change').settings(motion, 0)
     places = [(p['run'], p['time']) for p in points]
@@ -162,7 +162,7 @@ def test_change_points_are_where_a_load_could_have_been_taken_up():
     assert all(0 <= p['time'] < 100.0 for p in points) and len(points) == 11
 
 
-def test_a_reversal_is_one_within_a_run(motion):
+def test_reversals_are_counted_within_runs(motion):
     qd = np.array([0.1, 0.1, -0.1, 0.1, 0.1, -0.1])[:, None]
     samples = JointSamples(('a',), T, qd, qd, qd, np.array([0, 0, 0, 1, 1, 1]), ('one', 'two'))
     once = Motion(samples, qd, qd, qd[:, :, None], np.array([WIDTH]))
@@ -170,7 +170,7 @@ def test_a_reversal_is_one_within_a_run(motion):
 
 
 @pytest.mark.parametrize('travel, lowest', [(6.0, 4), (1.0, 13), (0.3, 42)])
-def test_the_longest_ripple_fits_twice_into_the_travel(travel, lowest):
+def test_the_travel_includes_two_periods_of_the_longest_ripple(travel, lowest):
     t = np.arange(0.0, 60.0, 0.05)
     q = 0.5 * travel * np.sin(0.2 * t)[:, None]
     samples = JointSamples.single_run(('swing',), t, q, 0.1 * np.cos(0.2 * t)[:, None], q)
@@ -182,8 +182,8 @@ def test_the_longest_ripple_fits_twice_into_the_travel(travel, lowest):
     assert all(s['k'] * travel >= 4 * np.pi - 0.01 for s in finer)
 
 
-@pytest.mark.parametrize('others, told', [(0.0, True), (0.05, True), (0.3, False)])
-def test_a_pull_shows_where_the_others_change_their_posture(others, told):
+@pytest.mark.parametrize('others, untestable', [(0.0, True), (0.05, True), (0.3, False)])
+def test_elastic_effects_require_a_change_of_posture(others, untestable):
     t = np.arange(0.0, 60.0, 0.1)
     q = np.column_stack([others * np.sin(0.23 * t), 0.4 * np.sin(t)])
     samples = JointSamples.single_run(('a', 'b'), t, q, np.gradient(q, t, axis=0), q)
@@ -191,4 +191,4 @@ def test_a_pull_shows_where_the_others_change_their_posture(others, told):
     motion = Motion(samples, still, still, np.zeros((len(t), 2, 2)), np.array([WIDTH, WIDTH]))
     for name in ('joint_spring', 'cable_stiffness'):
         reason = known_effect(name).untestable(motion, 1)
-        assert (reason is not None and 'stand still' in reason) == told
+        assert (reason is not None and 'stand still' in reason) == untestable

@@ -1,4 +1,4 @@
-"""Every effect of the library: its words, its columns, and what it finds and does not find."""
+"""Every effect of the library: documentation, columns, and identifiability."""
 
 import re
 
@@ -23,10 +23,10 @@ NAMES = (
     'cable_stiffness', 'torque_ripple', 'encoder_offset', 'base_tilt', 'payload_change',
     'inertia', 'coriolis', 'rigid_body_dynamics', 'joint_flexibility', 'time_delay', 'end_stop',
     'tool_force')
-# What gravity's own features hold exactly, on every motion: a factor on a torque or energy that
-# is the same throughout, and the turn of one angle, which keeps U in the dictionary.
+# Effects that gravity absorbs on every motion: a constant factor of a torque, and a constant
+# offset of an angle, which keeps U in the dictionary.
 IN_THE_BASE = {'encoder_offset', 'torque_gain'}
-# Effects whose torque on a joint does not hang on the order of the joints in the chain.
+# Effects whose torque on a joint does not depend on the order of the joints in the chain.
 ORDERLESS = [name for name in NAMES if name not in {
     'coupled_friction', 'coriolis', 'rigid_body_dynamics', 'base_tilt', 'payload_change',
     'tool_force'}]
@@ -56,18 +56,18 @@ def whole(columns, joint, n_joints):
     return out
 
 
-def test_the_names_are_those_that_files_hold():
+def test_names_of_effects_are_stable():
     assert sorted(EFFECTS) == sorted(NAMES)
 
 
 @each_effect
-def test_an_effect_says_all_that_the_tool_says_about_it(effect):
+def test_documentation_of_an_effect_is_complete(effect):
     for words in (effect.title, effect.description, effect.equation, effect.source,
                   effect.signature):
         assert words.strip() and '\n' not in words
     assert '{joint}' in effect.experiment or not effect.per_joint
     assert effect.confounders and set(effect.confounders) <= set(NAMES) - {effect.name}
-    # No unit is right for a ratio alone: a friction coefficient, a gain, a share of a moment.
+    # Only ratios have no unit: a friction coefficient, a gain, a share of a moment.
     ratios = {'load_dependent_friction', 'torque_gain', 'payload_change'}
     for coefficient in effect.coefficients:
         assert coefficient.symbol and coefficient.meaning
@@ -75,7 +75,7 @@ def test_an_effect_says_all_that_the_tool_says_about_it(effect):
         assert bool(coefficient.unit) != ratio
 
 
-def test_what_looks_alike_looks_alike_from_both_sides():
+def test_confounders_are_symmetric():
     for name, effect in EFFECTS.items():
         for other in effect.confounders:
             assert name in EFFECTS[other].confounders, (name, other)
@@ -89,9 +89,9 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
     for joint in range(n):
         settings = effect.settings(motion, joint)
         if effect.untestable(motion, joint) is None:
-            assert settings, 'testable, but there is nothing to try'
-            # The means of inertia belong to a form that a short motion is not given, the spread
-            # of lengths to an arm without a description, ways to vertical axes.
+            assert settings, 'testable, but without settings'
+            # The means of inertia require a longer motion, the spread of lengths an arm without a
+            # description, signs vertical axes.
             missing = set(effect.setting_units) - set().union(*settings)
             allowed = {'inertia': {'mean_s', 'mean_c'},
                        'rigid_body_dynamics': {'spread', 'way', 'way_2'}}
@@ -109,7 +109,7 @@ def test_columns_are_finite_shaped_and_named(effect, arm):
                 assert np.isfinite(effect.columns(motion, joint, finer)).all()
 
 
-def test_most_effects_can_be_tested_on_a_good_motion():
+def test_all_effects_are_testable_on_an_exciting_motion():
     motion = clean_motion('iiwa7')
     blind = {name for name, effect in EFFECTS.items() if not list(cases(effect, motion))}
     assert blind == set()
@@ -117,7 +117,7 @@ def test_most_effects_can_be_tested_on_a_good_motion():
 
 @each_arm
 @each_effect
-def test_an_effect_finds_its_own_coefficients(effect, arm):
+def test_coefficients_are_recovered(effect, arm):
     motion = clean_motion(arm)
     n, rng, tested = motion.samples.n_joints, np.random.default_rng(3), 0
     for joint, settings in list(cases(effect, motion))[:3]:
@@ -136,7 +136,7 @@ def test_an_effect_finds_its_own_coefficients(effect, arm):
             found, spread = least_squares(known, y, NOISE)
             count = int(here.sum())
             if np.linalg.matrix_rank(known) < known.shape[1]:
-                # Only their sum shows; what they predict must still be right.
+                # Only their sum is identifiable; the prediction must still be right.
                 np.testing.assert_allclose(known @ found, y, atol=6 * NOISE)
                 continue
             assert (np.abs(found[:count] - truth[here]) < 5 * spread[:count]).all()
@@ -144,12 +144,12 @@ def test_an_effect_finds_its_own_coefficients(effect, arm):
     # The nominal arm of one joint is that joint's inertia.
     alone = effect.name == 'rigid_body_dynamics' and n == 1
     if list(cases(effect, motion)) and effect.name not in IN_THE_BASE and not alone:
-        assert tested, 'nowhere told from gravity'
+        assert tested, 'collinear with gravity on every joint'
 
 
 @each_arm
 @each_effect
-def test_an_effect_is_silent_on_clean_data(effect, arm):
+def test_coefficients_are_insignificant_without_the_effect(effect, arm):
     motion = clean_motion(arm)
     n = motion.samples.n_joints
     noise = motion.samples.tau - motion.gravity
@@ -171,7 +171,7 @@ def test_the_order_of_the_joints_does_not_matter(name):
     order = [3, 0, 5, 1, 4, 2]
     moved = reordered(motion, order)
     for joint, settings in list(cases(effect, motion))[:2]:
-        # Coupled inertia knows which joints lie between two.
+        # Coupled inertia depends on the joints between two.
         orderless = [setting for setting in settings if not setting.get('coupled')]
         setting, place = some(orderless)[-1], order.index(joint)
         assert effect.untestable(moved, place) is None
@@ -205,8 +205,8 @@ def moved_factors(part, order):
 
 
 @each_effect
-def test_a_part_of_a_motion_has_the_columns_of_the_whole(effect):
-    # What is fitted on one recording must mean the same on another.
+def test_columns_of_a_part_of_a_motion_are_those_of_the_whole(effect):
+    # Coefficients of one recording must have the same meaning on another.
     motion = clean_motion('six_axis')
     joint, settings = list(cases(effect, motion))[-1]
     last = motion.samples.runs == 2
@@ -225,7 +225,7 @@ HISTORY = ('friction_drift', 'presliding_hysteresis', 'torque_drift')
 
 
 @pytest.mark.parametrize('name', HISTORY)
-def test_memory_does_not_pass_from_run_to_run(name):
+def test_states_do_not_continue_from_run_to_run(name):
     effect, motion = EFFECTS[name], clean_motion('six_axis')
     setting = effect.settings(motion, 0)[-1]
     joined = effect.columns(motion, 0, setting)
@@ -236,7 +236,7 @@ def test_memory_does_not_pass_from_run_to_run(name):
 
 
 @pytest.mark.parametrize('name', HISTORY)
-def test_memory_is_lost_where_a_run_is_cut(name):
+def test_states_start_again_where_a_run_is_cut(name):
     effect, motion = EFFECTS[name], clean_motion('six_axis')
     setting = effect.settings(motion, 0)[-1]
     one = motion.samples.run(0)
@@ -256,29 +256,29 @@ def part_of(motion, here, samples):
 
 
 @each_effect
-def test_too_much_torque_is_not_plausible(effect):
+def test_torque_above_the_measured_one_is_implausible(effect):
     motion = clean_motion('iiwa7')
     joint, settings = list(cases(effect, motion))[-1]
     columns = effect.columns(motion, joint, settings[0])
     size = 100 * np.abs(motion.samples.tau).max() / np.abs(columns).max(axis=(0, 1), initial=0)
     said = effect.implausible(np.ones(columns.shape[-1]) * size, settings[0], motion, joint)
-    assert re.search(r'N·m|too much|would be seen', said)
+    assert re.search(r'N·m|too large|would be visible', said)
     small = np.full(columns.shape[-1], 1e-6)
     said = effect.implausible(small, settings[0], motion, joint)
-    assert (said is None) if effect.name != 'torque_gain' else ('too little' in said)
+    assert (said is None) if effect.name != 'torque_gain' else ('too small' in said)
 
 
 @pytest.mark.parametrize('name', [
     'coulomb_friction', 'viscous_friction', 'stribeck_friction', 'degressive_friction',
     'load_dependent_friction', 'coupled_friction', 'presliding_hysteresis', 'joint_spring',
     'cable_stiffness', 'end_stop', 'joint_flexibility', 'inertia'])
-def test_the_wrong_sign_is_not_plausible(name):
+def test_a_wrong_sign_is_implausible(name):
     effect, motion = EFFECTS[name], clean_motion('iiwa7')
     joint, settings = list(cases(effect, motion))[0]
     assert 'negative' in effect.implausible(np.array([-1e-6]), settings[0], motion, joint)
 
 
-def test_an_effect_that_makes_no_sense_is_refused():
+def test_inconsistent_attributes_are_refused():
     def changed(**attributes):
         return type('Changed', (TorqueOffset,), attributes)()
 
@@ -291,7 +291,7 @@ def test_an_effect_that_makes_no_sense_is_refused():
     assert isinstance(changed(coefficients=(Coefficient('b', 'N·m', 'x'),)), Effect)
 
 
-def test_an_effect_says_which_words_it_lacks():
+def test_missing_attributes_are_named():
     class Silent(Effect):
         name = 'silent'
         title = 'T'
@@ -305,7 +305,7 @@ def test_an_effect_says_which_words_it_lacks():
         Effect()
 
 
-def test_what_an_effect_does_not_say_has_a_default():
+def test_defaults_of_optional_methods():
     effect, motion = EFFECTS['torque_offset'], clean_motion('pendulum')
     assert effect.settings(motion, 0) == [{}] and effect.refine(motion, 0, {}) == []
     assert effect.untestable(motion, 0) is None and effect.alternative() is None

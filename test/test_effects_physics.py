@@ -1,10 +1,10 @@
-"""The library against physics that is computed another way: Pinocchio, or the plain formula."""
+"""Effects of the library against independent physics: Pinocchio, or textbook formulas."""
 
 from effect_motions import (
     arm_of, base_columns, clean_motion, exact_model, least_squares, motions_of, NOISE, samples_of)
 from gravity_comp_ros.data.samples import JointSamples
 from gravity_comp_ros.effects.motion import build_motion
-from gravity_comp_ros.effects.presliding import presliding_state, steady_path
+from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.simulation import arms
 from gravity_comp_ros.simulation.disturbances.lugre import friction_torque, LuGre
@@ -24,14 +24,14 @@ def recorded(name, tau, runs=2):
 
 
 def explained(effect, motion, change, joint=0):
-    """Return coefficients of an arm effect fitted to a change of torque, and what is left."""
+    """Return coefficients of an arm effect fitted to a change of torque, and the residual."""
     best = None
     for setting in effect.settings(motion, joint):
         columns = effect.columns(motion, joint, setting).reshape(change.size, -1)
         found = np.linalg.lstsq(columns, change.ravel(), rcond=1e-9)[0]
-        left = (change.ravel() - columns @ found).reshape(change.shape)
-        if best is None or (left ** 2).sum() < (best[1] ** 2).sum():
-            best = found, left
+        residual = (change.ravel() - columns @ found).reshape(change.shape)
+        if best is None or (residual ** 2).sum() < (best[1] ** 2).sum():
+            best = found, residual
     return best
 
 
@@ -41,17 +41,17 @@ def rms(values):
 
 @pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
 @pytest.mark.parametrize('roll, pitch', [(2.0, 0.0), (0.0, 2.0), (-1.5, 1.0)])
-def test_base_tilt_is_that_of_a_turned_gravity(name, roll, pitch):
+def test_base_tilt_is_that_of_a_rotated_gravity(name, roll, pitch):
     motion, arm, q = clean_motion(name), arm_of(name), clean_motion(name).samples.q
     tilted = arms.with_base_tilt(arm, np.radians(roll), np.radians(pitch))
     change = arms.gravity_torque(tilted, q) - arms.gravity_torque(arm, q)
-    found, left = explained(EFFECTS['base_tilt'], motion, change)
-    assert np.linalg.norm(left) < 0.05 * np.linalg.norm(change)
+    found, residual = explained(EFFECTS['base_tilt'], motion, change)
+    assert np.linalg.norm(residual) < 0.05 * np.linalg.norm(change)
     assert np.hypot(*found[:2]) == pytest.approx(np.radians(np.hypot(roll, pitch)), rel=0.02)
 
 
 @pytest.mark.parametrize('name', ['iiwa7', 'six_axis'])
-def test_tilt_tells_the_azimuths_apart(name):
+def test_azimuths_of_a_tilt_are_distinguished(name):
     motion, arm, q = clean_motion(name), arm_of(name), clean_motion(name).samples.q
     tilts = []
     for roll, pitch in ((0.03, 0.0), (0.0, 0.03)):
@@ -65,13 +65,13 @@ def test_tilt_tells_the_azimuths_apart(name):
 def test_encoder_offset_is_that_of_a_shifted_angle(joint):
     shift = 0.01 * np.eye(7)[joint]
     motion = recorded('iiwa7', lambda arm, m: arms.gravity_torque(arm, m.q + shift))
-    found, left = explained(EFFECTS['encoder_offset'], motion,
-                            motion.samples.tau - motion.gravity, joint)
+    found, residual = explained(EFFECTS['encoder_offset'], motion,
+                                motion.samples.tau - motion.gravity, joint)
     assert found[0] == pytest.approx(0.01, rel=0.01)
-    assert np.abs(left).max() < 0.02
+    assert np.abs(residual).max() < 0.02
 
 
-def test_flexibility_is_that_of_a_link_that_sags():
+def test_elasticity_is_that_of_a_deflected_link():
     joint, compliance = 1, 2e-4
 
     def tau(arm, m):
@@ -81,18 +81,18 @@ def test_flexibility_is_that_of_a_link_that_sags():
         return arms.gravity_torque(arm, q)
 
     motion = recorded('iiwa7', tau)
-    found, left = explained(EFFECTS['joint_flexibility'], motion,
-                            motion.samples.tau - motion.gravity, joint)
+    found, residual = explained(EFFECTS['joint_flexibility'], motion,
+                                motion.samples.tau - motion.gravity, joint)
     assert found[0] == pytest.approx(compliance, rel=0.02)
-    assert np.abs(left).max() < 0.03
+    assert np.abs(residual).max() < 0.03
 
 
-def test_time_delay_is_that_of_a_torque_that_comes_later():
+def test_time_delay_is_that_of_a_delayed_torque():
     motion = recorded('iiwa7', lambda arm, m: arms.gravity_torque(arm, m.path(m.t - 0.1)[0]))
     for joint in (1, 2, 3):
         columns = EFFECTS['time_delay'].columns(motion, joint, {})
         y = (motion.samples.tau - motion.gravity)[:, joint]
-        # The first samples look back to before the motion began.
+        # The delay of the first samples reaches back before the motion.
         found = np.linalg.lstsq(columns[40:], y[40:], rcond=None)[0]
         assert found[0] == pytest.approx(0.1, rel=0.02)
 
@@ -104,7 +104,7 @@ def test_inertia_of_a_pendulum_is_that_of_its_parts():
     assert found[0] == pytest.approx(3 * (0.4 ** 2 + 0.1 ** 2) + 0.02, rel=0.03)
 
 
-def test_coriolis_of_two_links_is_that_of_the_book():
+def test_coriolis_of_two_links_is_that_of_the_textbook():
     # Two links in a horizontal plane, the second of 2 kg, 0.3 m beyond an axis at 0.5 m, about
     # q_2 = 1: h = -m l a sin q_2 (J. J. Craig, Introduction to Robotics, ch. 6).
     t = np.arange(0.0, 60.0, 0.05)
@@ -130,7 +130,7 @@ def test_coriolis_of_two_links_is_that_of_the_book():
 
 
 def two_joints_without_gravity(like):
-    """Return a model of joints a, b that feels nothing."""
+    """Return a model of joints a, b without gravity."""
     empty = type(like.energy)(np.zeros(0, dtype=int), np.zeros(0))
     coverage = type(like.coverage)(np.zeros(2), np.ones(2), 1)
     return type(like).from_energy(('a', 'b'), 'potential', empty, np.ones(2), coverage, {})
@@ -149,14 +149,14 @@ def test_payload_is_that_of_a_mass_at_the_last_link(name, com):
     change = motion.samples.tau - motion.gravity
     flat = columns.reshape(change.size, -1)
     found = np.linalg.lstsq(flat, change.ravel(), rcond=1e-9)[0]
-    left = change - (flat @ found).reshape(change.shape)
-    assert np.linalg.norm(left) < 0.03 * np.linalg.norm(change)
+    residual = change - (flat @ found).reshape(change.shape)
+    assert np.linalg.norm(residual) < 0.03 * np.linalg.norm(change)
     assert not columns[motion.samples.runs == 0].any()
-    # It reaches the links further out; what changes one link of the shoulder alone is no tool.
+    # A payload changes the outer links too; a change of one shoulder link alone is implausible.
     assert effect.implausible(found, setting, motion, 0) is None
     symbols = [c.symbol for c in effect.coefficients_of(motion, 0, setting)]
     alone = np.where(np.array(symbols) == 'm_2', -0.1, 0.0)
-    assert 'none beyond it' in effect.implausible(alone, setting, motion, 0)
+    assert 'only the first moment' in effect.implausible(alone, setting, motion, 0)
 
 
 def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():
@@ -177,10 +177,11 @@ def test_tool_force_is_that_of_the_jacobian_on_the_last_joints():
         columns = EFFECTS['tool_force'].columns(motion, 0, {})
         for joint in range(n - 4, n):
             own = columns[:, joint]
-            left = change[:, joint] - own @ np.linalg.lstsq(own, change[:, joint], rcond=None)[0]
+            fit = np.linalg.lstsq(own, change[:, joint], rcond=None)[0]
+            residual = change[:, joint] - own @ fit
             # The fourth joint from the end has only features of two factors.
             limit = 1e-9 if joint >= n - 3 else 0.25 * rms(change[:, joint])
-            assert rms(left) <= limit, f'{name}, joint {joint + 1}'
+            assert rms(residual) <= limit, f'{name}, joint {joint + 1}'
 
 
 def test_no_gravity_torque_has_the_features_of_a_tool_force():
@@ -204,15 +205,15 @@ def test_presliding_is_the_solution_of_dahls_equation():
     np.testing.assert_allclose(presliding_state(q, distance), bristles, atol=2e-3)
 
 
-def test_presliding_outlasts_an_encoder_that_flutters():
+def test_encoder_noise_does_not_change_the_presliding_state():
     rng = np.random.default_rng(0)
     q = np.concatenate([np.linspace(0.0, 0.1, 500), np.full(3000, 0.1)])
     noisy = q + 3e-5 * rng.standard_normal(len(q))
     assert presliding_state(noisy, 1e-3)[-1] < 0.2
-    assert presliding_state(steady_path(noisy), 1e-3)[-1] > 0.8
+    assert presliding_state(denoised_path(noisy), 1e-3)[-1] > 0.8
 
 
-def test_presliding_pauses_keep_what_was_built_up():
+def test_presliding_state_persists_during_pauses():
     path = np.array([0.0, 0.01, 0.02, 0.02, 0.02, 0.03, 0.03, 0.02])
     z = presliding_state(path, 0.01)
     by_hand = 1 - np.exp(-np.array([0, 1, 2, 2, 2, 3, 3]))
@@ -224,16 +225,16 @@ def test_ripple_is_found_at_its_own_period():
     effect, motion = EFFECTS['torque_ripple'], clean_motion('iiwa7')
     q, rng = motion.samples.q[:, 3], np.random.default_rng(1)
     y = 0.1 * np.sin(80 * q + 0.4) + NOISE * rng.standard_normal(len(q))
-    left = {}
+    residual = {}
     for setting in effect.settings(motion, 3):
         columns = effect.columns(motion, 3, setting)
         found, _ = least_squares(columns, y, NOISE)
-        left[setting['k']] = (((y - columns @ found) ** 2).sum(), np.hypot(*found))
-    best = min(left, key=lambda k: left[k][0])
-    assert best == 80 and left[best][1] == pytest.approx(0.1, rel=0.1)
+        residual[setting['k']] = (((y - columns @ found) ** 2).sum(), np.hypot(*found))
+    best = min(residual, key=lambda k: residual[k][0])
+    assert best == 80 and residual[best][1] == pytest.approx(0.1, rel=0.1)
 
 
-def test_ripple_periods_are_those_that_the_motion_can_tell():
+def test_ripple_periods_are_identifiable():
     motion = clean_motion('iiwa7')
     q = motion.samples.q[:, 3]
     wave_numbers = [s['k'] for s in EFFECTS['torque_ripple'].settings(motion, 3)]
@@ -242,7 +243,7 @@ def test_ripple_periods_are_those_that_the_motion_can_tell():
     assert np.median(steps) * max(wave_numbers) < np.pi
 
 
-def test_what_begins_further_from_the_end_is_a_cable_and_no_stop():
+def test_ranges_of_cables_and_end_stops():
     motion = clean_motion('six_axis')
     q = motion.samples.q[:, 2]
     low, span = q.min(), np.ptp(q)
@@ -256,37 +257,37 @@ def test_what_begins_further_from_the_end_is_a_cable_and_no_stop():
         (setting['start'] - low) / span for known in cable.settings(motion, 2)
         if known['side'] > 0 and 'order' not in known
         for setting in (known, *cable.refine(motion, 2, known)))
-    # It reaches into the stop's range, and no start is missed by more than a fiftieth.
+    # Cables start within the range of stops, in steps below a twenty-fifth of the travel.
     assert starts[0] < 0.2 and starts[-1] > 0.9 and np.diff(starts).max() < 0.04
 
 
-def test_an_end_stop_is_found_where_it_is():
+def test_the_start_of_an_end_stop_is_found():
     effect, motion = EFFECTS['end_stop'], clean_motion('six_axis')
     q = motion.samples.q[:, 2]
     start = q.max() - 0.05 * np.ptp(q)
     y = 30.0 * np.maximum(q - start, 0.0)
-    left = {}
+    residual = {}
     for setting in effect.settings(motion, 2):
         columns = effect.columns(motion, 2, setting)
         found = np.linalg.lstsq(columns, y, rcond=None)[0]
-        left[setting['start'], setting['side']] = ((y - columns @ found) ** 2).sum()
-    where, side = min(left, key=left.get)
+        residual[setting['start'], setting['side']] = ((y - columns @ found) ** 2).sum()
+    where, side = min(residual, key=residual.get)
     assert side == 1.0 and abs(where - start) < 0.03 * np.ptp(q)
 
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10 ** 6), st.sampled_from([1e-6, 1e-5, 1e-4]))
-def test_a_path_without_flutter_turns_where_the_joint_turns(seed, noise):
+def test_a_denoised_path_has_the_reversals_of_the_joint(seed, noise):
     rng = np.random.default_rng(seed)
     turns = np.cumsum(rng.uniform(0.02, 0.5, 8) * np.resize([1.0, -1.0], 8))
     # At rest at every turn, and 2 mrad a sample between.
     parts = [np.concatenate([np.full(40, a), np.linspace(a, b, max(2, round(abs(b - a) / 2e-3)))])
              for a, b in zip(turns, turns[1:])]
     truth = np.concatenate(parts)
-    path = steady_path(truth + noise * rng.standard_normal(len(truth)))
-    # No lag: an encoder's noise is all by which the path is off.
+    path = denoised_path(truth + noise * rng.standard_normal(len(truth)))
+    # The error of the path is that of the encoder, without lag.
     assert np.abs(path - truth).max() < 6.0 * noise
-    # At rest it moves by the noise at most, however long that lasts.
+    # At rest the path moves by the noise at most.
     assert np.abs(np.diff(path[:40])).sum() < 6.0 * noise
     way = np.abs(np.diff(turns)).sum()
     assert np.abs(np.diff(path)).sum() == pytest.approx(way, abs=12.0 * noise * len(turns))

@@ -1,4 +1,4 @@
-"""Effects from other packages: found, refused when they are broken, and never fatal."""
+"""Effects of other packages: loading, skipping of broken ones, and isolation of errors."""
 
 import json
 import os
@@ -46,7 +46,7 @@ effect = Plain
 
 
 def ask(*folders, program=ASK):
-    """Return effects and complaints of a Python that sees these folders' packages."""
+    """Return effects and skipped plug-ins of a Python with the packages of these folders."""
     path = os.pathsep.join([*map(str, folders), str(ROOT)])
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True,
                           env={**os.environ, 'PYTHONPATH': path}, timeout=60, cwd=folders[0])
@@ -81,16 +81,16 @@ def test_the_example_package_installs_and_is_found(tmp_path):
         'column = effect.columns(motion, 0, {})\n'
         'assert column.shape == (motion.samples.n_samples, 1) and column.std() > 0\n'
         'assert "energy" in effect.implausible(column[:1, 0] * 0 - 1, {}, motion, 0)\n')
-    names, complaints = ask(target, program=program)
-    assert names[-1] == 'seal_drag' and not complaints
+    names, skipped = ask(target, program=program)
+    assert names[-1] == 'seal_drag' and not skipped
     assert names[:-1] == list(library_effects())
 
 
 def test_several_effects_may_come_from_one_name(tmp_path):
     plug_in(tmp_path, 'pair', EFFECT + 'both = [effect("first"), effect("second")]\n',
             'both = pair:both')
-    names, complaints = ask(tmp_path)
-    assert names[-2:] == ['first', 'second'] and not complaints
+    names, skipped = ask(tmp_path)
+    assert names[-2:] == ['first', 'second'] and not skipped
 
 
 @pytest.mark.parametrize('source, point, reason', [
@@ -107,22 +107,22 @@ def test_several_effects_may_come_from_one_name(tmp_path):
     (EFFECT + 'thing = Effect\n', 'bad:thing', 'columns'),
     (EFFECT + 'thing = effect("a\\x1bb")\n', 'bad:thing', 'letters, digits'),
 ])
-def test_a_broken_plug_in_is_named_and_left_out(tmp_path, source, point, reason):
+def test_a_broken_plug_in_is_skipped_and_named(tmp_path, source, point, reason):
     plug_in(tmp_path / 'one', 'bad', source, f'broken\x1b[31m = {point}')
     plug_in(tmp_path / 'two', 'good', EFFECT + 'thing = effect("good")\n', 'good = good:thing')
-    names, complaints = ask(tmp_path / 'one', tmp_path / 'two')
+    names, skipped = ask(tmp_path / 'one', tmp_path / 'two')
     assert names == [*library_effects(), 'good']
-    assert len(complaints) == 1 and reason in complaints[0]
-    assert '\n' not in complaints[0] and '\x1b' not in complaints[0]
+    assert len(skipped) == 1 and reason in skipped[0]
+    assert '\n' not in skipped[0] and '\x1b' not in skipped[0]
 
 
 def test_one_name_belongs_to_one_plug_in(tmp_path):
     for folder in ('one', 'two'):
         plug_in(tmp_path / folder, folder, EFFECT + 'thing = effect("same")\n',
                 f'same = {folder}:thing')
-    names, complaints = ask(tmp_path / 'one', tmp_path / 'two')
+    names, skipped = ask(tmp_path / 'one', tmp_path / 'two')
     assert names.count('same') == 1
-    assert len(complaints) == 1 and 'two' in complaints[0] and 'same already' in complaints[0]
+    assert len(skipped) == 1 and 'two' in skipped[0] and 'same already' in skipped[0]
 
 
 @pytest.mark.parametrize('columns, words', [
@@ -139,7 +139,7 @@ def test_a_plug_in_that_fails_on_a_motion_is_untestable_there(columns, words):
     assert good.untestable(motion, 0) is None
 
 
-def test_a_guarded_effect_is_the_effect_otherwise():
+def test_a_guarded_effect_has_the_attributes_of_the_effect():
     motion = clean_motion('six_axis')
     for name in ('joint_flexibility', 'rigid_body_dynamics', 'coriolis'):
         effect = known_effect(name)
@@ -160,7 +160,7 @@ def test_a_guarded_effect_is_the_effect_otherwise():
     assert soft.alternative().effect is soft
 
 
-def test_a_guard_leaves_an_effects_own_reason():
+def test_a_guarded_effect_reports_its_own_reason():
     assert 'one joint' in GuardedEffect(known_effect('coriolis')).untestable(
         clean_motion('pendulum'), 0)
 
@@ -171,7 +171,7 @@ def test_an_effect_is_found_by_its_name():
         known_effect('gremlins')
 
 
-def test_the_caller_cannot_spoil_the_registry():
+def test_the_caller_cannot_change_the_registry():
     all_effects().clear()
     assert 'inertia' in all_effects()
 
@@ -182,7 +182,7 @@ def test_the_page_of_effects_is_that_of_the_library():
         'python3 docs/make_effects.py > docs/effects.md')
 
 
-def test_the_page_holds_every_effect_and_its_links_lead_somewhere():
+def test_the_page_includes_every_effect_and_valid_links():
     page = make_effects.document()
     headings = {line[3:] for line in page.splitlines() if line.startswith('## ')}
     assert headings == set(library_effects())

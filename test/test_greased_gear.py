@@ -1,4 +1,4 @@
-"""A greased gear: its torque by hand, and what it looks like to the library."""
+"""Simulated greased gear: torque by hand, and comparison with the library."""
 
 from gravity_comp_ros.effects.registry import library_effects
 from gravity_comp_ros.errors import OptionError
@@ -34,19 +34,19 @@ def test_slow_grease_is_viscous_and_fast_grease_grows_with_the_logarithm():
     assert torque(-0.5, gear) == pytest.approx(-torque(0.5, gear))
 
 
-def test_dry_friction_comes_on_top():
+def test_coulomb_friction_is_added():
     dry, both = LuGre(1.5), GreasedGear(JOINT, 2.0, 0.05, LuGre(1.5))
     alone = torque(0.3, GreasedGear(JOINT, 2.0, 0.05, LuGre(0.0)))
     assert torque(0.3, both) - alone == pytest.approx(dry.coulomb, rel=1e-3)
 
 
 @pytest.mark.parametrize('numbers', [(0.0, 0.05), (2.0, 0.0), (float('nan'), 0.05)])
-def test_numbers_that_make_no_gear_are_refused(numbers):
+def test_unphysical_parameters_are_refused(numbers):
     with pytest.raises(OptionError, match='positive'):
         GreasedGear(JOINT, *numbers, LuGre(1.0))
 
 
-def test_no_power_of_the_library_is_the_law_of_grease():
+def test_the_law_of_grease_is_not_that_of_the_library():
     speeds = np.linspace(0.02, 0.5, 200)
     grease = np.arcsinh(speeds / 0.02)
     line = np.column_stack([np.ones(200), speeds])

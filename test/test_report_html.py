@@ -12,7 +12,7 @@ from gravity_comp_ros.cli import main
 from gravity_comp_ros.data.gate import slow_samples
 from gravity_comp_ros.data.samples import concatenate
 from gravity_comp_ros.diagnosis.findings import Diagnosis, Finding, JointReport
-from gravity_comp_ros.diagnosis.structure_tests import BrokenLaw
+from gravity_comp_ros.diagnosis.structure_check import StructureViolation
 from gravity_comp_ros.effects.predict import predict_torque
 from gravity_comp_ros.estimation.fit import fit, FitOptions
 from gravity_comp_ros.evaluation.compare import compare
@@ -355,8 +355,8 @@ def test_the_headline_says_what_stands_out_and_the_stressed_row_is_its_joint(fol
     assert headline(same).startswith('Nothing is missing that changes the error')
     assert '0.25 % of the range' in headline(same)
     # What no effect explains but breaks the structure of gravity is told as in the terminal.
-    law = BrokenLaw('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow has a '
-                    'part that no gravity has', ('tool_force',))
+    law = StructureViolation('own_joint', 'elbow', False, 0.001, 0.4, 'the torque of joint elbow '
+                             'has a part that no gravity has', ('tool_force',))
     broken = replace(found, diagnosis=replace(found.diagnosis, laws=(law,)))
     words = effects.structure(broken.diagnosis)
     assert structure_lines(broken.diagnosis)[0] in words and 'look for tool_force' in words

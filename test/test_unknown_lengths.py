@@ -1,4 +1,4 @@
-"""Torque of motion of an arm of unknown lengths, compared with Pinocchio and by hand."""
+"""The torque of motion of an arm of unknown lengths, against Pinocchio and by hand."""
 
 from dataclasses import replace
 
@@ -8,7 +8,8 @@ from fast_arms import drawn, NOISE, of_motion, recording
 import gravity_comp_ros as gc
 from gravity_comp_ros.data.constants import STANDARD_GRAVITY
 from gravity_comp_ros.data.samples import concatenate
-from gravity_comp_ros.effects.arm_dynamics import chain_dynamics, axis_sign_options, turned, way_of
+from gravity_comp_ros.effects.arm_dynamics import (
+    axis_sign, axis_sign_options, chain_dynamics, with_axis_signs)
 from gravity_comp_ros.effects.motion import accelerations, build_motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.request import known_effect
@@ -35,15 +36,15 @@ def chain_of(arm):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(1, 7))
-def test_lengths_and_inertias_determine_the_torque_of_motion(seed, n):
-    # Every fourth seed has a level base; `geometry_of` ignores tilts.
+def test_lengths_and_inertias_are_all_that_motion_needs(seed, n):
+    # The others of these arms stand on a tilted base, which `geometry_of` leaves out.
     arm = generated_arm(4 * (seed // 4), n)
     q, qd, qdd = drawn(n, 40 * n, seed)
     columns = motion_columns(chain_of(arm), np.ones(n), q, qd, qdd)[:, :, 1:]
     truth = of_motion(arm, q, qd, qdd)
     flat = columns.reshape(truth.size, -1)
-    parameters = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
-    assert np.linalg.norm(truth.ravel() - flat @ parameters) < 1e-8 * np.linalg.norm(truth)
+    found = np.linalg.lstsq(flat, truth.ravel(), rcond=1e-10)[0]
+    assert np.linalg.norm(truth.ravel() - flat @ found) < 1e-8 * np.linalg.norm(truth)
 
 
 def test_a_planar_arm_by_hand():
@@ -80,17 +81,17 @@ def test_the_nominal_arm_is_physical(seed):
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10 ** 6), st.integers(3, 7))
-def test_the_sign_of_a_vertical_axis_is_not_identifiable_from_gravity(seed, n):
+def test_gravity_does_not_show_which_way_a_vertical_axis_turns(seed, n):
     arm = generated_arm(4 * (seed // 4), n)
     chain = chain_of(arm)
     q, speed, rate = drawn(n, 50, seed)
-    way = way_of(chain)
-    assert way_of(mirrored(chain)) == way
+    way = axis_sign(chain)
+    assert axis_sign(mirrored(chain)) == way
     assert mirrored(chain).torque(q) == pytest.approx(chain.torque(q), abs=1e-9)
-    assert turned(chain, (way,)) is chain
-    other = turned(chain, (-way,))
-    assert way_of(other) == -way
-    # The moment about a vertical axis is unidentifiable, so that joint is excluded.
+    assert with_axis_signs(chain, (way,)) is chain
+    other = with_axis_signs(chain, (-way,))
+    assert axis_sign(other) == -way
+    # The moment about a vertical axis is free, so that joint is left out.
     assert other.torque(q)[:, 1:] == pytest.approx(chain.torque(q)[:, 1:], abs=1e-9)
     truth = of_motion(arm, q, speed, rate).ravel()
     for one in (chain, mirrored(chain)):
@@ -99,55 +100,55 @@ def test_the_sign_of_a_vertical_axis_is_not_identifiable_from_gravity(seed, n):
         assert np.linalg.norm(truth - flat @ found) < 1e-8 * np.linalg.norm(truth)
 
 
-def test_two_vertical_axes_have_independent_signs():
+def test_two_vertical_axes_turn_each_its_own_way():
     # As in a SCARA, the second axis is parallel to the first.
     arm = ARMS['right_six']()
     chain = chain_of(arm)
     q, speed, rate = drawn(6, 300, 1)
     truth = of_motion(arm, q, speed, rate).ravel()
-    every, right = axis_sign_options(chain, q), (way_of(chain), way_of(chain, 1))
+    every, right = axis_sign_options(chain, q), (axis_sign(chain), axis_sign(chain, 1))
     assert len(every) == 4 and right in every
-    for start in (*(turned(chain, ways) for ways in every), mirrored(chain)):
+    for start in (*(with_axis_signs(chain, signs) for signs in every), mirrored(chain)):
         assert start.torque(q)[:, 2:] == pytest.approx(chain.torque(q)[:, 2:], abs=1e-9)
-        for ways in every:
-            flat = chain_dynamics(start, ways).columns(q, speed, rate).reshape(len(truth), -1)
+        for signs in every:
+            flat = chain_dynamics(start, signs).columns(q, speed, rate).reshape(len(truth), -1)
             left = truth - flat @ np.linalg.lstsq(flat, truth, rcond=1e-10)[0]
             share = np.linalg.norm(left) / np.linalg.norm(truth)
-            assert (share < 1e-8) == (ways == right), (ways, share)
+            assert (share < 1e-8) == (signs == right), (signs, share)
 
 
-def test_a_horizontal_second_axis_has_no_unknown_sign():
+def test_a_horizontal_second_axis_has_no_way_of_its_own():
     chain, q = chain_of(ARMS['six_axis']()), drawn(6, 50, 0)[0]
     assert axis_sign_options(chain, q) == [(1.0,), (-1.0,)]
     assert axis_sign_options(Chain(chain.axes, 0.0 * chain.moments + 1.0), q[:0]) == [()]
 
 
 def mirrored(chain):
-    """Return the mirror image of a chain, with inverted vertical and negated moments."""
+    """Return the mirror image of a chain: gravity upside down, and moments the other way."""
     axes = chain.axes.copy()
     axes[0] = np.diag([1.0, -1.0, -1.0]) @ axes[0]
     return Chain(axes, -chain.moments)
 
 
 @pytest.mark.parametrize('seed', [0, 4, 8])
-def test_motion_identifies_the_sign_of_a_vertical_axis(seed):
+def test_motion_shows_which_way_a_vertical_axis_turns(seed):
     arm = generated_arm(seed, 5)
     chain = chain_of(arm)
     samples = recording(arm, seed, 20.0, 50.0)
     model = gc.fit(gc.Recording(samples, gate=None), formulation='chain').gravity
-    effect, ways = known_effect('rigid_body_dynamics'), []
-    for start in (turned(chain, (1.0,)), turned(chain, (-1.0,))):
+    effect, signs = known_effect('rigid_body_dynamics'), []
+    for start in (with_axis_signs(chain, (1.0,)), with_axis_signs(chain, (-1.0,))):
         motion = build_motion(samples, replace(model, chain=start))
         setting, = effect.settings(motion, 0)
-        ways.append(setting['way'])
+        signs.append(setting['way'])
         columns = effect.columns(motion, 0, setting)
         assert columns.shape[2] == len(effect.coefficients_of(motion, 0, setting))
-    # For either sign of the chain the dynamics are those of the arm.
-    assert ways == [way_of(chain)] * 2
+    # Whichever way the chain came out, the dynamics are those of the arm.
+    assert signs == [axis_sign(chain)] * 2
 
 
 @pytest.mark.parametrize('arm, seed', [('iiwa7', 2), ('six_axis', 2), ('right_seven', 1)])
-def test_added_dynamics_are_those_of_the_arm(arm, seed):
+def test_dynamics_that_are_added_are_those_of_the_arm(arm, seed):
     arm = ARMS[arm]()
     runs = concatenate([recording(arm, 10 * seed + k, 40.0, 50.0) for k in range(3)])
     data = gc.Recording(runs, gate=None)
@@ -164,13 +165,13 @@ def test_added_dynamics_are_those_of_the_arm(arm, seed):
     assert (error < 0.1 * truth.std(axis=0).max()).all(), (error, truth.std(axis=0))
 
 
-def test_columns_are_independent_of_the_batch():
+def test_parts_of_a_motion_have_the_columns_of_the_whole():
     dynamics = chain_dynamics(chain_of(arms.iiwa7()))
     one, two = drawn(7, 3000, 1), drawn(7, 5, 2)
     both = tuple(np.concatenate(pair) for pair in zip(one, two))
     parts = np.concatenate([dynamics.columns(*one), dynamics.columns(*two)])
     assert np.abs(dynamics.columns(*both) - parts).max() < 1e-12
-    assert parts.shape[2] == len(dynamics.usual) == len(dynamics.coefficients())
+    assert parts.shape[2] == len(dynamics.prior_std) == len(dynamics.coefficients())
 
 
 @pytest.mark.parametrize('formulation', ['auto', 'potential'])
@@ -180,11 +181,11 @@ def test_fast_motion_of_an_arm_without_a_description_is_explained(formulation):
     data = gc.Recording(runs, gate=None)
     model = gc.fit(data, formulation=formulation)
     findings = gc.diagnose(data, model).findings
-    accepted = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
-    names = {f.effect for f in accepted}
+    sure = [f for f in findings if f.verdict in (gc.Verdict.ESTABLISHED, gc.Verdict.LIKELY)]
+    names = {f.effect for f in sure}
     assert {'rigid_body_dynamics', 'coulomb_friction'} <= names
     assert names <= {'rigid_body_dynamics', 'coulomb_friction', 'viscous_friction'}
-    better = gc.add_effects(model, data, accepted, all_samples=True)
+    better = gc.add_effects(model, data, sure, all_samples=True)
     later = gc.Recording(recording(arm, 90, 15.0, 50.0), gate=None)
     before, after = (gc.compare(m, later).joints for m in (model, better))
     for name in before:

@@ -1,9 +1,8 @@
 """
-Alternative models of a cause: the same cause, acting by another law than that of the effect.
+Tests of alternative models: other torque laws of the same physical cause.
 
-A gear that yields in proportion to its load and one with play turn the link alike, and either is
-much of what the other would be. Where the columns of the alternative explain more than those of
-the effect, the effect is not named, though it may help.
+A compliant gear and a gear with backlash produce similar torques. An effect is not named if the
+columns of its alternative model explain more of the held-out error.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from gravity_comp_ros.evaluation.gain import Gain, gain
 @dataclass(frozen=True, eq=False)
 class Alternative:
     """
-    An alternative model that explains more than its effect does.
+    An alternative model that explains more than its effect.
 
-    `without` are the chosen effects without that effect; `before` and `after` (B, N) are the
-    held-out errors of what was chosen and of the alternative in its place.
+    `without` are the chosen effects except that effect. `before` and `after` (B, N) are the
+    held-out errors of the chosen effects, and with the alternative in place of the effect.
     """
 
     trial: Trial[AlternativeModel]
@@ -38,12 +37,12 @@ class Alternative:
         return self.trial.regressor
 
 
-def best_alternative(criteria: Criteria, trials: Sequence[Trial[AlternativeModel]],
-                     chosen: Sequence[Candidate]) -> Alternative | None:
-    """Return the alternative model that explains most beyond all that was chosen, if any."""
-    found = [one for trial in trials
-             if (one := _alternative(criteria, trial, chosen, len(trials))) is not None]
-    return max(found, key=lambda one: one.gain.mean, default=None)
+def best_alternative_model(criteria: Criteria, trials: Sequence[Trial[AlternativeModel]],
+                           chosen: Sequence[Candidate]) -> Alternative | None:
+    """Return the alternative model with the largest gain over the chosen effects, if any."""
+    better = [alternative for trial in trials
+              if (alternative := _alternative(criteria, trial, chosen, len(trials))) is not None]
+    return max(better, key=lambda alternative: alternative.gain.mean, default=None)
 
 
 def _alternative(criteria: Criteria, trial: Trial[AlternativeModel],
@@ -53,8 +52,7 @@ def _alternative(criteria: Criteria, trial: Trial[AlternativeModel],
     before = criteria.fits.errors(None, chosen)
     after, = criteria.fits.errors_with_each(None, without, [trial])
     more = gain(before, after, tests)
-    if more.p >= criteria.options.alpha or more.share <= criteria.least_share(trial):
-        return None
-    if not criteria.is_more_than_motion(trial, chosen):
+    if (more.p >= criteria.options.alpha or more.share <= criteria.min_share(trial)
+            or not criteria.exceeds_dynamics(trial, chosen)):
         return None
     return Alternative(trial, without, before, after, more)

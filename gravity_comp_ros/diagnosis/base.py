@@ -1,12 +1,11 @@
 """
-The gravity model that effects are judged beside.
+Base model of a diagnosis: gravity and its regressor, to which effects are added.
 
-The base comes first: it is chosen while friction, an offset and inertia are projected out of the
-torque, so that it does not grow terms to imitate them. It has to hold all of gravity, or an
-effect will be found that stands in for a small term of it: so to the terms of the sparse energy
-come the directions in which a serial arm could still differ from the one that fits. A nearly
-level arm is not given terms of its first joint: gravity has none there, and what the first
-joint's angle does to the torque (a tilted base) is then left for an effect to explain.
+The base is chosen first, with friction, an offset and inertia projected out of the torque, so
+that gravity terms do not absorb them. A gravity term that is missing would appear as an effect.
+So the regressor includes the terms of the sparse energy and the derivatives of the fitted serial
+arm by its parameters. On a nearly level base, terms of the first joint are left out: gravity has
+none, and torque that depends on the first joint then remains for an effect (base tilt).
 """
 
 from __future__ import annotations
@@ -15,8 +14,8 @@ from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
 from gravity_comp_ros.diagnosis.gravity_on_axes import chain_on_axes, columns_on_axes
+from gravity_comp_ros.diagnosis.nuisance import nuisance_torque, residual_torque
 from gravity_comp_ros.diagnosis.serial_arm import fit_chain, fit_serial_arm, tangent
-from gravity_comp_ros.diagnosis.torque_of_motion import beside, left_beside
 from gravity_comp_ros.effects.arm_dynamics import described_dynamics
 from gravity_comp_ros.effects.motion import build_motion, Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
@@ -35,19 +34,20 @@ from gravity_comp_ros.models.sparse.regressor import EnergyDesign
 from gravity_comp_ros.models.sparse.sparse_problem import SparseOptions
 import numpy as np
 
+# Numbers of samples of the first fit and of later ones.
 _ROUGH_SAMPLES = 500
 _SAMPLES = 1500
-# First moments of a described arm settle in a few turns.
-_TURNS = 3
-# A sparse energy of more joints is too dear to seek; of a serial arm's so many terms are kept.
-# With that many a model predicts as the chain that it is, so that its torque is exact.
-_MOST_JOINTS, _MOST_TERMS = 9, 1500
-# What is missing is still in the torque and correlated over seconds: a few samples count as one.
+# Iterations between gravity and dynamics of an arm with known axes.
+_ITERATIONS = 3
+# Maximum number of joints for a sparse energy, and of terms kept of a chain's energy. The model
+# predicts with the chain itself, so that its torque is exact.
+_MAX_JOINTS, _MAX_TERMS = 9, 1500
+# Effects that are not modelled yet leave a residual that is autocorrelated over seconds.
 _CAUTIOUS = SparseOptions(inflation=4.0)
-# Directions of the base that this motion excites less, next to the most excited, are left out.
-_EXCITED = 1e-3
-# Another base must take this part off some joint's error, or it is the same.
-_WORTHWHILE = 0.01
+# Minimum singular value of a direction of the base, relative to the largest.
+_MIN_EXCITATION = 1e-3
+# Minimum share of a joint's squared error that a refined base removes.
+_MIN_IMPROVEMENT = 0.01
 
 
 @dataclass(frozen=True)
@@ -55,110 +55,106 @@ class Base:
     """
     The gravity model, the motion, the regressor (M, N, K) of gravity, and the serial arm in it.
 
-    The columns are combinations of gravity's terms, of about the same size and not alike, and
-    after them those of the effects that the model has, `given`, whose sizes may change beside
-    others. `left` (M, N) in N·m is what gravity, friction, offset and motion leave.
+    The columns are orthogonal combinations of gravity terms, followed by the columns of `given`,
+    the effects that the model includes already and whose coefficients are estimated again.
+    `residual` (M, N) in N·m is that of gravity, friction, offset and dynamics.
     """
 
     model: GravityModel
     motion: Motion
     columns: FloatArray
-    left: FloatArray
+    residual: FloatArray
     chain: Chain | None = None
     given: frozenset[tuple[str, int | None]] = frozenset()
 
 
-def choose_base(samples: JointSamples, model: GravityModel | None, most: int) -> Base:
+def choose_base(samples: JointSamples, model: GravityModel | None, max_samples: int) -> Base:
     """
-    Return the gravity to refit with effects.
+    Return the base model, estimated from the samples.
 
-    Gravity is chosen from the samples alone, so that a diagnosis does not depend on the
-    formulation of the user's model. Where that model lies on the axes of a description, these are
-    taken.
+    The result does not depend on the formulation of the user's model. If that model has the axes
+    of a robot description, these axes are used.
 
-    :param samples: without the torque of the effects that the model has.
-    :param model: the user's model, whose effects are `Base.given`; None if there is none.
-    :param most: of so many samples or fewer the base and its motion are.
+    :param samples: torque without the effects that the model includes.
+    :param model: the user's model, whose effects become `Base.given`; None if there is none.
+    :param max_samples: maximum number of samples of the base and its motion.
     """
-    rows = evenly_picked(samples.n_samples, most)
+    rows = evenly_picked(samples.n_samples, max_samples)
     part = samples.select(rows)
     few = samples.select(evenly_picked(samples.n_samples, _ROUGH_SAMPLES))
     axes = model.geometry if model is not None and model.chain is not None else None
-    found = _from_torques(part, few) if axes is None else _on_axes(axes, part, few)
-    chosen = found.model
+    gravity = _from_torques(part, few) if axes is None else _on_axes(axes, part, few)
+    chosen = gravity.model
     if model is not None:
         chosen = replace(chosen, applied=model.applied, history=model.history)
-    # Directions and accelerations are those of all samples.
-    motion = replace(build_motion(samples, chosen).at(rows), chain=found.arm)
+    # Directions and accelerations are computed from all samples.
+    motion = replace(build_motion(samples, chosen).at(rows), chain=gravity.arm)
     given = frozenset((applied.name, None if applied.joint is None else
                        joint_number(chosen, applied)) for applied in chosen.applied.effects)
-    columns = _columns(chosen, motion, found.chain)
-    left = left_beside(columns, motion) if found.left is None else found.left
-    return Base(chosen, motion, columns, left, found.chain, given)
+    columns = _columns(chosen, motion, gravity.chain)
+    residual = (residual_torque(columns, motion) if gravity.residual is None
+                else gravity.residual)
+    return Base(chosen, motion, columns, residual, gravity.chain, given)
 
 
 @dataclass(frozen=True, eq=False)
 class _Gravity:
     """
-    A gravity model; the serial arm whose derivatives join it; `arm`, that of the torque of motion.
+    A gravity model; the chain whose derivatives extend it; `arm`, the chain of the dynamics.
 
-    `left` (M, N) in N·m is what gravity, friction and motion leave, None if it is not known.
+    `residual` (M, N) in N·m is that of gravity, friction and dynamics; None if not computed.
     """
 
     model: GravityModel
     chain: Chain | None = None
     arm: Chain | None = None
-    left: FloatArray | None = None
+    residual: FloatArray | None = None
 
 
 def _on_axes(axes: Geometry, part: JointSamples, few: JointSamples) -> _Gravity:
-    """Return the gravity of an arm whose axes a description gives, beside the torque of motion."""
+    """Return the gravity on known axes, estimated jointly with the dynamics."""
     chosen = _with_axes(axes, few)
     motion = build_motion(part, chosen)
     rows = evenly_picked(part.n_samples, _SAMPLES)
-    # The nominal arm of rigid-body dynamics has the first moments of gravity, which then change.
-    for _ in range(_TURNS):
+    # The nominal arm of the dynamics has the first moments of the current gravity estimate.
+    for _ in range(_ITERATIONS):
         dynamics = described_dynamics(chosen)
         assert dynamics is not None and chosen.chain is not None
         columns = columns_on_axes(chosen.chain, part.q)
-        found = MotionProblem.of(columns, 2, motion, dynamics).fit()
-        cleaned = replace(part, tau=part.tau - found.beside)
+        fit = MotionProblem.of(columns, 2, motion, dynamics).fit()
+        cleaned = replace(part, tau=part.tau - fit.nuisance)
         chosen = levelled(_with_axes(axes, cleaned.select(rows)), part.q)
-    return _Gravity(chosen, left=cleaned.tau - chosen.predict(part.q))
+    return _Gravity(chosen, residual=cleaned.tau - chosen.predict(part.q))
 
 
 def _from_torques(part: JointSamples, few: JointSamples) -> _Gravity:
-    """Return the gravity of an arm of which nothing else is known."""
-    choose = _potential if part.n_joints <= _MOST_JOINTS else _serial
+    """Return the gravity of an arm without a description."""
+    choose = _potential if part.n_joints <= _MAX_JOINTS else _serial
     first = choose(few)
     motion = build_motion(part, first).at(evenly_picked(part.n_samples, _SAMPLES))
     samples = motion.samples
     columns = _model_columns(first, samples.q)
-    cleaned = replace(samples, tau=samples.tau - beside(columns, motion))
+    cleaned = replace(samples, tau=samples.tau - nuisance_torque(columns, motion))
     level = _model_columns(levelled(first, part.q), samples.q)
-    arm = fit_serial_arm(motion, cleaned, left_beside(level, motion))
+    arm = fit_serial_arm(motion, cleaned, residual_torque(level, motion))
     if arm is None:
         return _Gravity(levelled(choose(cleaned), part.q), fit_chain(cleaned, None))
     return _Gravity(levelled(choose(arm.cleaned), part.q), arm.chain, arm.chain)
 
 
 def _potential(samples: JointSamples) -> GravityModel:
-    """
-    Return the sparse energy that explains the torques.
-
-    Nuisance terms were taken off before (`_beside_gravity`), or are what the first fit is to show.
-    """
+    """Return the sparse energy that fits the torques; nuisance terms are not fitted here."""
     energy, _ = fit_potential(samples, _CAUTIOUS)
     return _model(samples, 'potential', energy)
 
 
 def _with_axes(axes: Geometry, samples: JointSamples) -> GravityModel:
-    """Return the gravity of the serial arm on given axes that fits the torques."""
+    """Return the gravity of a serial arm with known axes."""
     return replace(_of_chain(chain_on_axes(axes.rotations, samples), samples), geometry=axes)
 
 
 def _serial(samples: JointSamples) -> GravityModel:
-    """Return the serial arm that fits, of more joints than a sparse energy is sought for."""
+    """Return the gravity of a serial arm, for more joints than a sparse energy can have."""
     return _of_chain(rough_fit(samples, SearchOptions()).chain, samples)
 
 
@@ -168,24 +164,24 @@ def _of_chain(chain: Chain, samples: JointSamples) -> GravityModel:
 
 def _model(samples: JointSamples, formulation: str, energy: Expansion,
            chain: Chain | None = None) -> GravityModel:
-    """Return the model of an energy, with the noise that it leaves of the samples."""
-    found = GravityModel.from_energy(samples.names, formulation, energy,
+    """Return the model of an energy; its noise (N,) is the RMS residual in N·m."""
+    model = GravityModel.from_energy(samples.names, formulation, energy,
                                      np.zeros(samples.n_joints), Coverage.of(samples), {}, chain)
-    left = samples.tau - found.predict(samples.q)
-    return replace(found, noise=np.sqrt((left ** 2).mean(axis=0)))
+    residual = samples.tau - model.predict(samples.q)
+    return replace(model, noise=np.sqrt((residual ** 2).mean(axis=0)))
 
 
 def _largest(energy: Expansion) -> Expansion:
-    """Return the largest terms of an energy: effects that are made of its terms take no more."""
-    kept = np.sort(np.argsort(-np.abs(energy.weights), kind='stable')[:_MOST_TERMS])
+    """Return the largest terms of an energy, which limits the cost of effects built from them."""
+    kept = np.sort(np.argsort(-np.abs(energy.weights), kind='stable')[:_MAX_TERMS])
     return Expansion(energy.indices[kept], energy.weights[kept])
 
 
 def refined(base: Base, effects: FloatArray) -> Base | None:
     """
-    Return the base as it is once effects are taken off the torque; None if that is the same.
+    Return the base refitted to the torque without effects; None if it is not better.
 
-    :param effects: (M, N) N·m, what was found beside gravity.
+    :param effects: torque (M, N) of the chosen effects in N·m.
     """
     samples = base.motion.samples
     if base.model.geometry is not None:
@@ -194,21 +190,22 @@ def refined(base: Base, effects: FloatArray) -> Base | None:
     chain = fit_chain(cleaned, base.chain)
     columns = _columns(base.model, base.motion, chain)
     few = evenly_picked(samples.n_samples, _SAMPLES)
-    before, after = (_left(part[few], cleaned.tau[few]) for part in (base.columns, columns))
-    if (after > (1.0 - _WORTHWHILE) * before).all():
+    before, after = (_mean_squares(part[few], cleaned.tau[few])
+                     for part in (base.columns, columns))
+    if (after > (1.0 - _MIN_IMPROVEMENT) * before).all():
         return None
     return replace(base, columns=columns, chain=chain)
 
 
-def _left(columns: FloatArray, tau: FloatArray) -> FloatArray:
-    """Return what columns (M, N, K) leave of each joint's mean squared torque: (N,)."""
+def _mean_squares(columns: FloatArray, tau: FloatArray) -> FloatArray:
+    """Return the mean squared residual (N,) of each joint for columns (M, N, K)."""
     flat = columns.reshape(tau.size, -1)
     x = lstsq(flat, tau.ravel(), rcond=1e-10)
     return np.asarray(((tau - (flat @ x).reshape(tau.shape)) ** 2).mean(axis=0))
 
 
 def _model_columns(model: GravityModel, q: FloatArray) -> FloatArray:
-    """Return the regressor (M, N, K) of the moments of a chain, or of an energy's features."""
+    """Return the regressor (M, N, K) of a chain's moments, or of an energy's features."""
     if model.chain is not None:
         columns = ForwardKinematics(model.chain.axes, q).moment_columns()
         return np.ascontiguousarray(columns.transpose(2, 1, 0))
@@ -222,25 +219,20 @@ def _columns(model: GravityModel, motion: Motion, chain: Chain | None) -> FloatA
     parts = [] if chain is None else [tangent(q, chain)]
     if model.chain is None or model.geometry is not None:
         parts.insert(0, _model_columns(model, q))
-    gravity = np.concatenate(parts, axis=2)
-    return np.concatenate([_reduced(gravity), *_given_columns(model, motion)], axis=2)
+    given = [installed(applied).columns_of_arm(motion, joint_number(model, applied),
+                                               applied.setting)
+             for applied in model.applied.effects]
+    return np.concatenate([_identifiable(np.concatenate(parts, axis=2)), *given], axis=2)
 
 
-def _given_columns(model: GravityModel, motion: Motion) -> list[FloatArray]:
-    """Return the columns (M, N, K) of each effect that the model has."""
-    return [installed(applied).columns_of_arm(motion, joint_number(model, applied),
-                                              applied.setting)
-            for applied in model.applied.effects]
-
-
-def _reduced(columns: FloatArray) -> FloatArray:
-    """Return combinations (M, N, K') of columns that this motion tells apart."""
+def _identifiable(columns: FloatArray) -> FloatArray:
+    """Return orthogonal combinations (M, N, K') of columns that this motion excites."""
     m, n, k = columns.shape
     flat = columns.reshape(m * n, k)
     size = np.sqrt((flat ** 2).mean(axis=0))
     used = size > 1e-9 * max(float(size.max(initial=0.0)), 1e-300)
     flat = flat[:, used] / size[used]
     values, vectors = np.linalg.eigh(flat.T @ flat / len(flat))
-    excited = values > _EXCITED ** 2 * values.max(initial=0.0)
+    excited = values > _MIN_EXCITATION ** 2 * values.max(initial=0.0)
     mixed = flat @ (vectors[:, excited] / np.sqrt(values[excited]))
     return np.asarray(mixed.reshape(m, n, -1))

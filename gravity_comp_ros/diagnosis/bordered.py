@@ -1,5 +1,5 @@
 """
-The held-out errors of a fit with one more effect, without a new fit.
+Held-out errors of a fit with one more effect, by block elimination.
 
 Let A x = r be the normal equations of a fit on columns R, and C the columns of an effect. With
 W = A^-1 R'C, the coefficients of C are
@@ -20,17 +20,17 @@ from gravity_comp_ros.diagnosis.evidence import (
     Fit, held_out_residual, JointRows, Prior, regularised, regularised_solve, solve)
 import numpy as np
 
-# Residualised columns that are held at once, numbers of them times rows.
-_AT_ONCE = 64
+# Maximum number of residualised columns in memory at once.
+_MAX_COLUMNS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
     """
-    Information of other joints about shared effects beside shared columns.
+    Information of other joints about the C columns of shared effects.
 
-    `cross` (F + 1, S, C), `gram` (F + 1, C, C) and `vector` (F + 1, C) are added to the joint's
-    own sums.
+    `cross` (F + 1, S, C) with the S shared columns of the fit, `gram` (F + 1, C, C) and `vector`
+    (F + 1, C) are added to the joint's own sums.
     """
 
     cross: FloatArray
@@ -42,14 +42,14 @@ class Border:
                       self.vector + other.vector)
 
     def of(self, columns: slice) -> Border:
-        """Return the part of some of its C columns."""
+        """Return the part that belongs to some of the C columns."""
         return Border(self.cross[:, :, columns], self.gram[:, columns, columns],
                       self.vector[:, columns])
 
 
 @dataclass(frozen=True, eq=False)
-class Stem:
-    """A fit of one joint to which effects are added: its system, and its held-out residual."""
+class BaseFit:
+    """A fit of one joint to which effects are added: its matrices, and its held-out residual."""
 
     joint: JointRows
     fit: Fit
@@ -57,107 +57,110 @@ class Stem:
     residual: FloatArray
 
 
-def stem(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Stem:
+def base_fit(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> BaseFit:
     """Return the fit of a joint on `columns`, of which the first `n_shared` have a prior."""
     system = regularised(joint.assembled(columns, n_shared, prior)[0])
     fit = solve(joint, columns, n_shared, prior)
-    return Stem(joint, fit, system, held_out_residual(joint, fit))
+    return BaseFit(joint, fit, system, held_out_residual(joint, fit))
 
 
 def border(joint: JointRows, shared: IntArray, own: IntArray, columns: IntArray) -> Border:
-    """Return a joint's information about shared effects once its own effects are solved out."""
+    """Return a joint's information about shared effects, its own effects eliminated."""
     cross, gram = joint.products(shared, columns), joint.gram(columns)
-    vector = joint.aims[:, columns]
+    vector = joint.right_sides[:, columns]
     if not len(own):
         return Border(cross, gram, vector)
     to_shared, to_effects = joint.products(shared, own), joint.products(own, columns)
     solved = regularised_solve(
-        joint.gram(own), np.concatenate([to_effects, joint.aims[:, own, None]], axis=2))
+        joint.gram(own), np.concatenate([to_effects, joint.right_sides[:, own, None]], axis=2))
     back = to_effects.transpose(0, 2, 1)
     return Border(cross - to_shared @ solved[:, :, :-1], gram - back @ solved[:, :, :-1],
                   vector - (back @ solved[:, :, -1:])[:, :, 0])
 
 
-def explained(stem: Stem, effects: Sequence[IntArray],
-              others: Border | None = None) -> list[float]:
+def explained_squares(base_fit: BaseFit, effects: Sequence[IntArray],
+                      others: Border | None = None) -> list[float]:
     """
-    Return the sum of squares that each effect takes off the fit to all data.
+    Return the reduction of the sum of squares by each effect, in the fit to all data.
 
-    It is no less than what the effect takes off held-out data, but for chance.
+    It is an upper bound of the reduction on held-out data, up to noise.
 
     :param others: as in `errors_with`; the sum is then that of all joints.
     """
-    joint, fit = stem.joint, stem.fit
+    joint, fit = base_fit.joint, base_fit.fit
     columns = np.concatenate(effects)
-    b, aims = joint.products(fit.columns, columns)[-1], joint.aims[-1, columns].copy()
+    b = joint.products(fit.columns, columns)[-1]
+    right_sides = joint.right_sides[-1, columns].copy()
     if others is not None:
         b[:others.cross.shape[1]] += others.cross[-1]
-        aims += others.vector[-1]
-    w = np.linalg.solve(stem.system[-1], b)
-    aims -= b.T @ fit.all_data
-    found = np.empty(len(effects))
-    for group, places in _alike(effects):
-        aim = aims[places]
+        right_sides += others.vector[-1]
+    w = np.linalg.solve(base_fit.system[-1], b)
+    right_sides -= b.T @ fit.all_data
+    reductions = np.empty(len(effects))
+    for group, places in _by_size(effects):
+        right = right_sides[places]
         inner = _inner(joint, columns, places, others, b[None], w[None], slice(-1, None))[0]
-        found[group] = (aim * np.linalg.solve(inner, aim[:, :, None])[:, :, 0]).sum(axis=1)
-    return found.tolist()
+        solved = np.linalg.solve(inner, right[:, :, None])[:, :, 0]
+        reductions[group] = (right * solved).sum(axis=1)
+    return reductions.tolist()
 
 
-def errors_with(stem: Stem, effects: Sequence[IntArray],
+def errors_with(base_fit: BaseFit, effects: Sequence[IntArray],
                 others: Border | None = None) -> list[FloatArray]:
     """
-    Return each block's squared held-out error (B,) with one effect more, for each effect.
+    Return the squared held-out error (B,) of each block with one more effect, for each effect.
 
-    :param effects: the columns of each.
-    :param others: information of the other joints, if the effects are shared, about their
-        columns one after the other.
+    :param effects: the column numbers of each.
+    :param others: information of the other joints about the concatenated columns, if the
+        effects are shared.
     """
-    found: list[FloatArray] = []
+    errors: list[FloatArray] = []
     at = 0
     for group in _groups(effects):
         end = at + sum(map(len, group))
-        found += _errors_with(stem, group, None if others is None else others.of(slice(at, end)))
+        part = None if others is None else others.of(slice(at, end))
+        errors += _errors_with(base_fit, group, part)
         at = end
-    return found
+    return errors
 
 
 def _groups(effects: Sequence[IntArray]) -> list[list[IntArray]]:
-    """Return effects in groups of few columns, in their order."""
+    """Return effects in groups of at most `_MAX_COLUMNS` columns, in their order."""
     groups: list[list[IntArray]] = []
     for columns in effects:
-        if not groups or sum(map(len, groups[-1])) + len(columns) > _AT_ONCE:
+        if not groups or sum(map(len, groups[-1])) + len(columns) > _MAX_COLUMNS:
             groups.append([])
         groups[-1].append(columns)
     return groups
 
 
-def _errors_with(stem: Stem, effects: list[IntArray],
+def _errors_with(base_fit: BaseFit, effects: list[IntArray],
                  others: Border | None) -> list[FloatArray]:
-    joint, fit = stem.joint, stem.fit
+    joint, fit = base_fit.joint, base_fit.fit
     columns = np.concatenate(effects)
     b = joint.products(fit.columns, columns)
-    aims = joint.aims[:, columns].copy()
+    right_sides = joint.right_sides[:, columns].copy()
     if others is not None:
         b[:, :others.cross.shape[1]] += others.cross
-        aims += others.vector
-    w: FloatArray = np.asarray(np.linalg.solve(stem.system, b), dtype=np.float64)
-    coefficients = np.concatenate([fit.without, fit.all_data[None]])
-    aims -= np.einsum('fkc,fk->fc', b, coefficients)
-    left = _residualised(stem, columns, w)
-    found = np.empty((joint.blocks.count, len(effects)))
-    for group, places in _alike(effects):
+        right_sides += others.vector
+    w: FloatArray = np.asarray(np.linalg.solve(base_fit.system, b), dtype=np.float64)
+    coefficients = np.concatenate([fit.by_fold, fit.all_data[None]])
+    right_sides -= np.einsum('fkc,fk->fc', b, coefficients)
+    rest = _residualised(base_fit, columns, w)
+    errors = np.empty((joint.blocks.count, len(effects)))
+    for group, places in _by_size(effects):
         inner = _inner(joint, columns, places, others, b[:-1], w[:-1], slice(-1))
-        d = np.linalg.solve(inner, aims[:-1, places, None])[..., 0]
-        residual = np.repeat(stem.residual[:, None], len(group), axis=1)
+        d = np.linalg.solve(inner, right_sides[:-1, places, None])[..., 0]
+        residual = np.repeat(base_fit.residual[:, None], len(group), axis=1)
         for fold, rows in enumerate(joint.folds):
             for k, column in enumerate(places.T):
-                residual[rows] -= left[rows, column] * d[fold, :, k]
-        found[:, group] = joint.block_sums(residual ** 2)
-    return list(found.T)
+                residual[rows] -= rest[rows, column] * d[fold, :, k]
+        errors[:, group] = joint.block_sums(residual ** 2)
+    return list(errors.T)
 
 
-def _alike(effects: Sequence[IntArray]) -> list[tuple[IntArray, IntArray]]:
-    """Return the numbers (E,) of effects of equally many columns K, and their places (E, K)."""
+def _by_size(effects: Sequence[IntArray]) -> list[tuple[IntArray, IntArray]]:
+    """Return effects grouped by their number of columns K: numbers (E,) and places (E, K)."""
     sizes = np.array([len(part) for part in effects])
     starts = np.cumsum(sizes) - sizes
     groups = [np.flatnonzero(sizes == size) for size in np.unique(sizes)]
@@ -167,9 +170,9 @@ def _alike(effects: Sequence[IntArray]) -> list[tuple[IntArray, IntArray]]:
 def _inner(joint: JointRows, columns: IntArray, places: IntArray, others: Border | None,
            b: FloatArray, w: FloatArray, fits: slice) -> FloatArray:
     """
-    Return what is left of the products of effects with themselves, (F, E, K, K).
+    Return the Schur complement C'C - (R'C)'W of each effect, (F, E, K, K).
 
-    :param places: where among `columns` those of each effect are, (E, K).
+    :param places: positions of each effect's columns among `columns`, (E, K).
     :param b: products of the fit's columns with `columns` in each of F fits, (F, R, C).
     :param w: A^-1 b. :param fits: which fits these are.
     """
@@ -181,9 +184,9 @@ def _inner(joint: JointRows, columns: IntArray, places: IntArray, others: Border
     return regularised(gram) - mine.transpose(0, 1, 3, 2) @ solved
 
 
-def _residualised(stem: Stem, columns: IntArray, w: FloatArray) -> FloatArray:
-    """Return C - R W (M, C) of every row, with the W of its fold left out."""
-    left = stem.joint.x[:, columns]
-    for fold, rows in enumerate(stem.joint.folds):
-        left[rows] -= stem.joint.combined(rows, stem.fit.columns, w[fold])
-    return left
+def _residualised(base_fit: BaseFit, columns: IntArray, w: FloatArray) -> FloatArray:
+    """Return C - R W (M, C), each row with the W of the training set without its fold."""
+    rest = base_fit.joint.x[:, columns]
+    for fold, rows in enumerate(base_fit.joint.folds):
+        rest[rows] -= base_fit.joint.combined(rows, base_fit.fit.columns, w[fold])
+    return rest

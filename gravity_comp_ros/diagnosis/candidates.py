@@ -1,10 +1,10 @@
 """
-The columns of every effect that this motion can show, next to those of the gravity model.
+Candidate effects: the columns of every effect that this motion excites, and of gravity.
 
-Shared columns come first: the energy's features, then effects that act on several joints. Each
-joint then has its own effects. Effects with many settings (a frequency, a distance) are scanned
-against what gravity, friction, offset and inertia leave of the torque, and only the best few
-settings go on; the number tried is remembered, because the best of many is good by chance.
+Shared columns come first: those of gravity, then of effects that act on several joints. Each
+joint then has its own effects. Values of the nonlinear parameters of an effect (a frequency, a
+distance) are compared on the residual of gravity, friction, offset and inertia; the best three
+are kept. Their number is recorded for the correction of p-values.
 """
 
 from __future__ import annotations
@@ -14,16 +14,17 @@ from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 from gravity_comp_ros.data.samples import FloatArray, IntArray
-from gravity_comp_ros.diagnosis.laws import StructureTest
 from gravity_comp_ros.diagnosis.nonparametric import UnknownTorque
 from gravity_comp_ros.diagnosis.nuisance import nuisance
+from gravity_comp_ros.diagnosis.structure_tests import StructureTest
 from gravity_comp_ros.effects.effect import AlternativeModel, Effect, Regressor, Setting
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
 _SETTINGS_KEPT = 3
-# Directions of scaled columns below this are rounding.
+# Relative eigenvalue of a Gram matrix below which a direction counts as rounding error.
 _RANK = 1e-9
+# Number of samples used to compare settings.
 _SCAN_ROWS = 2500
 R = TypeVar('R', bound=Regressor)
 R_co = TypeVar('R_co', bound=Regressor, covariant=True)
@@ -33,10 +34,10 @@ T = TypeVar('T', bound='AnyTrial')
 @dataclass(frozen=True, eq=False)
 class Trial(Generic[R_co]):
     """
-    One regressor with one setting: where its columns are.
+    One regressor with one setting, and its column numbers.
 
-    `joint` is the joint that it is about, None for the whole arm; `shared` says whether the
-    columns are shared ones; `tried` how many settings the scan compared.
+    `joint` is its joint, None for the whole arm; `shared` is True for shared columns; `tried` is
+    the number of settings that were compared.
     """
 
     regressor: R_co
@@ -48,17 +49,17 @@ class Trial(Generic[R_co]):
 
     @property
     def key(self) -> tuple[str, int | None]:
-        """Return name and joint: settings of one effect exclude each other."""
+        """Return name and joint; only one setting of an effect can be chosen."""
         return self.regressor.name, self.joint
 
     @property
-    def place(self) -> int:
-        """Return the joint number that the regressor's methods are given."""
+    def joint_index(self) -> int:
+        """Return the joint number for the regressor's methods, 0 for the whole arm."""
         return self.joint or 0
 
     @property
     def acts_on(self) -> int | None:
-        """Return the joint on whose torque alone it acts, None if on several."""
+        """Return the only joint whose torque it changes, None for several joints."""
         return None if self.shared else self.joint
 
 
@@ -66,7 +67,7 @@ AnyTrial = Trial[Regressor]
 
 
 class Candidate(Trial[Effect]):
-    """One effect with one setting, which a diagnosis may name."""
+    """One effect with one setting, which can become a finding."""
 
     @property
     def effect(self) -> Effect:
@@ -74,46 +75,46 @@ class Candidate(Trial[Effect]):
 
     @property
     def complexity(self) -> int:
-        """Return how many numbers the effect spends: coefficients and scanned settings."""
+        """Return the number of coefficients and of scanned nonlinear parameters."""
         return len(self.columns) + self.effect.n_scanned(self.setting)
 
     def n_free(self, motion: Motion) -> int:
-        """Return how many coefficients nothing is known of before any data."""
-        usual = self.effect.spread(motion, self.place, self.setting)
-        return len(self.columns) if usual is None else int(np.isinf(usual).sum())
+        """Return the number of coefficients without a prior."""
+        prior_std = self.effect.spread(motion, self.joint_index, self.setting)
+        return len(self.columns) if prior_std is None else int(np.isinf(prior_std).sum())
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
     """
-    Where columns are: those of gravity first, then shared ones, then those of each joint.
+    Order of the columns: gravity, shared effects, then the own effects of each joint.
 
-    `n_base` columns are of gravity; `untestable` says of an effect and a joint why this motion
-    does not show it. `alternatives` to effects, `shapes` of unknown torque and `laws` have no
-    name to find. Columns of a joint from number `n_core` (N,) on belong to tests that are made
-    beside the final choice alone.
+    `n_base` columns are of gravity. `untestable` maps an effect and a joint to the reason why
+    this motion does not excite it. `alternatives`, `unknown` torques and `structure_tests` are
+    regressors that cannot become findings. Columns of a joint from number `n_core` (N,) on are
+    used with the final selection only.
     """
 
     n_base: int
     candidates: tuple[Candidate, ...]
     alternatives: tuple[Trial[AlternativeModel], ...] = ()
-    shapes: tuple[Trial[UnknownTorque], ...] = ()
-    laws: tuple[Trial[StructureTest], ...] = ()
+    unknown: tuple[Trial[UnknownTorque], ...] = ()
+    structure_tests: tuple[Trial[StructureTest], ...] = ()
     untestable: Mapping[tuple[str, int | None], str] = field(default_factory=dict)
     n_core: tuple[int, ...] = ()
 
     def with_base(self, n_base: int) -> Layout:
-        """Return where columns are beside another gravity of `n_base` columns."""
+        """Return the layout with another number of columns of gravity."""
         shift = n_base - self.n_base
         return replace(self, n_base=n_base, n_core=tuple(n + shift for n in self.n_core),
                        candidates=_shifted(self.candidates, shift, shift),
                        alternatives=_shifted(self.alternatives, shift, shift),
-                       shapes=_shifted(self.shapes, shift, shift),
-                       laws=_shifted(self.laws, shift, shift))
+                       unknown=_shifted(self.unknown, shift, shift),
+                       structure_tests=_shifted(self.structure_tests, shift, shift))
 
 
 def _shifted(trials: Sequence[T], shared: int, own: int) -> tuple[T, ...]:
-    """Return trials with their columns moved, by so many if they are shared, or are not."""
+    """Return trials with their column numbers shifted by `shared` or `own`."""
     return tuple(replace(t, columns=t.columns + (shared if t.shared else own)) for t in trials)
 
 
@@ -127,12 +128,13 @@ class Columns:
 
 
 def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
-          alternatives: Sequence[AlternativeModel] = (), shapes: Sequence[UnknownTorque] = (),
-          laws: Sequence[StructureTest] = ()) -> Columns:
+          alternatives: Sequence[AlternativeModel] = (), unknown: Sequence[UnknownTorque] = (),
+          structure_tests: Sequence[StructureTest] = ()) -> Columns:
     """
-    Compute the columns of everything testable, beside those of gravity, (M, N, K).
+    Compute the columns of all testable regressors.
 
-    :param shapes: these and laws are tried beside the final choice alone.
+    :param base: (M, N, K) columns of gravity.
+    :param unknown: these and the structure tests are used with the final selection only.
     """
     builder = _Builder(motion, base)
     named = [Candidate(t.regressor, t.joint, t.setting, t.columns, t.shared, t.tried)
@@ -140,19 +142,19 @@ def build(motion: Motion, base: FloatArray, effects: Sequence[Effect],
     untestable = dict(builder.untestable)
     others = builder.added(alternatives)
     core = list(builder.own_counts)
-    unknown, broken = builder.added(shapes), builder.added(laws)
+    bumps, tests = builder.added(unknown), builder.added(structure_tests)
     first = builder.n_shared
     layout = Layout(base.shape[2], _shifted(named, 0, first), _shifted(others, 0, first),
-                    _shifted(unknown, 0, first), _shifted(broken, 0, first), untestable,
+                    _shifted(bumps, 0, first), _shifted(tests, 0, first), untestable,
                     tuple(first + n for n in core))
     return Columns(layout, np.concatenate(builder.shared, axis=2), tuple(builder.own))
 
 
 class _Builder:
     """
-    Columns so far, and what each belongs to.
+    Columns collected so far.
 
-    A joint's own columns are counted from its first one until all shared ones are known.
+    A joint's own columns are numbered from 0 until the number of shared columns is final.
     """
 
     def __init__(self, motion: Motion, base: FloatArray) -> None:
@@ -163,53 +165,53 @@ class _Builder:
         self.untestable: dict[tuple[str, int | None], str] = {}
 
     def added(self, regressors: Sequence[R]) -> list[Trial[R]]:
-        """Add the columns of regressors on every joint that each may act on."""
+        """Add the columns of regressors for every joint, and return their trials."""
         joints: Sequence[int | None] = range(self.motion.samples.n_joints)
         return [trial for regressor in regressors
                 for joint in (joints if regressor.per_joint else [None])
                 for trial in self._added(regressor, joint)]
 
     def _added(self, regressor: R, joint: int | None) -> list[Trial[R]]:
-        place = joint or 0
-        reason = regressor.untestable(self.motion, place)
-        settings = [] if reason else regressor.settings(self.motion, place)
+        number = joint or 0
+        reason = regressor.untestable(self.motion, number)
+        settings = [] if reason else regressor.settings(self.motion, number)
         if not settings:
-            self.untestable[regressor.name, joint] = reason or 'this motion does not reach it'
+            self.untestable[regressor.name, joint] = reason or 'this motion does not excite it'
             return []
         shared, trials = regressor.scope == 'arm', []
-        for setting, columns in self.scan.best(regressor, place, settings):
+        for setting, columns in self.scan.best(regressor, number, settings):
             k = columns.shape[-1]
-            at = self.n_shared if shared else self.own_counts[place]
+            at = self.n_shared if shared else self.own_counts[number]
             trials.append(Trial(regressor, joint, setting, np.arange(at, at + k), shared,
                                 len(settings)))
             if shared:
                 self.shared.append(columns)
                 self.n_shared += k
             else:
-                self.own[place].append(columns)
-                self.own_counts[place] += k
+                self.own[number].append(columns)
+                self.own_counts[number] += k
         return trials
 
 
 class _Scan:
-    """Ranks settings by what they explain of a coarse residual, on part of the samples."""
+    """Ranking of settings by the explained share of a coarse residual, on part of the samples."""
 
     def __init__(self, motion: Motion, base: FloatArray) -> None:
         self.motion = motion
         m, n = motion.samples.q.shape
         self.rows = np.arange(0, m, max(1, m // _SCAN_ROWS))
         self.part = motion.at(self.rows)
-        self.known, self.residual = [], []
+        self.bases, self.residual = [], []
         for joint in range(n):
             columns = np.column_stack([base[:, joint], nuisance(motion, joint)])[self.rows]
             basis, _ = np.linalg.qr(columns)
             y = self.part.samples.tau[:, joint]
-            self.known.append(basis)
+            self.bases.append(basis)
             self.residual.append(y - basis @ (basis.T @ y))
 
     def best(self, regressor: Regressor, joint: int,
              settings: list[dict[str, float]]) -> list[tuple[Setting, FloatArray]]:
-        """Return the most promising settings with their columns."""
+        """Return the settings with the largest gains, and their columns."""
         ranked = settings
         if len(settings) > _SETTINGS_KEPT:
             ranked = self._ranked(regressor, joint, settings)
@@ -237,15 +239,15 @@ class _Scan:
         return regressor.columns(self.motion, joint, setting)[self.rows]
 
     def _gains(self, parts: list[FloatArray], n: int) -> FloatArray:
-        """Return the share of a joint's residual that each of the columns (M, K) explains."""
+        """Return the share of a joint's residual that each set of columns (M, K) explains."""
         every = np.concatenate(parts, axis=1)
-        # The residual is orthogonal to the known columns already.
-        inside, c = self.known[n].T @ every, every.T @ self.residual[n]
+        # The residual is already orthogonal to gravity and nuisance terms.
+        inside, c = self.bases[n].T @ every, every.T @ self.residual[n]
         noise = float(self.residual[n] @ self.residual[n]) or 1.0
         grams, at = [], 0
         for part in parts:
-            known = inside[:, at:at + part.shape[1]]
-            grams.append(part.T @ part - known.T @ known)
+            along = inside[:, at:at + part.shape[1]]
+            grams.append(part.T @ part - along.T @ along)
             at += part.shape[1]
         sizes = np.array([len(gram) for gram in grams])
         each = np.split(c, np.cumsum(sizes)[:-1])
@@ -259,10 +261,10 @@ class _Scan:
 
 def _explained(grams: FloatArray, c: FloatArray) -> FloatArray:
     """
-    Return c.T gram^+ c of each of S sets of K columns, (S,).
+    Return c' G^+ c (S,), the squared projection of a residual on each of S sets of K columns.
 
-    That is the squared projection of a residual on columns with the products `grams` (S, K, K)
-    with each other and `c` (S, K) with it.
+    :param grams: (S, K, K) products of the columns with each other.
+    :param c: (S, K) products of the columns with the residual.
     """
     lengths = np.sqrt(np.maximum(np.diagonal(grams, axis1=1, axis2=2), 0.0))
     solid = lengths > 1e-9

@@ -1,4 +1,4 @@
-"""Learn which physical effect a gravity model is missing."""
+"""Diagnosis of a gravity model: which physical effects it does not model."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray, JointSamples
+from gravity_comp_ros.diagnosis.assemble import assemble
 from gravity_comp_ros.diagnosis.base import Base, choose_base, refined
 from gravity_comp_ros.diagnosis.candidates import build, Candidate, Columns
 from gravity_comp_ros.diagnosis.criteria import Criteria
-from gravity_comp_ros.diagnosis.evidence import joint_rows, side_by_side
+from gravity_comp_ros.diagnosis.evidence import join_columns, joint_rows
 from gravity_comp_ros.diagnosis.findings import Diagnosis
 from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.diagnosis.judge import judge
-from gravity_comp_ros.diagnosis.laws import LAWS
 from gravity_comp_ros.diagnosis.nonparametric import PRIOR_BLOCKS, UnknownTorque
 from gravity_comp_ros.diagnosis.options import DiagnosisOptions
 from gravity_comp_ros.diagnosis.selection import select
-from gravity_comp_ros.diagnosis.structure_tests import check_laws
+from gravity_comp_ros.diagnosis.structure_check import check_structure
+from gravity_comp_ros.diagnosis.structure_tests import STRUCTURE_TESTS
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.predict import effect_torque
 from gravity_comp_ros.effects.registry import all_effects
@@ -28,20 +28,21 @@ import numpy as np
 
 Progress = Callable[[str, float], None]
 
-# Samples that a motion is built from, and about how many rows a fit has: neighbouring samples are
-# alike, and more of them cost memory and say little.
-_MOST_SAMPLES = 40000
+# Maximum number of samples of a motion, and approximate number of rows of a fit. Samples are
+# autocorrelated, so more of them cost memory and add little information.
+_MAX_SAMPLES = 40000
 _ROWS = 5600
-# With more joints than this there are fewer rows, so that memory does not grow with their square.
+# Number of joints above which there are fewer rows, which limits memory.
 _FULL_ROWS = 8
-# Columns are divided by no less than makes their prior worth so much of the rows, to the power -2.
-_LEAST_SCALE = 1e-2
+# Minimum scale of a column: its prior then counts as at most the inverse square of this, relative
+# to the rows of a block.
+_MIN_SCALE = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """
-    What a recording shows of every effect, before any is chosen.
+    Base model and fits of a recording, before effects are selected.
 
     `span` (N,) is the range of the measured torque, `noise` (N,) the standard deviation of its
     white noise, both in N·m.
@@ -57,13 +58,12 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
              options: DiagnosisOptions = DiagnosisOptions(),
              progress: Progress | None = None) -> Diagnosis:
     """
-    Rank the effects that would explain the residual of the gravity model.
+    Return the effects that explain the residual of the gravity model.
 
-    :param samples: one or several runs, fast motion included: inertia is an effect too.
-    :param model: the gravity model to judge beside, with the effects that it has; None fits
-        one.
+    :param samples: one or several runs, including fast motion (inertia is an effect too).
+    :param model: the gravity model, including its effects; None fits one.
     :raises DataError: if there are too few samples.
-    :raises ModelMismatchError: if the samples lack a joint of the model.
+    :raises ModelMismatchError: if a joint of the model is not among the samples.
     """
     return conclude(gather(samples, model, options.effects, progress), options, progress)
 
@@ -71,85 +71,86 @@ def diagnose(samples: JointSamples, model: GravityModel | None = None,
 def gather(samples: JointSamples, model: GravityModel | None = None,
            effects: Sequence[str] | None = None, progress: Progress | None = None) -> Evidence:
     """
-    Fit gravity, and sum what effects would explain beside it.
+    Fit gravity, and compute the columns of effects and their products.
 
-    :param effects: those to look for; None for all.
+    :param effects: names of the effects to test; None for all.
     :raises: as `diagnose`.
     """
-    tell = progress or (lambda word, share: None)
+    report = progress or (lambda word, share: None)
     if model is not None:
         samples = samples.joints(model.joints)
     span = np.ptp(samples.tau, axis=0) if len(samples) else np.zeros(samples.n_joints)
     if model is not None:
-        # What the model has already is not missing; its size may change (`Base.given`).
+        # Effects of the model are not findings; their size may change (`Base.given`).
         samples = replace(samples, tau=samples.tau - effect_torque(model, samples))
     noise = white_noise(samples)
-    samples = samples.select(evenly_picked(samples.n_samples, _MOST_SAMPLES))
-    tell('gravity model', 0.0)
+    samples = samples.select(evenly_picked(samples.n_samples, _MAX_SAMPLES))
+    report('gravity model', 0.0)
     base = choose_base(samples, model, _rows(samples))
-    tell('columns', 0.2)
+    report('columns', 0.2)
     known = all_effects()
     named = [known[name] for name in (known if effects is None else effects)]
     others = [other for effect in named if (other := effect.alternative()) is not None]
-    columns = build(base.motion, base.columns, named, others, [UnknownTorque()], LAWS)
+    columns = build(base.motion, base.columns, named, others, [UnknownTorque()], STRUCTURE_TESTS)
     return Evidence(base, _fits(base, columns), span, noise)
 
 
 def _rows(samples: JointSamples) -> int:
-    """Return how many rows a fit has: every k-th sample, so that they are evenly apart."""
+    """Return the number of rows of a fit: every k-th sample, evenly spaced."""
     wanted = _ROWS * min(1.0, _FULL_ROWS / samples.n_joints) ** 2
     return max(1, -(-samples.n_samples // max(1, round(samples.n_samples / wanted))))
 
 
 def conclude(evidence: Evidence, options: DiagnosisOptions = DiagnosisOptions(),
              progress: Progress | None = None) -> Diagnosis:
-    """Choose effects by the evidence, and say how sure each one is."""
-    tell = progress or (lambda word, share: None)
+    """Select effects by the evidence, and return the findings with their verdicts."""
+    report = progress or (lambda word, share: None)
     base, fits = evidence.base, evidence.fits
-    tell('selection', 0.5)
+    report('selection', 0.5)
     selection = select(_criteria(base, fits, options))
     better = refined(base, selection.effect_torque()) if selection.chosen else None
     if better is not None:
-        tell('selection', 0.7)
-        fits = fits.beside(better.columns)
+        report('selection', 0.7)
+        fits = fits.with_gravity(better.columns)
         selection = select(_criteria(base, fits, options))
-    tell('verdicts', 0.8)
-    judged = judge(selection, base.motion, evidence.span, evidence.noise, options.verdict)
-    laws = check_laws(fits, judged.chosen, base.motion.samples.names)
-    tell('verdicts', 1.0)
-    return replace(judged.diagnosis, laws=laws)
+    report('verdicts', 0.8)
+    diagnosis, chosen = assemble(selection, base.motion, evidence.span, evidence.noise,
+                                 options.verdict)
+    laws = check_structure(fits, chosen, base.motion.samples.names)
+    report('verdicts', 1.0)
+    return replace(diagnosis, laws=laws)
 
 
 def _criteria(base: Base, fits: Fits, options: DiagnosisOptions) -> Criteria:
-    """Return what an effect with a name must pass."""
+    """Return the acceptance criteria of effects that the model does not include."""
     effects = tuple(c for c in fits.layout.candidates if c.key not in base.given)
 
     def implausible(candidate: Candidate, values: FloatArray) -> str | None:
         return candidate.effect.implausible(values, candidate.setting, base.motion,
-                                            candidate.place)
+                                            candidate.joint_index)
 
     return Criteria(fits, effects, implausible, options.selection, base.given)
 
 
 def _fits(base: Base, columns: Columns) -> Fits:
-    """Cut the blocks and sum the products of columns; `columns` are used up."""
+    """Cut the recording into blocks and sum the products of columns; empties `columns.own`."""
     motion, layout = base.motion, columns.layout
     tau = motion.samples.tau
-    blocks = cut(motion.samples, base.left)
-    sigma = np.maximum(base.left.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
-    rows, usual = [], _information(columns, motion)
-    # What hardly moves the arm has tiny columns. Divided by their size they would get a prior that
-    # outweighs all other numbers, and the small ridge of a solution is relative to the mean.
+    blocks = cut(motion.samples, base.residual)
+    sigma = np.maximum(base.residual.std(axis=0), 1e-6 * max(float(tau.std()), 1e-9))
+    rows, information = [], _information(columns, motion)
+    # Columns with little excitation are tiny. Divided by their RMS, their prior would dominate
+    # the mean of the diagonal, to which the ridge of a solution is relative.
     common = np.maximum(np.sqrt((columns.shared ** 2).mean(axis=(0, 1))),
-                        _LEAST_SCALE * float(sigma.max()) * np.sqrt(usual / blocks.count))
+                        _MIN_SCALE * float(sigma.max()) * np.sqrt(information / blocks.count))
     for joint, own in enumerate(columns.own):
-        x = side_by_side([columns.shared[:, joint], *own])
+        x = join_columns([columns.shared[:, joint], *own])
         own.clear()
         scale = np.concatenate([common, np.sqrt((x[:, len(common):] ** 2).mean(axis=0))])
         scale[scale < 1e-12] = 1.0
-        prior = usual * (float(sigma[joint]) ** 2 * len(x) / blocks.count)
+        prior = information * (float(sigma[joint]) ** 2 * len(x) / blocks.count)
         prior = np.concatenate([prior, np.zeros(x.shape[1] - len(prior))])
-        # A prior keeps columns near 0 that are many, and of no known effect.
+        # Unknown torques and structure tests have many columns, so a prior keeps them near 0.
         prior[layout.n_core[joint]:] = PRIOR_BLOCKS * len(x) / blocks.count
         rows.append(joint_rows(x, tau[:, joint], blocks, scale, float(sigma[joint]), prior,
                                layout.n_core[joint]))
@@ -157,10 +158,10 @@ def _fits(base: Base, columns: Columns) -> Fits:
 
 
 def _information(columns: Columns, motion: Motion) -> FloatArray:
-    """Return what is known of the shared coefficients (S,) before any data, by each joint."""
-    known = np.zeros(columns.shared.shape[2])
+    """Return the prior information (S,) about shared coefficients, divided among the joints."""
+    information = np.zeros(columns.shared.shape[2])
     for c in columns.layout.candidates:
-        usual = c.effect.spread(motion, c.place, c.setting) if c.shared else None
-        if usual is not None:
-            known[c.columns] = usual ** -2 / motion.samples.n_joints
-    return known
+        prior_std = c.effect.spread(motion, c.joint_index, c.setting) if c.shared else None
+        if prior_std is not None:
+            information[c.columns] = prior_std ** -2 / motion.samples.n_joints
+    return information

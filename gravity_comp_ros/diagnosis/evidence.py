@@ -1,14 +1,14 @@
 """
-Least squares with effects, one joint at a time, on rows that are sorted by fold.
+Cross-validated least squares with effects, one joint at a time, on rows sorted by fold.
 
 The torque of joint n is modelled as
 
     tau_n = S_n s + L_n l_n,
 
-s are the coefficients that all joints share (those of gravity and of effects of the whole arm),
-l_n those of the joint's own effects. The products of all columns are summed once for every
-training set, so that a fit is a solution of small normal equations. The information of the other
-joints about s enters the fit of joint n as a prior: their Schur complements.
+s are the coefficients shared by all joints (gravity and effects of the whole arm), l_n those of
+the joint's own effects. The products of all columns are summed once for every training set, so
+that a fit is the solution of small normal equations. The information of the other joints about s,
+their Schur complements, enters the fit of joint n as a prior.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from gravity_comp_ros.evaluation.blocks import Blocks
 import numpy as np
 from scipy import linalg
 
-# Ridge relative to the mean diagonal: it decides only what the data leaves open.
+# Ridge relative to the mean diagonal; it affects directions that the data do not determine.
 _RIDGE = 1e-9
 
 
@@ -32,18 +32,18 @@ class JointRows:
     One joint's columns and torque, in units of its noise, sorted by fold.
 
     `x` (M, P) and `y` (M,) are divided by `sigma` N·m, columns also by `scale` (P,): a
-    coefficient is its scaled one over `scale`. `row_of` (M,) is the sample of each row. `training`
-    (F + 1, C, C) and `aims` (F + 1, P) are the sums of products without each fold, and over all;
-    of the first C columns only, those of the others are summed when they are asked for. `ridge`
-    (P,) is added to the diagonal, for columns with a prior of their own.
+    coefficient is its scaled one over `scale`. `row_of` (M,) is the sample of each row. `grams`
+    (F + 1, C, C) and `right_sides` (F + 1, P) are the sums of products without each fold, and
+    over all folds. `grams` has the first C columns; products of the others are computed on
+    demand. `ridge` (P,) is added to the diagonal, for columns with a prior of their own.
     """
 
     x: FloatArray
     y: FloatArray
     blocks: Blocks
     row_of: IntArray
-    training: FloatArray
-    aims: FloatArray
+    grams: FloatArray
+    right_sides: FloatArray
     scale: FloatArray
     sigma: float
     ridge: FloatArray
@@ -59,35 +59,35 @@ class JointRows:
 
         The first `n_shared` columns have a prior.
         """
-        g, r = self.gram(columns), self.aims[:, columns]
+        g, r = self.gram(columns), self.right_sides[:, columns]
         g[:, :n_shared, :n_shared] += prior.information
         r[:, :n_shared] += prior.vector
         return g, r
 
     def combined(self, rows: slice, columns: IntArray, weights: FloatArray) -> FloatArray:
         """Return columns times weights (K, ...) in some rows."""
-        # The columns of gravity are the first ones: a view of them needs no copy.
+        # A view of the leading columns, those of gravity, avoids a copy.
         base = int(np.argmin(np.append(columns == np.arange(len(columns)), False)))
-        found = self.x[rows, :base] @ weights[:base]
+        total = self.x[rows, :base] @ weights[:base]
         if base < len(columns):
-            found += self.x[rows][:, columns[base:]] @ weights[base:]
-        return np.asarray(found)
+            total += self.x[rows][:, columns[base:]] @ weights[base:]
+        return np.asarray(total)
 
     def products(self, a: IntArray, b: IntArray) -> FloatArray:
         """Return the sums of products of columns a with b: (F + 1, A, B)."""
-        core = self.training.shape[1]
+        core = self.grams.shape[1]
         if max(a.max(initial=0), b.max(initial=0)) < core:
-            return self.training[:, a[:, None], b]
+            return self.grams[:, a[:, None], b]
         left, right = self.x[:, a], self.x[:, b]
-        return without_each(np.stack([left[rows].T @ right[rows] for rows in self.folds]))
+        return leave_one_out_sums(np.stack([left[rows].T @ right[rows] for rows in self.folds]))
 
     def own_products(self, columns: IntArray) -> FloatArray:
         """Return products of each of E sets of columns (E, K) with itself, (F + 1, E, K, K)."""
-        if columns.max(initial=0) < self.training.shape[1]:
-            found = self.training[:, columns[:, :, None], columns[:, None]]
+        if columns.max(initial=0) < self.grams.shape[1]:
+            grams = self.grams[:, columns[:, :, None], columns[:, None]]
         else:
-            found = np.stack([self.products(one, one) for one in columns], axis=1)
-        return found + self.ridge[columns][:, None] * np.eye(columns.shape[1])
+            grams = np.stack([self.products(one, one) for one in columns], axis=1)
+        return grams + self.ridge[columns][:, None] * np.eye(columns.shape[1])
 
     @property
     def folds(self) -> tuple[slice, ...]:
@@ -96,7 +96,7 @@ class JointRows:
 
     @cached_property
     def _order(self) -> tuple[IntArray, IntArray]:
-        """Return the blocks in the order of their rows, and the first row of each of those."""
+        """Return the blocks in the order of their rows, and the first row of each."""
         order = np.argsort(self.blocks.fold, kind='stable')
         lengths = np.diff(self.blocks.starts)[order]
         return order, np.concatenate([[0], np.cumsum(lengths)[:-1]])
@@ -118,25 +118,25 @@ def joint_rows(x: FloatArray, y: FloatArray, blocks: Blocks, scale: FloatArray, 
     """
     Return one joint's columns x (M, P) and torque y (M,) with their products.
 
-    :param scale: (P,) what columns are divided by; the same in all joints for shared columns,
-        so that their scaled coefficients mean the same everywhere.
-    :param prior_samples: (P,) how many samples, in which a column is 1, a prior is worth that
-        keeps its coefficient within `sigma` of 0; 0 for none.
-    :param n_core: of how many columns products are kept; None for all.
+    :param scale: (P,) divisors of the columns; the same in all joints for shared columns, so that
+        scaled coefficients are comparable.
+    :param prior_samples: (P,) weight of a zero-mean prior with standard deviation `sigma`, as an
+        equivalent number of samples with the column at 1; 0 for no prior.
+    :param n_core: number of leading columns whose products are stored; None for all.
     """
     row_of, folds = blocks.by_fold
-    # Columns are picked far more often than rows.
+    # Column-major order: columns are selected far more often than rows.
     rows, torque = np.take(x.T, row_of, axis=1).T, y[row_of] / sigma
     rows /= scale * sigma
     core = rows[:, :n_core]
     return JointRows(rows, torque, blocks, row_of,
-                     without_each(np.stack([core[f].T @ core[f] for f in folds])),
-                     without_each(np.stack([rows[f].T @ torque[f] for f in folds])),
+                     leave_one_out_sums(np.stack([core[f].T @ core[f] for f in folds])),
+                     leave_one_out_sums(np.stack([rows[f].T @ torque[f] for f in folds])),
                      scale, sigma, prior_samples / (scale * sigma) ** 2)
 
 
-def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
-    """Return the columns of parts (M, K) in one array, each column in one piece."""
+def join_columns(parts: Sequence[FloatArray]) -> FloatArray:
+    """Return the columns of parts (M, K) in one column-major array."""
     whole = np.empty((len(parts[0]), sum(part.shape[1] for part in parts)), order='F')
     at = 0
     for part in parts:
@@ -145,30 +145,29 @@ def side_by_side(parts: Sequence[FloatArray]) -> FloatArray:
     return whole
 
 
-def rebased(joint: JointRows, base: FloatArray, n_before: int) -> JointRows:
+def with_gravity_columns(joint: JointRows, base: FloatArray, n_before: int) -> JointRows:
     """
-    Return the same joint beside other columns of gravity, base (M, K) in the order of samples.
+    Return the same joint with other columns of gravity, base (M, K) in the order of samples.
 
-    :param n_before: how many columns of gravity it has now.
+    :param n_before: number of its present columns of gravity.
     """
     k, shift = base.shape[1], base.shape[1] - n_before
     scale = np.concatenate([np.ones(k), joint.scale[n_before:]])
     ridge = np.concatenate([np.zeros(k), joint.ridge[n_before:]])
-    x = side_by_side([base[joint.row_of] / joint.sigma, joint.x[:, n_before:]])
-    core = joint.training.shape[1] + shift
-    training = np.empty((len(joint.training), core, core))
-    training[:, k:, k:] = joint.training[:, n_before:, n_before:]
-    strip = without_each(np.stack([x[f, :k].T @ x[f, :core] for f in joint.folds]))
-    training[:, :k], training[:, :, :k] = strip, strip.transpose(0, 2, 1)
-    aims = np.concatenate([without_each(np.stack([x[f, :k].T @ joint.y[f]
-                                                  for f in joint.folds])),
-                           joint.aims[:, n_before:]], axis=1)
-    return JointRows(x, joint.y, joint.blocks, joint.row_of, training, aims, scale,
+    x = join_columns([base[joint.row_of] / joint.sigma, joint.x[:, n_before:]])
+    core = joint.grams.shape[1] + shift
+    grams = np.empty((len(joint.grams), core, core))
+    grams[:, k:, k:] = joint.grams[:, n_before:, n_before:]
+    strip = leave_one_out_sums(np.stack([x[f, :k].T @ x[f, :core] for f in joint.folds]))
+    grams[:, :k], grams[:, :, :k] = strip, strip.transpose(0, 2, 1)
+    of_base = leave_one_out_sums(np.stack([x[f, :k].T @ joint.y[f] for f in joint.folds]))
+    right_sides = np.concatenate([of_base, joint.right_sides[:, n_before:]], axis=1)
+    return JointRows(x, joint.y, joint.blocks, joint.row_of, grams, right_sides, scale,
                      joint.sigma, ridge)
 
 
-def without_each(sums: FloatArray) -> FloatArray:
-    """Return the sum of all folds (F, ...) without each of them, and of all: (F + 1, ...)."""
+def leave_one_out_sums(sums: FloatArray) -> FloatArray:
+    """Return the sum over folds (F, ...) without each of them, and over all: (F + 1, ...)."""
     total = sums.sum(axis=0)
     return np.concatenate([total - sums, total[None]])
 
@@ -178,7 +177,7 @@ class Prior:
     """
     Information of other joints about shared columns: (F + 1, S, S) and the vector (F + 1, S).
 
-    One for each of the F folds left out, and a last one with all data.
+    One for each of the F folds left out, and the last one with all data.
     """
 
     information: FloatArray
@@ -186,7 +185,7 @@ class Prior:
 
     @classmethod
     def none(cls, n_folds: int, size: int) -> Prior:
-        """Return the prior of a joint that stands alone."""
+        """Return the prior without other joints."""
         return cls(np.zeros((n_folds + 1, size, size)), np.zeros((n_folds + 1, size)))
 
     def __add__(self, other: Prior) -> Prior:
@@ -199,7 +198,7 @@ class Fit:
 
     columns: IntArray
     all_data: FloatArray
-    without: FloatArray
+    by_fold: FloatArray
 
 
 def solve(joint: JointRows, columns: IntArray, n_shared: int, prior: Prior) -> Fit:
@@ -213,7 +212,7 @@ def held_out_residual(joint: JointRows, fit: Fit) -> FloatArray:
     """Return each row's residual (M,) in units of noise, fitted without its fold."""
     residual = joint.y.copy()
     for fold, rows in enumerate(joint.folds):
-        residual[rows] -= joint.combined(rows, fit.columns, fit.without[fold])
+        residual[rows] -= joint.combined(rows, fit.columns, fit.by_fold[fold])
     return residual
 
 
@@ -223,8 +222,8 @@ def held_out_errors(joint: JointRows, fit: Fit) -> FloatArray:
 
 
 def shared_information(joint: JointRows, columns: IntArray, n_shared: int) -> Prior:
-    """Return a joint's information about shared columns once its own effects are solved out."""
-    g, r = joint.gram(columns), joint.aims[:, columns]
+    """Return a joint's information about shared columns, its own effects eliminated."""
+    g, r = joint.gram(columns), joint.right_sides[:, columns]
     s, own = slice(0, n_shared), slice(n_shared, len(columns))
     if n_shared == len(columns):
         return Prior(g[:, s, s], r[:, s])
@@ -236,12 +235,12 @@ def shared_information(joint: JointRows, columns: IntArray, n_shared: int) -> Pr
 def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
                groups: IntArray) -> FloatArray:
     """
-    Return the covariance of a fit's coefficients, robust to correlation in groups: (P, P).
+    Return the cluster-robust covariance of a fit's coefficients: (P, P).
 
-    The jackknife over groups of blocks: without group b the coefficients move by
-    -(A - G_b)^-1 (c_b - G_b x), and the spread of the moves is that of the coefficients (Bell
-    and McCaffrey, Survey Methodology 28, 2002). Where columns are many and groups few, a
-    sandwich would be too narrow. The prior's information stands as it is.
+    It is the jackknife over groups of blocks: without group b the coefficients change by
+    -(A - G_b)^-1 (c_b - G_b x), and the covariance of the changes is that of the coefficients
+    (Bell and McCaffrey, Survey Methodology 28, 2002). With many columns and few groups, a
+    sandwich estimate is too small. The prior's information is not resampled.
 
     :param groups: (M,) the group of each row, numbered from 0 without gaps.
     """
@@ -250,11 +249,11 @@ def covariance(joint: JointRows, fit: Fit, n_shared: int, prior: Prior,
     scores = c - gram @ fit.all_data
     n_groups = len(scores)
     ridge = _RIDGE * float(np.trace(bread)) / len(bread) * np.eye(len(bread))
-    moves = np.linalg.solve(bread + ridge - gram, scores[:, :, None])[:, :, 0]
-    moves -= moves.mean(axis=0)
+    changes = np.linalg.solve(bread + ridge - gram, scores[:, :, None])[:, :, 0]
+    changes -= changes.mean(axis=0)
     inverse = linalg.pinvh(bread)[:, :n_shared]
     others = inverse @ prior.information[-1] @ inverse.T
-    return np.asarray(moves.T @ moves * (n_groups - 1) / n_groups + others)
+    return np.asarray(changes.T @ changes * (n_groups - 1) / n_groups + others)
 
 
 def _group_products(joint: JointRows, columns: IntArray,
@@ -265,22 +264,22 @@ def _group_products(joint: JointRows, columns: IntArray,
     order = np.argsort(groups, kind='stable')
     ends = np.cumsum(np.bincount(groups, minlength=count))[:-1]
     x, y = joint.x[:, columns][order], joint.y[order]
-    for group, (part, aim) in enumerate(zip(np.split(x, ends), np.split(y, ends))):
-        gram[group], c[group] = part.T @ part, part.T @ aim
+    for group, (part, torque) in enumerate(zip(np.split(x, ends), np.split(y, ends))):
+        gram[group], c[group] = part.T @ part, part.T @ torque
     return gram, c
 
 
-def largest_part(joint: JointRows, columns: IntArray, groups: IntArray) -> FloatArray:
-    """Return the share of each column's square (P,) that the group with most of it has."""
+def largest_group_share(joint: JointRows, columns: IntArray, groups: IntArray) -> FloatArray:
+    """Return the largest share of each column's sum of squares (P,) in a single group."""
     squares = np.stack([np.bincount(groups, joint.x[:, column] ** 2) for column in columns], 1)
     return np.asarray(squares.max(axis=0) / np.maximum(squares.sum(axis=0), 1e-300))
 
 
 def absorbed(joint: JointRows, columns: IntArray, prior: Prior) -> float:
     """
-    Return which share of an effect's columns (mean over them) gravity imitates.
+    Return the share of an effect's columns that gravity explains (R^2, mean over columns).
 
-    :param prior: what other joints say of gravity, whose columns are the first ones.
+    :param prior: information of other joints about gravity, whose columns are the first ones.
     """
     base = np.arange(prior.vector.shape[1])
     own = (joint.x[:, columns] ** 2).sum(axis=0)
@@ -291,13 +290,13 @@ def absorbed(joint: JointRows, columns: IntArray, prior: Prior) -> float:
 
 
 def regularised_solve(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Solve A x = b for stacks A (..., K, K) and b (..., K, C), a little towards 0."""
+    """Solve A x = b for stacks A (..., K, K) and b (..., K, C) with a small ridge."""
     return np.asarray(np.linalg.solve(regularised(a), b))
 
 
 def regularised(a: FloatArray) -> FloatArray:
     """Return matrices A (..., K, K) with a small ridge."""
     size = np.trace(a, axis1=-2, axis2=-1) / max(a.shape[-1], 1)
-    # A column may be 0 all through a training set: 1 over this is still a number.
+    # A column may be 0 throughout a training set; the inverse of this stays finite.
     ridge = _RIDGE * np.maximum(size, 1e-200)
     return np.asarray(a + ridge[..., None, None] * np.eye(a.shape[-1]))

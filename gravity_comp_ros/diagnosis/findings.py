@@ -1,4 +1,4 @@
-"""What a diagnosis says: findings, and a word on every joint."""
+"""Results of a diagnosis: findings, verdicts, and a report of every joint."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from gravity_comp_ros.diagnosis.structure_tests import BrokenLaw
+from gravity_comp_ros.diagnosis.structure_check import StructureViolation
 
 
 class Verdict(StrEnum):
-    """How sure a finding is, the surest first; the last two say what cannot be judged."""
+    """Confidence in a finding, the highest first; the last two name no single effect."""
 
     ESTABLISHED = 'established'
     LIKELY = 'likely'
@@ -22,7 +22,7 @@ class Verdict(StrEnum):
 
 
 VERDICTS = tuple(Verdict)
-# What is sure enough to be added.
+# Verdicts of effects that can be added to the model.
 FOUND = (Verdict.ESTABLISHED, Verdict.LIKELY)
 
 
@@ -38,13 +38,13 @@ class Estimate:
 @dataclass(frozen=True)
 class Finding:
     """
-    One effect, or something unexplained, on one joint (None: the whole arm).
+    One effect, or an unexplained residual, on one joint (None: the whole arm).
 
-    `nrmse_before` and `nrmse_after` are held-out fractions of the torque's range (Yu 2022,
-    Eq. 16) without and with it; `base_absorbed` is the share of it that the gravity model
-    imitates; `runs_better` the share of runs on which it helps. `next_step` is the motion that
-    settles what is open, '' for what is to be added. `verdict` is a `Verdict`, which compares and
-    prints as its text.
+    `nrmse_before` and `nrmse_after` are held-out errors without and with it, as fractions of the
+    torque range (Yu 2022, Eq. 16). `base_absorbed` is the share of it that gravity absorbs,
+    `runs_better` the share of runs that it improves. `rivals` are alternative explanations.
+    `next_step` is the motion that decides an open question, '' for an effect to add. `verdict`
+    is a `Verdict`, which compares and prints as its text.
     """
 
     joint: str | None
@@ -80,11 +80,11 @@ class Finding:
 @dataclass(frozen=True)
 class JointReport:
     """
-    A word on one joint: `noise_floor` in N·m, and how many samples count as independent.
+    Report of one joint: `noise_floor` in N·m and effective sample size `n_effective`.
 
     `rmse_before` and `rmse_after` are held-out errors in N·m without and with the findings.
-    `remaining_share` is the remaining error as a share of the torque's range where it is far
-    above the noise of the sensor, so that something is not explained; else 0.
+    `remaining_share` is the remaining error as a share of the torque range if it is far above the
+    sensor noise, else 0. `untestable` maps effects to the reason why they cannot be tested.
     """
 
     summary: str
@@ -106,15 +106,15 @@ class JointReport:
 @dataclass(frozen=True)
 class Diagnosis:
     """
-    All findings, the strongest first, the reports of all joints, and the laws that broke.
+    All findings, the strongest first, the reports of all joints, and violated laws of gravity.
 
-    `untestable` says of effects of the whole arm why this recording does not show them.
+    `untestable` maps effects of the whole arm to the reason why they cannot be tested.
     """
 
     findings: tuple[Finding, ...]
     joints: Mapping[str, JointReport]
     untestable: Mapping[str, str] = field(default_factory=dict)
-    laws: tuple[BrokenLaw, ...] = ()
+    laws: tuple[StructureViolation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return what `diagnose --json` prints."""

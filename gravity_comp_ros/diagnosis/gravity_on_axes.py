@@ -1,74 +1,70 @@
 """
-The gravity of an arm whose axes a description gives: moments by least squares, and the base.
+Gravity of an arm with known joint axes: first moments by least squares, and base tilt.
 
-Whether the base stands as described is asked anew. A fit of gravity to fast motion can take
-inertia for a small tilt, and a tilt that a model has by mistake would be found again as an effect.
+The base tilt is estimated again. A fit of gravity to fast motion can absorb inertia in a small
+tilt, and an erroneous tilt of the user's model would appear as an effect.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray, JointSamples
-from gravity_comp_ros.effects.motion_fit import independent
+from gravity_comp_ros.effects.motion_fit import effective_count
 from gravity_comp_ros.models.kinematic.chain import Chain, ForwardKinematics, tilt
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Directions that the motion excites less, next to the most excited, are left out.
-_EXCITED = 1e-3
-# A joint that carries nothing has no more weight than one with this share of the largest torque:
-# its directions would be the only ones that count as excited.
-_LEAST = 1e-2
-# A tilt must make the data this much likelier than none (natural logarithm), beside what two more
-# numbers gain by chance.
-_LIKELIER = 6.0
+# Minimum singular value of an excited direction, relative to the largest.
+_MIN_EXCITATION = 1e-3
+# Minimum torque spread for the weight of a joint, relative to the largest spread. Otherwise only
+# directions of joints without load would count as excited.
+_MIN_SPREAD = 1e-2
+# Log-likelihood ratio above which a tilt is accepted; two more parameters gain less by chance.
+_LOG_LIKELIHOOD_RATIO = 6.0
+# Gauss-Newton steps, and the angle in rad of finite differences.
 _STEPS, _SMALL = 6, 1e-5
 
 
 def chain_on_axes(rotations: FloatArray, samples: JointSamples) -> Chain:
-    """
-    Return the serial arm on axes (N, 3, 3) that fits the torque best.
-
-    Its base is tilted where the data ask for it.
-    """
+    """Return the serial arm on axes (N, 3, 3) that fits best; tilted if that is significant."""
     q, tau = samples.q, samples.tau
     spread = tau.std(axis=0)
-    weight = 1.0 / np.maximum(spread, max(_LEAST * float(spread.max()), 1e-9))
+    weight = 1.0 / np.maximum(spread, max(_MIN_SPREAD * float(spread.max()), 1e-9))
     level = _moments(rotations, q, tau, weight)
     tilted = level
     for _ in range(_STEPS):
-        turned = _tilted(tilted, _step(tilted, q, tau, weight))
-        tilted = _moments(turned.axes, q, tau, weight)
+        rotated = _tilted(tilted, _step(tilted, q, tau, weight))
+        tilted = _moments(rotated.axes, q, tau, weight)
     before, after = (float(((tau - chain.torque(q)) ** 2 * weight ** 2).sum())
                      for chain in (level, tilted))
-    gained = 0.5 * independent(samples) * np.log(max(before, 1e-300) / max(after, 1e-300))
-    return tilted if gained > _LIKELIER else level
+    ratio = 0.5 * effective_count(samples) * np.log(max(before, 1e-300) / max(after, 1e-300))
+    return tilted if ratio > _LOG_LIKELIHOOD_RATIO else level
 
 
 def columns_on_axes(chain: Chain, q: FloatArray) -> FloatArray:
-    """Return how the torque at q (M, N) changes with tilt and moments, (M, N, 2 + 2 N)."""
-    now = chain.torque(q)
-    turned = [(_tilted(chain, _SMALL * unit).torque(q) - now) / _SMALL for unit in np.eye(2)]
+    """Return the derivatives of the torque at q (M, N) by tilt and moments, (M, N, 2 + 2 N)."""
+    torque = chain.torque(q)
+    by_tilt = [(_tilted(chain, _SMALL * unit).torque(q) - torque) / _SMALL for unit in np.eye(2)]
     moments = ForwardKinematics(chain.axes, q).moment_columns().transpose(2, 1, 0)
-    return np.concatenate([np.stack(turned, axis=2), moments], axis=2)
+    return np.concatenate([np.stack(by_tilt, axis=2), moments], axis=2)
 
 
 def _moments(rotations: FloatArray, q: FloatArray, tau: FloatArray,
              weight: FloatArray) -> Chain:
     columns = ForwardKinematics(rotations, q).moment_columns()
     flat = (columns * weight[None, :, None]).reshape(len(columns), -1).T
-    found = lstsq(flat, (tau * weight).T.ravel(), rcond=_EXCITED)
-    return Chain(rotations, np.asarray(found.reshape(-1, 2), dtype=float))
+    moments = lstsq(flat, (tau * weight).T.ravel(), rcond=_MIN_EXCITATION)
+    return Chain(rotations, np.asarray(moments.reshape(-1, 2), dtype=float))
 
 
 def _step(chain: Chain, q: FloatArray, tau: FloatArray, weight: FloatArray) -> FloatArray:
-    """Return the two angles (2,) in rad by which the base turns in a step of Gauss and Newton."""
+    """Return the tilt angles (2,) in rad of a Gauss-Newton step."""
     flat = (columns_on_axes(chain, q) * weight[None, :, None]).reshape(tau.size, -1)
-    left = ((tau - chain.torque(q)) * weight).ravel()
-    return np.asarray(lstsq(flat, left, rcond=_EXCITED)[:2])
+    residual = ((tau - chain.torque(q)) * weight).ravel()
+    return np.asarray(lstsq(flat, residual, rcond=_MIN_EXCITATION)[:2])
 
 
 def _tilted(chain: Chain, angles: FloatArray) -> Chain:
-    """Return the arm with its base turned about the horizontal axes."""
+    """Return the arm with its base rotated about the horizontal axes by angles (2,) in rad."""
     axes = chain.axes.copy()
     axes[0] = tilt(np.clip(angles, -0.5, 0.5)[None])[0] @ axes[0]
     return Chain(axes, chain.moments)

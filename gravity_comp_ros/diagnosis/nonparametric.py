@@ -1,9 +1,9 @@
 """
-What is left over but repeats, whatever its shape.
+Nonparametric test for a residual that repeats with joint angle and direction of motion.
 
-Bumps along a joint's own angle, and along its angle by direction, can imitate any torque that
-depends on them. If they predict held-out residuals, there is something to find; if no effect of
-the library finds it, "none of these" is the answer, with the angle at which it is largest.
+Gaussian basis functions of a joint's angle, with and without its direction of motion, approximate
+any torque that depends on both. If they reduce the held-out error and no effect of the library
+does, the residual is reported as unexplained, with the angle at which it is largest.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from gravity_comp_ros.effects.effect import Regressor, Setting
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
-# Coarse bumps find what is wide with little spent, fine ones a detent of a few degrees.
+# Numbers of basis functions: few for wide shapes, many for a detent of a few degrees.
 _RESOLUTIONS = (15, 60)
 _BUMPS_BY_DIRECTION = 10
-# A bump is held near 0 as though it had been seen to be 0 for this share of a block.
+# Weight of the zero-mean prior of a coefficient, as a number of blocks.
 PRIOR_BLOCKS = 0.1
 
 
 def bumps(q: FloatArray, low: float, high: float, count: int) -> FloatArray:
-    """Return a row of Gaussians along q (M,), overlapping at half height, as (M, count)."""
+    """Return evenly spaced Gaussian basis functions at q (M,), as (M, count)."""
     centres = np.linspace(low, high, count)
     width = 0.6 * (high - low) / max(count - 1, 1)
     return np.asarray(np.exp(-0.5 * ((q[:, None] - centres) / width) ** 2))
 
 
 def largest_angle(q: FloatArray, coefficients: FloatArray, count: int) -> float:
-    """Return the angle in rad at which the direction-free part is farthest from its median."""
+    """Return the angle in rad of the largest deviation from the median, direction ignored."""
     low, high = float(q.min()), float(q.max())
     grid = np.linspace(low, high, 400)
     shape = bumps(grid, low, high, count) @ coefficients[:count]
@@ -36,7 +36,7 @@ def largest_angle(q: FloatArray, coefficients: FloatArray, count: int) -> float:
 
 
 class UnknownTorque(Regressor):
-    """Any torque that depends on the joint angle and the direction of motion."""
+    """Any torque that depends on the angle and the direction of motion of its joint."""
 
     name = 'unknown'
 

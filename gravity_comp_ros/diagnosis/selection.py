@@ -1,9 +1,9 @@
 """
-Which effects the data asks for: forward by evidence, then removal and swaps.
+Selection of effects: forward selection, then removal and replacement.
 
-Every comparison is made on blocks that the fit has not seen (`gain.py`), and p-values are
-corrected for the effects, joints and scanned parameters that were tried. Among effects that
-explain as much within one standard error, the simplest is taken.
+Effects are compared by held-out errors of blocks (`evaluation/gain.py`), and p-values are
+corrected for the number of effects, joints and nonlinear parameters tested. Among effects with
+equal gain within one standard error, the simplest is chosen.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from gravity_comp_ros.effects.effect import Expectation
 from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
 import numpy as np
 
+# Maximum number of rounds of addition, removal and replacement.
 _ROUNDS = 4
-# So many columns can stand for several effects.
-_MANY = 8
-_USUAL_FRICTION = 'coulomb_friction'
+# Number of columns above which a rare effect can be a substitute for several effects.
+_MAX_COLUMNS = 8
+_FRICTION = 'coulomb_friction'
 _NO_GAIN = Gain(np.zeros(2), 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """The chosen effects, those that are not physical with the reason, and the criteria."""
+    """The chosen effects, the refused ones with the reason, and the criteria."""
 
     chosen: tuple[Candidate, ...]
     refused: Mapping[tuple[str, int | None], str]
@@ -46,226 +47,221 @@ class Selection:
 
 def select(criteria: Criteria) -> Selection:
     """
-    Choose effects until none pays; drop and swap what no longer does.
+    Return the selected effects.
 
-    A rare effect can stand for several simple ones, each of which would be the better name. So it
-    stays only if it pays beside what is chosen where it may not be.
+    A rare effect can be a substitute for several simple ones. It is kept only if it is needed in
+    addition to the effects that are selected without it.
     """
-    found = _searched(criteria, {})
-    for candidate in found.chosen:
-        if _may_stand_for_others(candidate, found.chosen):
+    selection = _searched(criteria, {})
+    for candidate in selection.chosen:
+        if _may_be_substitute(candidate, selection.chosen):
             without = _searched(criteria, {candidate.key: 'simpler effects explain as much'})
             if not (criteria.is_needed(candidate, without.chosen)
-                    and criteria.is_more_than_motion(candidate, without.chosen)):
+                    and criteria.exceeds_dynamics(candidate, without.chosen)):
                 return without
-    return found
+    return selection
 
 
-def _may_stand_for_others(candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
-    """Return whether a rare effect has many columns, or is there instead of Coulomb friction."""
+def _may_be_substitute(candidate: Candidate, chosen: Sequence[Candidate]) -> bool:
+    """Return whether a rare effect has many columns, or is chosen without Coulomb friction."""
     if candidate.effect.expectation != Expectation.RARE:
         return False
-    return len(candidate.columns) > _MANY or (
-        _USUAL_FRICTION in candidate.effect.confounders
-        and not any((c.effect.name, c.joint) == (_USUAL_FRICTION, candidate.joint)
-                    for c in chosen))
+    return len(candidate.columns) > _MAX_COLUMNS or (
+        _FRICTION in candidate.effect.confounders
+        and not any((c.effect.name, c.joint) == (_FRICTION, candidate.joint) for c in chosen))
 
 
 def _searched(criteria: Criteria, refused: Mapping[tuple[str, int | None], str]) -> Selection:
-    """Return what is chosen where some effects are refused from the start."""
+    """Return the selection if some effects are refused from the start."""
     search = _Search(criteria, refused)
     if search.chosen:
         search.remove_useless()
         search.add_all()
-        search.remove_unproven()
+        search.remove_insignificant()
     for _ in range(_ROUNDS):
         search.add_all()
-        if not (search.remove_idle() or search.swap_better()):
+        if not (search.remove_redundant() or search.replace_one()):
             break
     return Selection(tuple(search.chosen), search.refused, criteria)
 
 
 class _Search:
-    """The effects chosen so far, and the gain of every other one beside them."""
+    """The effects chosen so far, and the gain of every other one in addition to them."""
 
     def __init__(self, criteria: Criteria,
                  refused: Mapping[tuple[str, int | None], str]) -> None:
         self.criteria = criteria
         self.fits = criteria.fits
-        self.chosen = criteria.start(refused)
+        self.chosen = criteria.initial(refused)
         self.refused = dict(refused)
         self._gains: dict[int, Gain] = {}
-        # Effects of the arm whose gain is that beside fewer effects of joints.
-        self._old: set[int] = set()
-        self._stale = False
+        # Shared effects whose gain was computed with another set of effects.
+        self._outdated: set[int] = set()
+        self._changed = False
 
     def remove_useless(self) -> None:
         """
-        Drop what takes nothing off the held-out error.
+        Remove effects that do not reduce the held-out error.
 
-        Proof is asked for later: a small friction that is no finding of its own is a nuisance
-        term until then, and keeps the others from bending towards it.
+        Significance is tested later. Until then, small friction remains as a nuisance term and
+        reduces the bias of the other effects.
         """
-        self._remove_all(lambda c: -self.criteria.gain_beside(c, self._without(c)).mean, 0.0)
+        self._remove_all(lambda c: -self.criteria.gain_given(c, self._without(c)).mean, 0.0)
 
-    def remove_unproven(self) -> None:
-        """Drop what chance may explain."""
-        self._remove_all(lambda c: self.criteria.need(c, self._without(c)),
+    def remove_insignificant(self) -> None:
+        """Remove effects that are not significant."""
+        self._remove_all(lambda c: self.criteria.p_value(c, self._without(c)),
                          self.criteria.options.alpha)
 
-    def _remove_all(self, fault: Callable[[Candidate], float], limit: float) -> None:
+    def _remove_all(self, score: Callable[[Candidate], float], limit: float) -> None:
         """
-        Drop what has a fault of a limit or more, or is not physical, the worst of each joint.
+        Remove effects with a score of at least a limit and unphysical ones, worst first.
 
-        Effects of one joint hide each other; those of others touch it by gravity and motion
-        alone. So faults of other joints are worked out again only once nothing idle is left.
+        Effects of one joint mask each other; those of other joints affect it through gravity and
+        dynamics alone. So scores of other joints are computed again at the end only.
         """
-        faults: dict[int, float] = {}
+        scores: dict[int, float] = {}
         while self.chosen:
-            new = [c for c in self.chosen if id(c) not in faults]
-            faults.update({id(c): fault(c) for c in new})
-            idle = [c for c in self.chosen if faults[id(c)] >= limit
-                    or not self.criteria.is_physical(c, self.chosen)]
-            if idle:
-                worst = _worst_of_each_joint(idle, faults)
+            new = [c for c in self.chosen if id(c) not in scores]
+            scores.update({id(c): score(c) for c in new})
+            failing = [c for c in self.chosen if scores[id(c)] >= limit
+                       or not self.criteria.is_physical(c, self.chosen)]
+            if failing:
+                worst = _worst_of_each_joint(failing, scores)
                 joints = {c.acts_on for c in worst}
-                self._change([c for c in self.chosen if c not in worst])
-                faults = {id(c): faults[id(c)] for c in self.chosen
+                self._set_chosen([c for c in self.chosen if c not in worst])
+                scores = {id(c): scores[id(c)] for c in self.chosen
                           if not joints & {None, c.acts_on} and not c.shared}
             elif len(new) < len(self.chosen):
-                faults.clear()
+                scores.clear()
             else:
                 break
 
     def add_all(self) -> None:
-        """Add effects as long as one pays."""
-        while len(self.chosen) < self.criteria.options.most and (
-                self.add_best() or self.add_best_afresh()):
+        """Add effects until none is accepted."""
+        while len(self.chosen) < self.criteria.options.max_effects and (
+                self.add_best() or self.add_best_with_current_gains()):
             pass
 
     def add_best(self) -> bool:
-        """Add the simplest of the best effects; return False if none pays."""
+        """Add the simplest of the best effects; return False if none is accepted."""
         gains, criteria = self._all_gains(), self.criteria
-        passed: set[int] = set()
+        rejected: set[int] = set()
         while True:
-            paying = [c for c in self._open() if id(c) not in passed
-                      and gains[id(c)].p < criteria.options.alpha
-                      and gains[id(c)].share > criteria.least_share(c)]
-            if not paying:
+            significant = [c for c in self._available() if id(c) not in rejected
+                           and gains[id(c)].p < criteria.options.alpha
+                           and gains[id(c)].share > criteria.min_share(c)]
+            if not significant:
                 return False
-            best = max(paying, key=lambda c: gains[id(c)].mean)
-            alike = [c for c in paying if _is_alike(c, best, gains)]
-            if any(id(c) in self._old for c in alike):
-                self._renew([c for c in alike if id(c) in self._old])
+            best = max(significant, key=lambda c: gains[id(c)].mean)
+            equal = [c for c in significant if _is_equal(c, best, gains)]
+            if any(id(c) in self._outdated for c in equal):
+                self._update_gains([c for c in equal if id(c) in self._outdated])
                 continue
-            taken = min(alike, key=lambda c: (c.complexity, -gains[id(c)].mean))
-            reason = criteria.implausible(
-                taken, self.fits.coefficients(taken, [*self.chosen, taken]))
-            if reason is None and criteria.is_more_than_motion(taken, self.chosen):
-                self._change([*self.chosen, taken])
+            simplest = min(equal, key=lambda c: (c.complexity, -gains[id(c)].mean))
+            reason = criteria.unphysical(simplest, [*self.chosen, simplest])
+            if reason is None and criteria.exceeds_dynamics(simplest, self.chosen):
+                self._set_chosen([*self.chosen, simplest])
                 return True
             if reason is not None:
-                self.refused[taken.key] = reason
-            passed.add(id(taken))
+                self.refused[simplest.key] = reason
+            rejected.add(id(simplest))
 
-    def add_best_afresh(self) -> bool:
-        """Do the same with gains beside what was added on other joints since."""
-        if not self._stale:
+    def add_best_with_current_gains(self) -> bool:
+        """Do the same after computing all gains again, if the chosen effects have changed."""
+        if not self._changed:
             return False
         self._gains.clear()
-        self._old.clear()
-        self._stale = False
+        self._outdated.clear()
+        self._changed = False
         return self.add_best()
 
-    def remove_idle(self) -> bool:
-        """
-        Drop a chosen effect that the others have made needless, or that is not physical.
-
-        So with one that corrects another which is not there any more.
-        """
-        # What corrects another effect goes before it.
+    def remove_redundant(self) -> bool:
+        """Remove one effect that is no longer needed, lacks its parent, or is not physical."""
+        # An effect that corrects another is removed before it.
         for candidate in sorted(self.chosen, key=lambda c: not c.effect.corrects):
             rest = self._without(candidate)
             if not (self.criteria.has_parent(candidate, {c.key for c in rest})
                     and self.criteria.is_needed(candidate, rest)):
-                self._change(rest)
+                self._set_chosen(rest)
                 return True
             if candidate.effect.certain and not self.criteria.is_physical(candidate, self.chosen):
-                self.refused[candidate.key] = 'it is not physical beside what else was found'
-                self._change(rest)
+                self.refused[candidate.key] = 'it is not physical together with the other effects'
+                self._set_chosen(rest)
                 return True
         return False
 
     def _without(self, candidate: Candidate) -> list[Candidate]:
         return [c for c in self.chosen if c is not candidate]
 
-    def swap_better(self) -> bool:
-        """Replace a chosen effect by one that explains more, or as much more simply."""
+    def replace_one(self) -> bool:
+        """Replace a chosen effect by one that explains more, or by a simpler equivalent."""
         criteria = self.criteria
         for candidate in list(self.chosen):
-            rest = [c for c in self.chosen if c is not candidate]
+            rest = self._without(candidate)
             others = criteria.replacements(candidate, self.chosen, self.refused)
-            for other, now, then in criteria.with_each_instead(candidate, others, self.chosen):
+            for other, with_it, with_other in criteria.with_each_replacement(
+                    candidate, others, self.chosen):
                 if other.complexity < candidate.complexity:
-                    pays = within_standard_error(now, then)
+                    better = within_standard_error(with_it, with_other)
                 else:
-                    pays = not within_standard_error(then, now)
-                if (pays and criteria.is_physical(other, [*rest, other])
+                    better = not within_standard_error(with_other, with_it)
+                if (better and criteria.is_physical(other, [*rest, other])
                         and criteria.is_needed(other, rest)
-                        and criteria.is_more_than_motion(other, rest)):
-                    self._change([*rest, other])
+                        and criteria.exceeds_dynamics(other, rest)):
+                    self._set_chosen([*rest, other])
                     return True
         return False
 
-    def _open(self) -> list[Candidate]:
-        return self.criteria.open(self.chosen, self.refused)
+    def _available(self) -> list[Candidate]:
+        return self.criteria.available(self.chosen, self.refused)
 
     def _all_gains(self) -> dict[int, Gain]:
-        """Return the gain of every candidate that may be added, those not yet known made now."""
-        missing = [c for c in self._open() if id(c) not in self._gains]
+        """Return the gain of every available candidate; missing ones are computed."""
+        missing = [c for c in self._available() if id(c) not in self._gains]
         self._gains.update({id(c): _NO_GAIN for c in missing})
-        self._renew(self.criteria.promising(missing, self.chosen))
+        self._update_gains(self.criteria.promising(missing, self.chosen))
         return self._gains
 
-    def _renew(self, candidates: list[Candidate]) -> None:
-        """Work out gains beside what is chosen now."""
-        places: list[int | None] = [None, *range(self.fits.n_joints)]
-        for place in places:
-            here = [c for c in candidates if c.acts_on == place]
+    def _update_gains(self, candidates: list[Candidate]) -> None:
+        """Compute gains in addition to the chosen effects."""
+        joints: list[int | None] = [None, *range(self.fits.n_joints)]
+        for joint in joints:
+            here = [c for c in candidates if c.acts_on == joint]
             if not here:
                 continue
-            before = self.fits.errors(place, self.chosen)
-            for c, after in zip(here, self.fits.errors_with_each(place, self.chosen, here)):
+            before = self.fits.errors(joint, self.chosen)
+            for c, after in zip(here, self.fits.errors_with_each(joint, self.chosen, here)):
                 self._gains[id(c)] = self.criteria.gain_of(c, before, after, self.chosen)
-                self._old.discard(id(c))
+                self._outdated.discard(id(c))
 
-    def _change(self, chosen: list[Candidate]) -> None:
-        """Take a set of effects; forget the gains that it has changed."""
+    def _set_chosen(self, chosen: list[Candidate]) -> None:
+        """Replace the chosen effects, and discard the gains that this changes."""
         before, now = {id(c): c for c in self.chosen}, {id(c): c for c in chosen}
-        moved = [c for key, c in {**before, **now}.items() if (key in before) != (key in now)]
-        self.chosen, self._stale = chosen, True
-        if any(c.shared for c in moved):
+        changed = [c for key, c in {**before, **now}.items() if (key in before) != (key in now)]
+        self.chosen, self._changed = chosen, True
+        if any(c.shared for c in changed):
             self._gains.clear()
-            self._old.clear()
+            self._outdated.clear()
             return
-        joints = {c.joint for c in moved}
+        joints = {c.joint for c in changed}
         for c in self.criteria.candidates:
             if c.shared:
-                self._old.add(id(c))
+                self._outdated.add(id(c))
             elif c.joint in joints:
                 self._gains.pop(id(c), None)
 
 
-def _worst_of_each_joint(idle: Sequence[Candidate],
-                         faults: Mapping[int, float]) -> list[Candidate]:
-    """Return the idle effect with the largest fault of each joint, or alone if it is shared."""
-    ordered = sorted(idle, key=lambda c: -faults[id(c)])
+def _worst_of_each_joint(failing: Sequence[Candidate],
+                         scores: Mapping[int, float]) -> list[Candidate]:
+    """Return the effect with the largest score of each joint, or only it if it is shared."""
+    ordered = sorted(failing, key=lambda c: -scores[id(c)])
     if ordered[0].shared:
         return ordered[:1]
     return list({c.joint: c for c in reversed(ordered) if not c.shared}.values())
 
 
-def _is_alike(candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) -> bool:
+def _is_equal(candidate: Candidate, best: Candidate, gains: Mapping[int, Gain]) -> bool:
     """Return whether a candidate explains as much as the best within one standard error."""
     if candidate is best:
         return True

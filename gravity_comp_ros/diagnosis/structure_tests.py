@@ -1,78 +1,106 @@
 """
-Whether a recording keeps the laws that the gravity of a serial arm obeys.
+Structural laws of a serial arm's gravity, each with columns that the law excludes.
 
-A law is tested with columns that only its breach could use, on data that was not fitted. Which
-law breaks narrows what is missing down before any effect has a name.
+Gravity is the gradient of one energy, the same in all runs. Every term of a joint's torque has the
+sine or cosine of its own angle. On a level base no torque depends on the first joint.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from gravity_comp_ros.data.samples import FloatArray
+from gravity_comp_ros.effects.effect import Regressor, Setting
+from gravity_comp_ros.effects.motion import Motion
+from gravity_comp_ros.models.sparse.regressor import EnergyDesign
+import numpy as np
 
-from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.fits import Fits
-from gravity_comp_ros.evaluation.gain import Gain, gain
-
-_ALPHA = 0.01
-# A breach that takes less than this off a joint's error changes no mind.
-_LEAST_SHARE = 0.1
-# An error below this share of the torque of a joint breaks no law: it is rounding.
-_LEAST_ERROR = 1e-4
+# Minimum travel, in rad, of a joint that counts as moving.
+_MIN_TRAVEL = 0.05
+# Maximum number of gravity terms of a joint in a test; the largest are used.
+_MAX_TERMS = 60
 
 
-@dataclass(frozen=True)
-class BrokenLaw:
+class StructureTest(Regressor):
     """
-    A law that a joint breaks, once the effects are counted that were named and do not break it.
+    A law of gravity, with the columns that it excludes.
 
-    `holds_with_effects` says whether those that do break it, among them `suspects`, make up for
-    it. `p` is the chance of the evidence against the law, `share` the part of the held-out
-    error that its breach takes off.
+    `violation` describes a torque that violates it, `suspects` are effects with such a torque.
     """
 
-    law: str
-    joint: str
-    holds_with_effects: bool
-    p: float
-    share: float
-    words: str
+    violation: str
     suspects: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the report as `diagnose --json` prints it."""
-        return {'law': self.law, 'joint': self.joint, 'holds': False,
-                'holds_with_effects': self.holds_with_effects, 'p': self.p,
-                'share': self.share, 'why': self.words, 'suspects': list(self.suspects)}
+
+def _features(motion: Motion, joint: int) -> FloatArray:
+    """Return the columns (M, K) of the energy's largest terms for a joint."""
+    energy = motion.model.energy if motion.model is not None else None
+    m, n = motion.samples.q.shape
+    if energy is None or not energy.indices.size:
+        return np.zeros((m, 0))
+    if 'features' not in motion.memo:
+        columns = EnergyDesign(motion.samples.q, np.ones((m, n))).columns(energy.indices)
+        motion.memo['features'] = columns.reshape(n, m, -1).transpose(1, 0, 2)
+    mine = motion.memo['features'][:, joint]
+    acting = np.flatnonzero(np.ptp(mine, axis=0) > 1e-9)
+    size = np.abs(energy.weights[acting]) * mine[:, acting].std(axis=0)
+    return np.asarray(mine[:, np.sort(acting[np.argsort(-size, kind='stable')[:_MAX_TERMS]])])
 
 
-def check_laws(fits: Fits, chosen: Sequence[Candidate],
-               names: tuple[str, ...]) -> tuple[BrokenLaw, ...]:
-    """Return the laws that are broken, joint by joint."""
-    broken, laws = [], fits.layout.laws
-    for trial in laws:
-        joint, law = trial.place, trial.regressor
-        if _is_rounding(fits, joint, chosen):
-            continue
-        innocent = [c for c in chosen if c.effect.name not in law.suspects]
-        reports = []
-        for beside in (innocent, chosen):
-            after, = fits.errors_with_each(joint, beside, [trial])
-            reports.append(gain(fits.errors(joint, beside), after, len(laws)))
-        bare, named = reports
-        if _is_kept(bare):
-            continue
-        words = f'{law.breach} on joint {names[joint]}: {bare.share:.0%} of the held-out error'
-        broken.append(BrokenLaw(law.name, names[joint], _is_kept(named), bare.p, bare.share,
-                                words, law.suspects))
-    return tuple(broken)
+class LevelBase(StructureTest):
+    name = 'level base'
+    violation = 'torque that depends on the angle of the first joint'
+    suspects = ('base_tilt', 'cable_stiffness', 'joint_spring')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q, gravity = motion.samples.q[:, 0], motion.gravity[:, joint]
+        return np.column_stack([np.sin(q), np.cos(q), gravity * np.sin(q), gravity * np.cos(q)])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        moves = np.ptp(motion.samples.q[:, 0]) > _MIN_TRAVEL
+        return None if moves else 'the first joint hardly moves'
 
 
-def _is_rounding(fits: Fits, joint: int, chosen: Sequence[Candidate]) -> bool:
-    y = fits.rows[joint].y
-    return bool(fits.errors(joint, chosen).sum() < _LEAST_ERROR ** 2 * float(y @ y))
+class OwnJoint(StructureTest):
+    name = 'own joint'
+    violation = 'torque that depends on the angles of other joints only'
+    suspects = ('tool_force', 'encoder_offset', 'cable_stiffness', 'coupled_friction')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        q = np.delete(motion.samples.q, joint, axis=1)
+        q = q[:, np.ptp(q, axis=0) > _MIN_TRAVEL]
+        return np.column_stack([np.sin(q), np.cos(q)])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        moving = np.delete(np.ptp(motion.samples.q, axis=0) > _MIN_TRAVEL, joint)
+        return None if moving.any() else 'no other joint moves'
 
 
-def _is_kept(evidence: Gain) -> bool:
-    return bool(evidence.p >= _ALPHA or evidence.share < _LEAST_SHARE)
+class OneEnergy(StructureTest):
+    name = 'one energy'
+    violation = 'gravity torque inconsistent with the energy of the other joints'
+    suspects = ('torque_gain', 'tool_force', 'joint_flexibility')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        return _features(motion, joint)
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        if motion.samples.n_joints < 2:
+            return 'there is one joint only'
+        return None if _features(motion, joint).shape[1] else 'gravity does not act on this joint'
+
+
+class SameInAllRuns(StructureTest):
+    name = 'same in all runs'
+    violation = 'torque that changes from run to run'
+    suspects = ('payload_change', 'base_tilt', 'encoder_offset', 'torque_drift',
+                'friction_drift')
+
+    def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
+        runs = motion.samples.runs
+        terms = np.column_stack([np.ones(len(runs)), _features(motion, joint)])
+        return np.column_stack([terms * (runs == run)[:, None] for run in np.unique(runs)[1:]])
+
+    def untestable(self, motion: Motion, joint: int) -> str | None:
+        return None if len(np.unique(motion.samples.runs)) > 1 else 'there is one run only'
+
+
+STRUCTURE_TESTS = (LevelBase(), OwnJoint(), OneEnergy(), SameInAllRuns())

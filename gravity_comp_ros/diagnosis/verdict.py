@@ -1,4 +1,4 @@
-"""How sure one chosen effect is, and why it is not surer."""
+"""Verdict on one chosen effect: its confidence, and the reason why it is not higher."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.diagnosis.candidates import Candidate
-from gravity_comp_ros.diagnosis.criteria import USUAL
-from gravity_comp_ros.diagnosis.estimates import all_may_be_nothing, each_may_be_nothing
+from gravity_comp_ros.diagnosis.criteria import STANDARD_TERMS
+from gravity_comp_ros.diagnosis.estimates import every_interval_covers_zero, jointly_insignificant
 from gravity_comp_ros.diagnosis.findings import Estimate, Verdict
 from gravity_comp_ros.diagnosis.fits import Fits
 from gravity_comp_ros.diagnosis.options import VerdictOptions
@@ -20,130 +20,147 @@ from gravity_comp_ros.evaluation.gain import Gain, within_standard_error
 from gravity_comp_ros.printable import counted
 import numpy as np
 
-# What pulls a joint towards some angle.
-_RESTS = ('joint_spring', 'cable_stiffness')
+# Effects that pull a joint towards a rest angle.
+_ELASTIC = ('joint_spring', 'cable_stiffness')
 
 
 @dataclass(frozen=True)
-class Part:
-    """The torque of an effect as a share of that of another one, which is named."""
+class TorqueRatio:
+    """Ratio of an effect's torque to that of the effect `of`."""
 
     share: float
     of: str
 
 
 @dataclass(frozen=True, eq=False)
-class Proof:
+class EffectEvidence:
     """
-    The evidence for one chosen effect beside the others.
+    Evidence for one chosen effect, given the others.
 
-    `kept` is its gain beside the rest, `proven` says that chance does not explain that, and
-    `runs_better` is the share of runs in which it helps;
-    `before` and `after` the RMSE of the joint where it helps most, of `n_effective` samples that
-    count as independent; `free` coefficients are kept near no value by a prior; `unphysical` says
-    why the coefficients are not those of an arm, None if they may be; `left` is the share of its
-    torque that gravity does not imitate, `remainder` the effect whose law may leave it;
-    `alternatives` explain as much; `twins` look the same in this motion; `elsewhere` are the
-    errors (B, J) without and with it where poses like those judged were left out of the fit, None
-    if all poses are alike.
+    - `gain`: held-out gain in addition to the others; `significant`: whether p is below alpha.
+    - `runs_better`: share of runs that it improves.
+    - `before`, `after`: RMSE of the most affected joint without and with it.
+    - `n_effective`: effective sample size on that joint.
+    - `alternatives`: effects that explain as much.
+    - `indistinguishable`: effects that are collinear with it in this motion.
+    - `sizes`: its coefficients; `n_free`: number of coefficients without a prior.
+    - `unphysical`: why the coefficients are not physical, or None.
+    - `unabsorbed`: share of its torque that gravity does not absorb.
+    - `model_error`: another effect whose model error it may be, or None.
+    - `errors_at_new_poses`: errors (B, J) without and with it, with folds by pose; None if all
+      blocks have the same poses.
     """
 
-    kept: Gain
-    proven: bool
+    gain: Gain
+    significant: bool
     runs_better: float
     before: float
     after: float
     n_effective: float
     alternatives: tuple[str, ...]
-    twins: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     sizes: Mapping[str, Estimate]
-    free: int
+    n_free: int
     unphysical: str | None
-    left: float
-    remainder: Part | None
-    elsewhere: tuple[FloatArray, FloatArray] | None
+    unabsorbed: float
+    model_error: TorqueRatio | None
+    errors_at_new_poses: tuple[FloatArray, FloatArray] | None
 
 
-def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof: Proof,
-            options: VerdictOptions) -> tuple[Verdict, str]:
-    """Return how sure an effect is, and in words why it is not surer ('' if it is)."""
-    if proof.twins:
-        names = ', '.join(proof.twins)
+def verdict(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
+            evidence: EffectEvidence, options: VerdictOptions) -> tuple[Verdict, str]:
+    """Return the verdict on an effect, and why it is not better ('' for the best)."""
+    if evidence.indistinguishable:
+        names = ', '.join(evidence.indistinguishable)
         return Verdict.UNTESTABLE, f'this motion cannot distinguish it from {names}'
-    if proof.after >= (1.0 - options.least_reduction) * proof.before:
-        return Verdict.WEAK, 'the held-out error of the joint hardly falls'
-    if proof.n_effective < options.fewest_effective:
-        return Verdict.WEAK, (
-            f'the effective sample size is {proof.n_effective:.0f} here, and at least '
-            f'{options.fewest_effective:.0f} is needed')
-    if not proof.proven:
-        return Verdict.WEAK, 'chance may explain what it takes off the error'
-    if proof.unphysical is not None:
-        return Verdict.WEAK, f'its size is not that of an arm: {proof.unphysical}'
-    if proof.left < options.least_left:
-        return Verdict.WEAK, (f'gravity can imitate all but {proof.left:.1%} of its torque in '
-                              f'this motion, so that its size is uncertain')
-    if proof.remainder is not None:
-        return Verdict.WEAK, (f'it has {proof.remainder.share:.1%} of the torque of '
-                              f'{proof.remainder.of}, and may be what the law of that leaves')
-    if proof.elsewhere is not None and not within_standard_error(*proof.elsewhere):
-        return Verdict.WEAK, 'it makes the error larger at poses that the fit has not seen'
-    if each_may_be_nothing(proof.sizes):
-        together = len(proof.sizes) > 1 and not all_may_be_nothing(fits, chosen, candidate)
-        return Verdict.WEAK, ('this motion cannot distinguish its coefficients' if together
-                              else 'the interval of every coefficient covers 0')
-    if proof.alternatives:
-        return Verdict.AMBIGUOUS, f'{", ".join(proof.alternatives)} would explain as much'
-    many = options.many_rare if candidate.effect.expectation == Expectation.RARE else options.many
-    if (proof.free > many and proof.n_effective < _asked(proof, options)
-            and proof.after ** 2 > (1.0 - options.evident_of_many) * proof.before ** 2):
-        return Verdict.WEAK, _too_few(proof, options)
-    doubt = _doubt(fits, chosen, candidate, proof, options)
-    return (Verdict.LIKELY, doubt) if doubt else (Verdict.ESTABLISHED, '')
+    reason = _reason_for_weak(fits, chosen, candidate, evidence, options)
+    if reason:
+        return Verdict.WEAK, reason
+    if evidence.alternatives:
+        names = ', '.join(evidence.alternatives)
+        return Verdict.AMBIGUOUS, f'{names} would explain as much'
+    rare = candidate.effect.expectation == Expectation.RARE
+    limit = options.max_rare_coefficients if rare else options.max_coefficients
+    too_few = evidence.n_effective < _required_size(evidence, options)
+    if (evidence.n_free > limit and too_few
+            and evidence.after ** 2 > (1.0 - options.evident_reduction) * evidence.before ** 2):
+        return Verdict.WEAK, _too_few_samples(evidence, options)
+    reason = (_too_few_samples(evidence, options) if too_few else
+              _reason_for_likely(fits, chosen, candidate, evidence, options))
+    return (Verdict.LIKELY, reason) if reason else (Verdict.ESTABLISHED, '')
 
 
-def _doubt(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate, proof: Proof,
-           options: VerdictOptions) -> str:
-    """Return why an effect is likely at most, '' if nothing speaks against more."""
-    if proof.n_effective < _asked(proof, options):
-        return _too_few(proof, options)
-    fit = fits.fit(candidate.place, chosen)
-    here = np.isin(fit.columns, candidate.columns)
-    if not (np.sign(fit.without[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
-        return 'its sign changes with the part of the recording that is left out'
-    if proof.runs_better < options.most_runs:
-        return f'it helps in {proof.runs_better:.0%} of the runs only'
-    first = next(iter(proof.sizes.values()))
-    if first.ci95[0] <= 0.0 <= first.ci95[1]:
-        return 'the interval of its first coefficient covers 0'
-    if proof.elsewhere is not None and not (
-            float(proof.elsewhere[1].sum()) < float(proof.elsewhere[0].sum())):
-        return 'it does not help at poses that the fit has not seen'
+def _reason_for_weak(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
+                     evidence: EffectEvidence, options: VerdictOptions) -> str:
+    """Return why an effect is weak whatever its alternatives, '' if it is not."""
+    if evidence.after >= (1.0 - options.min_reduction) * evidence.before:
+        return 'it hardly reduces the held-out error of the joint'
+    if evidence.n_effective < options.min_effective:
+        return (f'the effective sample size is {evidence.n_effective:.0f}; at least '
+                f'{options.min_effective:.0f} is required')
+    if not evidence.significant:
+        return 'its reduction of the error is not statistically significant'
+    if evidence.unphysical is not None:
+        return f'its size is not physical: {evidence.unphysical}'
+    if evidence.unabsorbed < options.min_unabsorbed:
+        return (f'gravity absorbs all but {evidence.unabsorbed:.1%} of its torque in this motion, '
+                f'so that its size is uncertain')
+    if evidence.model_error is not None:
+        return (f'it has {evidence.model_error.share:.1%} of the torque of '
+                f'{evidence.model_error.of} and may be a model error of that effect')
+    at_new_poses = evidence.errors_at_new_poses
+    if at_new_poses is not None and not within_standard_error(*at_new_poses):
+        return 'it increases the error at poses outside the training set'
+    if every_interval_covers_zero(evidence.sizes):
+        collinear = (len(evidence.sizes) > 1
+                     and not jointly_insignificant(fits, chosen, candidate))
+        return ('this motion cannot distinguish its coefficients' if collinear
+                else 'the interval of every coefficient covers 0')
     return ''
 
 
-def _asked(proof: Proof, options: VerdictOptions) -> float:
-    """Return the effective sample size that an established effect needs."""
-    return options.least_effective + options.effective_each * (proof.free - 1)
+def _reason_for_likely(fits: Fits, chosen: Sequence[Candidate], candidate: Candidate,
+                       evidence: EffectEvidence, options: VerdictOptions) -> str:
+    """Return why an effect with enough samples is not established, '' if it is."""
+    fit = fits.fit(candidate.joint_index, chosen)
+    here = np.isin(fit.columns, candidate.columns)
+    if not (np.sign(fit.by_fold[:, here][:, 0]) == np.sign(fit.all_data[here][0])).all():
+        return 'its sign differs between cross-validation folds'
+    if evidence.runs_better < options.min_runs_better:
+        return f'it reduces the error in only {evidence.runs_better:.0%} of the runs'
+    first = next(iter(evidence.sizes.values()))
+    if first.ci95[0] <= 0.0 <= first.ci95[1]:
+        return 'the interval of its first coefficient covers 0'
+    if evidence.errors_at_new_poses is not None:
+        without, with_it = evidence.errors_at_new_poses
+        if not float(with_it.sum()) < float(without.sum()):
+            return 'it does not reduce the error at poses outside the training set'
+    return ''
 
 
-def _too_few(proof: Proof, options: VerdictOptions) -> str:
-    coefficients = counted(proof.free, 'coefficient')
-    return (f'the effective sample size is {proof.n_effective:.0f} here; '
-            f'{_asked(proof, options):.0f} is needed for {coefficients}')
+def _required_size(evidence: EffectEvidence, options: VerdictOptions) -> float:
+    """Return the effective sample size that an established effect requires."""
+    return (options.min_effective_established
+            + options.effective_per_coefficient * (evidence.n_free - 1))
 
 
-def remainder_of(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
-                 options: VerdictOptions) -> Part | None:
+def _too_few_samples(evidence: EffectEvidence, options: VerdictOptions) -> str:
+    return (f'the effective sample size is {evidence.n_effective:.0f}; '
+            f'{_required_size(evidence, options):.0f} is required for '
+            f'{counted(evidence.n_free, "coefficient")}')
+
+
+def possible_model_error(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
+                         options: VerdictOptions) -> TorqueRatio | None:
     """
-    Return the effect on the same joint whose law may leave what something rare explains.
+    Return an effect on the same joint whose model error a rare effect may be.
 
-    None if the candidate has a fair part of the torque of each of them, or goes on with time, as
-    laws of angle and speed do not.
+    None if the candidate's torque is large compared with that of each other effect, or is a
+    function of time, which model errors of angle and speed are not.
     """
     effect, joint = candidate.effect, candidate.acts_on
     if joint is None or effect.expectation == Expectation.MOTION or effect.corrects \
-            or effect.signature == 'time' or effect.name in USUAL:
+            or effect.signature == 'time' or effect.name in STANDARD_TERMS:
         return None
     size = float(fits.torque(joint, chosen, [candidate]).std())
     for other in chosen:
@@ -151,42 +168,42 @@ def remainder_of(fits: Fits, candidate: Candidate, chosen: Sequence[Candidate],
             continue
         name = other.effect.name
         share = size / max(float(fits.torque(joint, chosen, [other]).std()), 1e-12)
-        confused = name in effect.confounders and name not in USUAL
-        if share < (options.least_of_confounder if confused else options.least_part):
-            return Part(share, name)
+        confounder = name in effect.confounders and name not in STANDARD_TERMS
+        if share < (options.min_confounder_ratio if confounder else options.min_torque_ratio):
+            return TorqueRatio(share, name)
     return None
 
 
-def rest_angles(fits: Fits, motion: Motion, candidate: Candidate,
-                chosen: Sequence[Candidate]) -> tuple[str, ...]:
+def springs_of_offset(fits: Fits, motion: Motion, candidate: Candidate,
+                      chosen: Sequence[Candidate]) -> tuple[str, ...]:
     """
-    Return the springs that an offset on their joint may be a part of.
+    Return elastic effects that are alternative explanations of an offset on their joint.
 
-    A spring is described about the mean angle of the motion, a cable from where it becomes taut.
-    Where it rests is an offset beside it. A spring that pulls in one posture alone looks like
-    gravity, but for that offset.
+    The column of a spring is centred at the mean angle of the motion, that of a cable starts
+    where it becomes taut; an offset in addition moves the rest angle. In a single posture gravity
+    absorbs a spring except for this offset.
     """
     if candidate.effect.name != 'torque_offset':
         return ()
-    spring = 'joint_spring', candidate.joint
-    if spring in fits.layout.untestable and insufficient_postures(motion, candidate.place):
-        return spring[:1]
+    if (('joint_spring', candidate.joint) in fits.layout.untestable
+            and insufficient_postures(motion, candidate.joint_index)):
+        return ('joint_spring',)
     return tuple(c.effect.name for c in chosen
-                 if c.joint == candidate.joint and c.effect.name in _RESTS)
+                 if c.joint == candidate.joint and c.effect.name in _ELASTIC)
 
 
-def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
-                     options: VerdictOptions) -> tuple[str, ...]:
-    """Return confounders that this motion cannot tell from the effect."""
+def indistinguishable_confounders(fits: Fits, motion: Motion, candidate: Candidate,
+                                  options: VerdictOptions) -> tuple[str, ...]:
+    """Return untestable confounders that are collinear with the effect in this motion."""
     if candidate.shared or candidate.joint is None:
         return ()
-    known, twins = all_effects(), []
-    mine = candidate.effect.columns(motion, candidate.joint, candidate.setting)
+    known, names = all_effects(), []
+    own = candidate.effect.columns(motion, candidate.joint, candidate.setting)
     for name in candidate.effect.confounders:
         other = known.get(name)
         if other is None or other.scope != 'joint':
             continue
-        # A rarer effect that looks the same does not make a common one doubtful.
+        # A rare confounder does not make a common effect uncertain.
         if other.expectation == Expectation.RARE != candidate.effect.expectation:
             continue
         if (name, candidate.joint) not in fits.layout.untestable:
@@ -196,13 +213,13 @@ def untestable_twins(fits: Fits, motion: Motion, candidate: Candidate,
             columns = other.columns(motion, candidate.joint, settings[0])
         except (KeyError, ValueError):
             continue
-        if _alike(mine, columns) > options.alike:
-            twins.append(name)
-    return tuple(twins)
+        if _explained_share(own, columns) > options.max_collinearity:
+            names.append(name)
+    return tuple(names)
 
 
-def _alike(a: FloatArray, b: FloatArray) -> float:
-    """Return which share of columns b (M, K) the columns a imitate, means left in."""
+def _explained_share(a: FloatArray, b: FloatArray) -> float:
+    """Return the share of the squares of columns b (M, K) that columns a explain."""
     basis, _ = np.linalg.qr(a)
     total = float((b ** 2).sum())
     return float(((basis.T @ b) ** 2).sum() / total) if total > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""A diagnosis in words: one sentence first, then one for each finding."""
+"""Text of a diagnosis: a summary sentence, a sentence for each finding, numbers with units."""
 
 from __future__ import annotations
 
@@ -9,75 +9,76 @@ from gravity_comp_ros.diagnosis.findings import Diagnosis, Estimate, Finding, FO
 from gravity_comp_ros.effects.registry import all_effects
 from gravity_comp_ros.models.applied_effects import target
 
-_MOST_COEFFICIENTS = 2
+_MAX_COEFFICIENTS = 2
 
 
 def verdict(diagnosis: Diagnosis) -> str:
-    """Return the whole answer in one sentence."""
+    """Return the diagnosis in one sentence."""
     found = [f for f in diagnosis.findings if f.verdict in FOUND]
     if found:
         if len(found) == 1:
             return f'Missing: {sentence(found[0])}.'
-        return f'{len(found)} effects are missing, above all {sentence(found[0])}.'
+        return f'{len(found)} effects are missing. The strongest is {sentence(found[0])}.'
     if diagnosis.findings:
         return f'{_capital(sentence(diagnosis.findings[0]))}.'
     name, worst = max(diagnosis.joints.items(), key=lambda item: item[1].remaining_share,
                       default=('', None))
     if worst is not None and worst.remaining_share > 0.0:
-        return (f'No effect of the library explains these recordings: on joint {name} an error '
-                f'of {worst.rmse_after:.3g} N·m remains, {percent(worst.remaining_share)} of the '
-                f'range of the torque.')
-    return 'Nothing is missing that this motion could show.'
+        return (f'No effect of the library explains the residual: the remaining error of joint '
+                f'{name} is {worst.rmse_after:.3g} N·m, {percent(worst.remaining_share)} of the '
+                f'torque range.')
+    return 'Nothing is missing that is detectable in this motion.'
 
 
 def sentence(finding: Finding) -> str:
-    """Return one finding in words, without a full stop."""
+    """Return one finding as a sentence without a full stop."""
     place = where(finding)
     if finding.effect is None:
         at = finding.setting.get('angle')
         near = '' if at is None else f' near {at:.2f} rad'
-        return f'something on {place}{near} that no effect of the library describes'
+        return f'unexplained torque on {place}{near}, which no effect of the library describes'
     what = f'{title(finding.effect)} on {place}'
     size = sizes(finding.coefficients)
     what += f' ({size})' if size else ''
     before, after = before_and_after(finding)
-    change = f'the held-out error goes from {before} to {after} of the range of the torque with it'
+    verb = 'reduces' if finding.nrmse_after < finding.nrmse_before else 'changes'
+    change = f'it {verb} the held-out error from {before} to {after} of the torque range'
     rivals = ', '.join(finding.rivals)
     if finding.verdict == 'untestable':
-        return f'{what}, or {rivals}: this motion cannot tell' if rivals else \
-            f'{what} cannot be judged from this motion'
+        return f'{what} cannot be distinguished from {rivals} in this motion' if rivals else \
+            f'{what} cannot be tested with this motion'
     if finding.verdict == 'ambiguous':
-        return f'{what} or, as well, {rivals}; {change}'
+        return f'{what}, explained equally well by {rivals}; {change}'
     if finding.verdict == 'weak':
-        return f'perhaps {what}, too weak to be sure; {change}'
+        return f'possibly {what}, with weak evidence; {change}'
     return f'{what}; {change}'
 
 
 def evidence_sentence(name: str, place: str, before: float, after: float, p: float) -> str:
-    """Return the evidence for an effect, before and after as fractions of the range."""
+    """Return the evidence for an effect, before and after as fractions of the torque range."""
     first, then = _differing(before, after)
-    return (f'{name} on {place}: held-out error {first} to {then} of the range, '
-            f'p = {p:.1e} after all that was tried')
+    return (f'{name} on {place}: held-out error {first} → {then} of the torque range, '
+            f'p = {p:.1e} (corrected for multiple testing)')
 
 
 def where(finding: Finding) -> str:
-    """Return the finding's place in words."""
+    """Return the joint of a finding, or 'the whole arm'."""
     return 'the whole arm' if finding.joint is None else f'joint {finding.joint}'
 
 
 def title(effect: str) -> str:
-    """Return the effect's title, as it stands within a sentence; its name if it is unknown."""
+    """Return the effect's title for use within a sentence; its name if it is not installed."""
     known = all_effects().get(effect)
     if known is None:
         return effect
     words = known.title
     first = words.split(' ')[0]
-    # A name keeps its capital: Coulomb, Stribeck.
+    # Proper names keep their capital.
     return words if first in ('Coulomb', 'Stribeck') else words[0].lower() + words[1:]
 
 
-def sizes(coefficients: Mapping[str, Estimate], most: int = _MOST_COEFFICIENTS) -> str:
-    """Return coefficients with their intervals, or nothing where there are too many."""
+def sizes(coefficients: Mapping[str, Estimate], most: int = _MAX_COEFFICIENTS) -> str:
+    """Return coefficients with their intervals, '' for more than `most` coefficients."""
     items = dict(coefficients)
     if not items or len(items) > most:
         return ''
@@ -87,7 +88,7 @@ def sizes(coefficients: Mapping[str, Estimate], most: int = _MOST_COEFFICIENTS) 
 
 
 def plus_minus(estimate: Estimate) -> str:
-    """Return `0.790 ± 0.028 N·m`: as many digits as the interval is worth, two."""
+    """Return `0.790 ± 0.028 N·m`, with two significant digits of the half-width."""
     low, high = estimate.ci95
     half = 0.5 * (high - low)
     unit = f' {estimate.unit}' if estimate.unit else ''
@@ -101,7 +102,7 @@ def plus_minus(estimate: Estimate) -> str:
 
 
 def percent(share: float | None) -> str:
-    """Return a share as people read it, 9.63 % or 18.2 %; a dash where there is none."""
+    """Return a share with three digits, 9.63 % or 18.2 %; a dash for None or NaN."""
     if share is None or not math.isfinite(share):
         return '–'
     value = 100.0 * share
@@ -109,7 +110,7 @@ def percent(share: float | None) -> str:
 
 
 def before_and_after(finding: Finding) -> tuple[str, str]:
-    """Return the held-out error without and with an effect, in digits that differ."""
+    """Return the held-out error without and with an effect, with distinguishable digits."""
     return _differing(finding.nrmse_before, finding.nrmse_after)
 
 
@@ -121,12 +122,12 @@ def _differing(before: float, after: float) -> tuple[str, str]:
 
 
 def change(finding: Finding) -> str:
-    """Return the held-out error without and with an effect, with an arrow between."""
+    """Return the held-out error without and with an effect, joined by an arrow."""
     return ' → '.join(before_and_after(finding))
 
 
 def targets(findings: Sequence[Finding]) -> list[str]:
-    """Return what `add` would be given for findings that are sure enough."""
+    """Return the arguments of `add` for established and likely findings."""
     return [target(f.effect, f.joint) for f in findings
             if f.verdict in FOUND and f.effect is not None]
 

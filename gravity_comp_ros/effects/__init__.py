@@ -1,1 +1,1 @@
-"""Physical effects that a gravity model does not hold: what each looks like in the residual."""
+"""Library of physical effects in addition to gravity, and their regressor columns."""

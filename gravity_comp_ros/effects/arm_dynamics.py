@@ -1,10 +1,10 @@
 """
-What the torque of motion of an arm is linear in: the columns of rigid-body dynamics.
+Columns of an arm's dynamic torque: inertial, centrifugal and Coriolis torque.
 
-With the axes of a description the columns are the torque of a nominal arm with the first moments
-of gravity, and inertias beside it (`DescribedDynamics`). Without one the axes and moments are
-those of a chain, and the lengths between axes are coefficients as well (`ChainDynamics`). Most
-motions do not show all coefficients, so each has a prior.
+With known axes the columns are the torque of a nominal arm with the first moments of gravity,
+and further inertias (`DescribedDynamics`). Without a description, axes and moments are those of
+a chain, and the lengths between axes are coefficients too (`ChainDynamics`). Most motions do not
+excite all coefficients, so each has a prior.
 """
 
 from __future__ import annotations
@@ -28,34 +28,30 @@ from gravity_comp_ros.models.kinematic.unknown_lengths import (
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-# Samples whose regressor is built at once, and poses at which moments are read off a model.
-_AT_ONCE, _POSES = 4096, 256
-# Correlation from which on two functions of the pose are told from unrelated ones, and cosine from
-# which on two axes are parallel.
-_SHOWS, _PARALLEL = 0.1, 0.98
-# Settings that say which way vertical axes turn, in their order.
-WAYS = ('way', 'way_2')
-# How far inertias differ from those of the nominal arm, relative to what its joint carries; how
-# large a rotor is, and what every joint carries at least, relative to the joint that carries most.
-_DIFFERS, _ROTOR, _LEAST = 0.2, 0.02, 0.01
-# m: how far masses usually are from the axis that carries them, and axes from each other.
-_LENGTH, _BETWEEN = 0.4, 0.1
-NOMINAL = Coefficient('s', '', 'share of the torque of motion of a nominal arm, which is made of '
-                               'the first moments of gravity')
+# Samples per batch of the regressor, and number of poses for the moments of a model.
+_BATCH, _POSES = 4096, 256
+# Minimum correlation of two functions of the pose, and minimum cosine of parallel axes.
+_MIN_CORRELATION, _PARALLEL = 0.1, 0.98
+# Settings with the signs of vertical axes, in their order.
+SIGN_SETTINGS = ('way', 'way_2')
+# Prior standard deviation of inertias, relative to the nominal inertia about their joint; that of
+# rotors, and minimum inertia about a joint, both relative to the largest.
+_INERTIA_STD, _ROTOR_STD, _MIN_INERTIA = 0.2, 0.02, 0.01
+# Typical distance of masses from their joint axis, and prior standard deviation of lengths
+# between axes, in m.
+_LENGTH, _LENGTH_STD = 0.4, 0.1
+NOMINAL = Coefficient('s', '', 'share of the dynamic torque of a nominal arm with the first '
+                               'moments of gravity')
 
 
 class Dynamics(ABC):
-    """
-    Columns of the torque of motion, and how large their coefficients (K,) are before any data.
+    """Columns of the dynamic torque; `prior_std` (K,) is inf where a coefficient is free."""
 
-    `usual` (K,) are standard deviations, inf where a coefficient is free.
-    """
-
-    usual: FloatArray
+    prior_std: FloatArray
 
     @abstractmethod
     def coefficients(self) -> Coefficients:
-        """Return what each column is multiplied by."""
+        """Return the coefficient of each column."""
 
     @abstractmethod
     def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
@@ -65,7 +61,7 @@ class Dynamics(ABC):
 @dataclass(frozen=True, eq=False)
 class DescribedDynamics(Dynamics):
     """
-    The torque of an arm with known axes: nominal parameters (10 N,), inertias and rotors.
+    Dynamic torque of an arm with known axes: nominal parameters (10 N,), inertias, rotors.
 
     `inertias` (K,) are parameter numbers, `rotors` (R,) joint numbers.
     """
@@ -74,17 +70,17 @@ class DescribedDynamics(Dynamics):
     nominal: FloatArray
     inertias: IntArray
     rotors: IntArray
-    usual: FloatArray
+    prior_std: FloatArray
 
     @classmethod
     def of(cls, model: GravityModel, geometry: Geometry) -> DescribedDynamics:
-        """Return the dynamics whose first moments are those of a gravity model."""
+        """Return the dynamics with the first moments of a gravity model."""
         inertias, rotors = identifiable(geometry)
         nominal = nominal_parameters(geometry, first_moments(model, geometry))
-        carried = _at_least(mean_inertia(geometry, nominal))
-        usual = np.concatenate([[np.inf], _DIFFERS * carried[inertias // 10],
-                                np.full(len(rotors), _ROTOR * carried.max())])
-        return cls(geometry, nominal, inertias, rotors, usual)
+        carried = _with_minimum(mean_inertia(geometry, nominal))
+        prior_std = np.concatenate([[np.inf], _INERTIA_STD * carried[inertias // 10],
+                                    np.full(len(rotors), _ROTOR_STD * carried.max())])
+        return cls(geometry, nominal, inertias, rotors, prior_std)
 
     def coefficients(self) -> Coefficients:
         return (NOMINAL, *(_inertia(k // 10, PARAMETERS[k % 10], ' beyond that of the nominal arm')
@@ -92,47 +88,47 @@ class DescribedDynamics(Dynamics):
 
     def columns(self, q: FloatArray, qd: FloatArray, qdd: FloatArray) -> FloatArray:
         k = 1 + len(self.inertias)
-        found = np.zeros((*q.shape, k + len(self.rotors)))
-        for start in range(0, len(q), _AT_ONCE):
-            rows = slice(start, start + _AT_ONCE)
+        columns = np.zeros((*q.shape, k + len(self.rotors)))
+        for start in range(0, len(q), _BATCH):
+            rows = slice(start, start + _BATCH)
             every = regressor(self.geometry, q[rows], qd[rows], qdd[rows])
-            found[rows, :, 0] = every @ self.nominal
-            found[rows, :, 1:k] = every[:, :, self.inertias]
-        for place, joint in enumerate(self.rotors):
-            found[:, joint, k + place] = qdd[:, joint]
-        return found
+            columns[rows, :, 0] = every @ self.nominal
+            columns[rows, :, 1:k] = every[:, :, self.inertias]
+        for number, joint in enumerate(self.rotors):
+            columns[:, joint, k + number] = qdd[:, joint]
+        return columns
 
 
 @dataclass(frozen=True, eq=False)
 class ChainDynamics(Dynamics):
     """
-    The torque of an arm whose axes and moments are those of a chain, its lengths unknown.
+    Dynamic torque of an arm with the axes and moments of a chain, and unknown lengths.
 
-    `balls` (N,) in kg·m^2 are the inertias of the nominal arm (`motion_columns`). Of `n_vertical`
-    axes gravity shows no moment.
+    `balls` (N,) in kg·m^2 are the inertias of the nominal arm (`motion_columns`). `n_vertical` is
+    the number of vertical axes, whose moments gravity does not excite.
     """
 
     chain: Chain
     balls: FloatArray
-    usual: FloatArray
+    prior_std: FloatArray
     n_vertical: int
 
     @classmethod
     def of(cls, chain: Chain, n_vertical: int = 0) -> ChainDynamics:
-        """Return the dynamics of a chain; what a joint carries is estimated from its moments."""
+        """Return the dynamics of a chain; nominal inertias are estimated from its moments."""
         n = chain.n_joints
         if n_vertical > 1:
             moments = chain.moments.copy()
             moments[:n_vertical] = 0.0
             chain = Chain(chain.axes, moments)
-        balls = _at_least(_LENGTH * np.linalg.norm(chain.moments, axis=1) / STANDARD_GRAVITY)
+        balls = _with_minimum(_LENGTH * np.linalg.norm(chain.moments, axis=1) / STANDARD_GRAVITY)
         carried = np.cumsum(balls[::-1])[::-1]
-        differ = _DIFFERS * carried
-        usual = np.concatenate([[np.inf], differ[:1], np.repeat(differ[1:], len(INERTIAS)),
-                                np.full(3 * (n - 1), _BETWEEN),
-                                np.full(n - 1, _ROTOR * carried.max()),
-                                np.full(2 if n_vertical > 1 else 0, carried[1:2].sum())])
-        return cls(chain, balls, usual, n_vertical)
+        inertia_std = _INERTIA_STD * carried
+        prior_std = np.concatenate([
+            [np.inf], inertia_std[:1], np.repeat(inertia_std[1:], len(INERTIAS)),
+            np.full(3 * (n - 1), _LENGTH_STD), np.full(n - 1, _ROTOR_STD * carried.max()),
+            np.full(2 if n_vertical > 1 else 0, carried[1:2].sum())])
+        return cls(chain, balls, prior_std, n_vertical)
 
     def coefficients(self) -> Coefficients:
         n = self.chain.n_joints
@@ -152,18 +148,18 @@ class ChainDynamics(Dynamics):
         return np.concatenate(parts, axis=2)
 
 
-def _at_least(carried: FloatArray) -> FloatArray:
-    """Return inertias (N,) in kg·m^2 about each joint, none next to nothing."""
-    return np.maximum(carried, max(_LEAST * float(carried.max()), 1e-6))
+def _with_minimum(carried: FloatArray) -> FloatArray:
+    """Return inertias (N,) in kg·m^2 about each joint, limited from below."""
+    return np.maximum(carried, max(_MIN_INERTIA * float(carried.max()), 1e-6))
 
 
 def _inertia(link: int, kind: str, beyond: str = '') -> Coefficient:
     return Coefficient(f'{kind}_{link + 1}', 'kg·m^2',
-                       f'{kind} of link number {link + 1}{beyond}, what it carries included')
+                       f'{kind} of link number {link + 1}{beyond}, including its load')
 
 
 def _length(joint: int, axis: str) -> Coefficient:
-    return Coefficient(f'{axis}_{joint + 1}', 'm', f'where axis {joint + 1} lies in link number '
+    return Coefficient(f'{axis}_{joint + 1}', 'm', f'position of axis {joint + 1} in link number '
                                                    f'{joint}, along {axis}')
 
 
@@ -179,46 +175,48 @@ def _rotor(joint: int) -> Coefficient:
 
 @lru_cache(maxsize=4)
 def described_dynamics(model: GravityModel) -> DescribedDynamics | None:
-    """Return the dynamics of a gravity model with known axes; None if it has none."""
+    """Return the dynamics of a gravity model with known axes; None without known axes."""
     return None if model.geometry is None else DescribedDynamics.of(model, model.geometry)
 
 
 @lru_cache(maxsize=4)
-def chain_dynamics(chain: Chain, ways: tuple[float, ...] = ()) -> ChainDynamics:
-    """Return the dynamics of a chain whose vertical axes turn these `ways` (`turned`)."""
-    return ChainDynamics.of(turned(chain, ways), len(ways))
+def chain_dynamics(chain: Chain, signs: tuple[float, ...] = ()) -> ChainDynamics:
+    """Return the dynamics of a chain with these signs of vertical axes."""
+    return ChainDynamics.of(with_axis_signs(chain, signs), len(signs))
 
 
 def axis_sign_options(chain: Chain, q: FloatArray) -> list[tuple[float, ...]]:
     """
-    Return the ways in which a chain's axes may turn by its gravity at q (M, N) (`turned`).
+    Return the possible signs of the vertical axes of a chain, which gravity does not determine.
 
-    An axis counts that carries no gravity and is vertical in every pose: the first one of a level
-    base, and the next ones that are parallel to it, as in a SCARA.
+    An axis without gravity torque is vertical in every pose: the first one of a level base, and
+    the next ones parallel to it, as in a SCARA.
+
+    :param q: (M, N) poses in rad.
     """
     count = 0
     if chain.n_joints > 1 and len(q) > 0 and is_level(chain.torque(q)):
-        count, most = 1, min(chain.n_joints - 1, len(WAYS))
+        count, most = 1, min(chain.n_joints - 1, len(SIGN_SETTINGS))
         while count < most and abs(chain.axes[count][2, 2]) > _PARALLEL:
             count += 1
     return list(product((1.0, -1.0), repeat=count))
 
 
-def ways_of(chain: Chain, q: FloatArray) -> tuple[float, ...]:
-    """Return the way in which each axis turns whose way gravity at q (M, N) does not show."""
-    return tuple(way_of(chain, axis) for axis in range(len(axis_sign_options(chain, q)[0])))
+def axis_signs(chain: Chain, q: FloatArray) -> tuple[float, ...]:
+    """Return the sign of each vertical axis of a chain, given poses q (M, N)."""
+    return tuple(axis_sign(chain, axis) for axis in range(len(axis_sign_options(chain, q)[0])))
 
 
-def turned(chain: Chain, ways: tuple[float, ...]) -> Chain:
+def with_axis_signs(chain: Chain, signs: tuple[float, ...]) -> Chain:
     """
-    Return the chain whose first axes turn one way (1) or the other (-1); none is left as it is.
+    Return the chain with these signs (1 or -1) of its first axes.
 
-    Gravity does not show which way a vertical axis turns: no height depends on its angle. The
-    torque of motion does, since it couples that joint to the others.
+    Gravity does not determine the sign of a vertical axis, since no height depends on its angle.
+    Dynamics do, since they couple that joint to the others.
     """
     half_turn = np.diag([1.0, -1.0, -1.0])
-    for joint, way in enumerate(ways):
-        if way * way_of(chain, joint) >= 0.0:
+    for joint, sign in enumerate(signs):
+        if sign * axis_sign(chain, joint) >= 0.0:
             continue
         axes, moments = chain.axes.copy(), chain.moments.copy()
         axes[joint], axes[joint + 1] = axes[joint] @ half_turn, half_turn @ axes[joint + 1]
@@ -227,13 +225,14 @@ def turned(chain: Chain, ways: tuple[float, ...]) -> Chain:
     return chain
 
 
-def way_of(chain: Chain, vertical: int = 0) -> float:
+def axis_sign(chain: Chain, vertical: int = 0) -> float:
     """
-    Return which way a vertical axis turns: 1 or -1, or 0 where both are the same arm.
+    Return the sign of a vertical axis: 1 or -1, or 0 if both describe the same arm.
 
-    A mirror image has the same gravity and the same kinetic energy, and its first axis points the
-    other way. So the way is told by what a mirror leaves: the angle between the vertical axis and
-    the next one that is not fixed to it, against the gravity torque of the joint that moves that.
+    The mirror image of an arm has the same gravity and kinetic energy, and the opposite first
+    axis. The sign is defined by a quantity that is invariant under reflection: the correlation of
+    the angle between the vertical axis and the next axis that is not fixed to it with the gravity
+    torque of the joint that moves that axis.
     """
     n = chain.n_joints
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (_POSES, n))
@@ -244,7 +243,8 @@ def way_of(chain: Chain, vertical: int = 0) -> float:
         between = (_between(chain, q, vertical, joint + 1)
                    + _between(chain, later, vertical, joint + 1))
         common = float(((between - between.mean()) * gravity[:, joint]).mean())
-        if abs(common) > _SHOWS * float(between.std() * gravity[:, joint].std()) > 0.0:
+        if abs(common) > _MIN_CORRELATION * float(between.std()
+                                                  * gravity[:, joint].std()) > 0.0:
             return float(np.sign(common))
     return 0.0
 
@@ -259,7 +259,7 @@ def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
     """
     Return the first moments (N, 2) of a gravity model about known axes, in kg·m.
 
-    They are those of its chain, or what comes nearest to its torque over the trained range.
+    They are those of its chain, or the least-squares fit to its torque over the trained range.
     """
     chain = model.chain
     if chain is not None and np.allclose(chain.axes[1:], geometry.rotations[1:], atol=1e-6):
@@ -268,5 +268,5 @@ def first_moments(model: GravityModel, geometry: Geometry) -> FloatArray:
     q = np.random.default_rng(0).uniform(low, np.maximum(high, low), (_POSES, model.n_joints))
     columns = ForwardKinematics(geometry.rotations, q).moment_columns()
     flat = columns.reshape(len(columns), -1).T
-    found = lstsq(flat, model.predict(q).T.ravel(), rcond=1e-6)
-    return np.asarray(found.reshape(-1, 2) / STANDARD_GRAVITY)
+    moments = lstsq(flat, model.predict(q).T.ravel(), rcond=1e-6)
+    return np.asarray(moments.reshape(-1, 2) / STANDARD_GRAVITY)

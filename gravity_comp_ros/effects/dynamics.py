@@ -1,4 +1,4 @@
-"""What a moving arm needs beyond gravity: torque for acceleration and for turning frames."""
+"""Dynamic torque of single joints: inertia, centrifugal and Coriolis torque."""
 
 from __future__ import annotations
 
@@ -10,34 +10,35 @@ from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, E
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
-_LEAST_ACCELERATION = 1e-3
-_LEAST_SPEED_SQUARED = 1e-3
-# So much motion tells one coupling, s.
-_SECONDS_EACH = 10.0
-# Joints as far apart as this couple by way of the angles between them.
+# Minimum acceleration, in rad/s^2, and product of speeds, in (rad/s)^2, of a testable motion.
+_MIN_ACCELERATION = 1e-3
+_MIN_SPEED_PRODUCT = 1e-3
+# Duration of motion required for each coefficient, in s.
+_SECONDS_PER_COEFFICIENT = 10.0
+# Maximum distance, in joints, of a coupling that depends on the angles between two joints.
 _NEAR = 2
-# The joint that accelerates, and the angles whose sines and cosines its torque is multiplied by.
+# The accelerating joint, and the trigonometric factors of its column: (joint, sine or cosine).
 _Coupling = tuple[int, tuple[tuple[int, np.ufunc], ...]]
-_INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, rotor included, in the '
-                                      'middle of the motion')
+_INERTIA = Coefficient('J', 'kg·m^2', 'moment of inertia about the joint, including the rotor, '
+                                      'mean over the motion')
 
 
 class Inertia(Effect):
-    """The columns are the joint's own acceleration, and after it what `_couplings` names."""
+    """The columns are the joint's own acceleration, then those of `_couplings`."""
 
     name = 'inertia'
     title = 'Inertia'
     family = 'dynamics'
     equation = ('tau_n = J qdd_n; or, coupled, J qdd_n + sum_j m_j qdd_j, m_j constant or a sum '
                 'over the sines and cosines of the angles between joints n and j')
-    description = ('The torque that accelerates the arm and the rotor behind its gear; where the '
-                   'motion shows it, also the part of the other joints, and how it changes with '
-                   'the pose.')
-    coefficients = (_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint j, '
-                                                           'and per factor of angles'))
+    description = ('Torque that accelerates the arm and the rotor of the drive. If the motion '
+                   'excites them, it includes the coupling with other joints and its dependence '
+                   'on the pose.')
+    coefficients = (_INERTIA, Coefficient('m_j', 'kg·m^2', 'torque per acceleration of joint j '
+                                                           'and trigonometric factor'))
     confounders = ('joint_spring', 'coriolis', 'rigid_body_dynamics')
-    experiment = ('move joint {joint} to and fro over the same short way at two speeds; inertia '
-                  'grows with the square of the speed')
+    experiment = ('move joint {joint} back and forth over the same short range at two speeds; '
+                  'inertial torque grows with the square of the speed')
     signature = 'acceleration'
     source = 'Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6'
     setting_units = {'coupled': '', 'mean_s': '', 'mean_c': ''}
@@ -45,89 +46,89 @@ class Inertia(Effect):
     pointwise = True
     expectation = Expectation.MOTION
     needs_speed = True
-    why_not_negative = 'a mass resists acceleration'
+    why_not_negative = 'a moment of inertia is positive'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         parts = [motion.qdd[:, joint]]
-        for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
-            factor = _factor(motion, turned)
+        for other, waves in _couplings(motion.qdd.shape[1], joint, setting):
+            factor = _factor(motion, waves)
             if other == joint:
-                # The first coefficient is then the inertia in the middle of the motion.
-                factor = factor - setting.get(_mean_of(turned), 0.0)
+                # Centred, so that the first coefficient is the mean inertia.
+                factor = factor - setting.get(_mean_name(waves), 0.0)
             parts.append(motion.qdd[:, other] * factor)
         return np.stack(parts, axis=1)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return own inertia, a row of the mass matrix, and one that turns with poses."""
+        """Return own inertia, a constant row of the mass matrix, and one that varies with q."""
         n, seconds = motion.qdd.shape[1], recorded_time(motion.samples)
-        found: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
+        forms: list[dict[str, float]] = [{'coupled': float(k)} for k in range(3)]
         weights = motion.qdd[:, joint] ** 2
-        for other, turned in _couplings(n, joint, found[2]):
+        for other, waves in _couplings(n, joint, forms[2]):
             if other == joint:
-                found[2][_mean_of(turned)] = float(
-                    weights @ _factor(motion, turned) / max(float(weights.sum()), 1e-300))
-        counts = [1 + len(_couplings(n, joint, setting)) for setting in found]
-        return [setting for setting, count, fewer in zip(found, counts, [0, *counts])
-                if count == 1 or (count > fewer and seconds >= _SECONDS_EACH * count)]
+                forms[2][_mean_name(waves)] = float(
+                    weights @ _factor(motion, waves) / max(float(weights.sum()), 1e-300))
+        counts = [1 + len(_couplings(n, joint, setting)) for setting in forms]
+        return [setting for setting, count, fewer in zip(forms, counts, [0, *counts])
+                if count == 1 or (count > fewer and seconds >= _SECONDS_PER_COEFFICIENT * count)]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
-        found = [_INERTIA]
-        for other, turned in _couplings(motion.qdd.shape[1], joint, setting):
-            factors = ' '.join(f'{"s" if wave is np.sin else "c"}{k + 1}' for k, wave in turned)
-            found.append(Coefficient(
+        coefficients = [_INERTIA]
+        for other, waves in _couplings(motion.qdd.shape[1], joint, setting):
+            factors = ' '.join(f'{"s" if wave is np.sin else "c"}{k + 1}' for k, wave in waves)
+            coefficients.append(Coefficient(
                 f'm_{other + 1}' + (f'[{factors}]' if factors else ''), 'kg·m^2',
                 f'torque per acceleration of joint number {other + 1}'
                 + (f', times {factors}' if factors else '')))
-        return tuple(found)
+        return tuple(coefficients)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         largest = float(np.abs(motion.qdd[:, joint]).max(initial=0.0))
-        if largest < _LEAST_ACCELERATION:
+        if largest < _MIN_ACCELERATION:
             return f'the joint hardly accelerates (at most {largest:.2g} rad/s^2)'
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
-        # The joint's own inertia alone: a coupling has either sign.
+        # Only the joint's own inertia is checked: a coupling can have either sign.
         return super().implausible(values[:1], {}, motion, joint)
 
 
-def _factor(motion: Motion, turned: tuple[tuple[int, np.ufunc], ...]) -> FloatArray:
+def _factor(motion: Motion, waves: tuple[tuple[int, np.ufunc], ...]) -> FloatArray:
     """Return the product (M,) of sines and cosines of angles."""
     factor = np.ones(motion.samples.n_samples)
-    for place, wave in turned:
-        factor = factor * wave(motion.samples.q[:, place])
+    for number, wave in waves:
+        factor = factor * wave(motion.samples.q[:, number])
     return factor
 
 
-def _mean_of(turned: tuple[tuple[int, np.ufunc], ...]) -> str:
-    """Return the name of the parameter that is the mean of a factor."""
-    return 'mean_' + ''.join('s' if wave is np.sin else 'c' for _, wave in turned)
+def _mean_name(waves: tuple[tuple[int, np.ufunc], ...]) -> str:
+    """Return the name of the parameter with the mean of a factor."""
+    return 'mean_' + ''.join('s' if wave is np.sin else 'c' for _, wave in waves)
 
 
 def _couplings(n_joints: int, joint: int, setting: Setting) -> list[_Coupling]:
     """
-    Return what else a row of the mass matrix has: (joint that accelerates, factors of angles).
+    Return the further terms of a row of the mass matrix: (accelerating joint, factors).
 
-    Two joints couple by way of the angles between them, and a joint's own inertia hangs on the
-    next angle. Joints farther apart than two are given one mean value: what their many angles
-    do would take more numbers than a recording tells.
+    The coupling of two joints depends on the angles between them, and a joint's own inertia on
+    the next angle. Couplings of more distant joints are constant, which limits the number of
+    coefficients.
     """
     reach = setting.get('coupled', 0.0)
     if not reach:
         return []
-    found: list[_Coupling] = []
+    couplings: list[_Coupling] = []
     for other in range(n_joints):
         near, far = min(joint, other), max(joint, other)
         between = range(near + 1, far + 1) if other != joint else range(joint + 1, joint + 2)
         angles = [k for k in between if k < n_joints]
         if reach < 2.0 or far - near > _NEAR:
             angles = []
-        for waves in product((None, np.sin, np.cos), repeat=len(angles)):
-            turned = tuple((k, wave) for k, wave in zip(angles, waves) if wave is not None)
-            if turned or other != joint:
-                found.append((other, turned))
-    return found
+        for choice in product((None, np.sin, np.cos), repeat=len(angles)):
+            waves = tuple((k, wave) for k, wave in zip(angles, choice) if wave is not None)
+            if waves or other != joint:
+                couplings.append((other, waves))
+    return couplings
 
 
 class Coriolis(Effect):
@@ -135,12 +136,12 @@ class Coriolis(Effect):
     title = 'Centrifugal and Coriolis torque'
     family = 'dynamics'
     equation = 'tau_n = sum_jk h_jk qd_j qd_k over the joint and its neighbours, without qd_n^2'
-    description = ('The torque that comes with products of speeds; constants stand for mean '
-                   'values over the poses, so that it holds in a narrow range only.')
+    description = ('Torque proportional to products of joint speeds. The coefficients are mean '
+                   'values over the poses, valid in a narrow range only.')
     coefficients = (Coefficient('h_j_k', 'kg·m^2', 'torque per product of two speeds'),)
     confounders = ('inertia', 'rigid_body_dynamics')
     experiment = ('move joint {joint} and its neighbours together at two speeds; this torque '
-                  'grows with the square of the speed and does not turn with direction')
+                  'grows with the square of the speed and does not reverse with the direction')
     signature = 'speed'
     source = 'Yu 2022, Eq. (1); J. J. Craig, Introduction to Robotics, ch. 6'
     pointwise = True
@@ -150,7 +151,7 @@ class Coriolis(Effect):
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         qd = motion.samples.qd
         pairs = _speed_products(qd.shape[1], joint)
-        # An arm of one joint has no such torque; its column is empty.
+        # An arm with one joint has no such torque; its column is zero.
         return np.stack([qd[:, a] * qd[:, b] for a, b in pairs] or [np.zeros(len(qd))], axis=1)
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
@@ -163,18 +164,18 @@ class Coriolis(Effect):
         if motion.samples.n_joints < 2:
             return 'an arm of one joint has no such torque'
         largest = float(np.abs(self.columns(motion, joint, {})).max(initial=0.0))
-        if largest < _LEAST_SPEED_SQUARED:
-            return (f'products of speeds stay below {_LEAST_SPEED_SQUARED:g} (rad/s)^2, too slow '
-                    f'for this torque to show')
+        if largest < _MIN_SPEED_PRODUCT:
+            return (f'products of speeds stay below {_MIN_SPEED_PRODUCT:g} (rad/s)^2, too low to '
+                    f'identify this torque')
         return None
 
 
 def _speed_products(n_joints: int, joint: int) -> list[tuple[int, int]]:
     """
-    Return the pairs of joints whose speeds' product may act on a joint.
+    Return the pairs of joints whose product of speeds acts on a joint.
 
-    All pairs of the joint and its neighbours except its own square: M_nn does not depend on
-    q_n, so that no such term exists.
+    They are all pairs of the joint and its neighbours except its own square: M_nn does not depend
+    on q_n.
     """
     near = [j for j in (joint - 1, joint, joint + 1) if 0 <= j < n_joints]
     return [(a, b) for k, a in enumerate(near) for b in near[k:] if not a == b == joint]

@@ -1,11 +1,11 @@
 """
-What an effect is: a torque that gravity cannot explain, linear in a few coefficients.
+Base class of effects: torques in addition to gravity, linear in a few coefficients.
 
     tau_residual = sum_k coefficient_k column_k(q, qd, qdd, g, t; setting)
 
-Columns are computed from the motion and from the predicted gravity torque g, never from the
-measured torque: noise would otherwise explain itself. What an effect is not linear in (a
-velocity, a distance, a time) is its setting, and is scanned.
+Columns are computed from the motion and the predicted gravity torque g, never from the measured
+torque, whose noise would be correlated with the residual. Nonlinear parameters (a speed, a
+distance, a time) are called a setting; several values are compared.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Setting = Mapping[str, float]
 
 
 class Expectation(StrEnum):
-    """How usual a torque is: it comes with motion, is common in joints, or is rare."""
+    """Prior expectation of a torque: dynamics of every motion, common in joints, or rare."""
 
     MOTION = 'motion'
     COMMON = 'common'
@@ -48,17 +48,17 @@ Coefficients = tuple[Coefficient, ...]
 
 class Regressor(ABC):
     """
-    Columns that may explain torque beside gravity: an effect, or a question about the residual.
+    Columns that explain torque in addition to gravity: an effect, or a test of the residual.
 
     Attributes, set in the body of a class or before `Effect.__init__`:
 
-    - `name`: what reports and model files call it.
-    - `scope`: 'joint' if it acts on the torque of one joint, 'arm' if on several at once.
-    - `per_joint`: whether it is about a joint, as an encoder's offset is although it acts on
-      several torques. A tilted base is not: it is tried once, and the joint number that its
-      methods are given means nothing.
+    - `name`: identifier in reports and model files.
+    - `scope`: 'joint' if it acts on the torque of one joint, 'arm' if on several joints.
+    - `per_joint`: whether it belongs to a joint. An encoder offset does, although it acts on
+      several torques. A base tilt does not: it is tested once, and its methods ignore the joint
+      number.
     - `pointwise`: whether a column's value at a sample depends on that sample alone.
-    - `expectation`: how usual it is, which says how much evidence it needs.
+    - `expectation`: prior expectation, which determines the evidence required.
     """
 
     name: str
@@ -70,12 +70,12 @@ class Regressor(ABC):
     @abstractmethod
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         """
-        Return the torque of each coefficient where that is 1.
+        Return the torque in N·m per unit of each coefficient.
 
         (M, K) for M samples and K coefficients, or (M, N, K) of all N joints for scope 'arm'.
 
         :param joint: its number, from 0.
-        :param setting: one of `settings` or `refine`.
+        :param setting: an element of `settings` or `refine`.
         """
 
     def columns_of_arm(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
@@ -88,39 +88,39 @@ class Regressor(ABC):
         return whole
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return the settings worth trying on this motion; none if it cannot be judged."""
+        """Return the settings to compare on this motion; none if it is not testable."""
         return [{}]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        """Return finer settings around one that the scan has found; none if it is fine enough."""
+        """Return finer settings around one of the best; none if no refinement is needed."""
         return []
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        """Return why this motion cannot show it, as a clause; None if it can."""
+        """Return why this motion does not excite it, as a clause; None if it does."""
         return None
 
 
 class Effect(Regressor):
     """
-    A physical effect, with all that the tool says about it.
+    A physical effect with its documentation.
 
     An effect is a class with these attributes and `columns`; the other methods have defaults.
-    Attributes beside those of `Regressor`:
+    Attributes in addition to those of `Regressor`:
 
-    - `title`, `equation`, `description`, `source`: words for people. `family` is a heading.
-    - `coefficients`: one for each column. Where their number depends on the arm, they show the
-      kinds that occur, and `coefficients_of` returns them all.
-    - `confounders`: names of effects that can look alike; `experiment` is the motion that tells
-      them apart, with `{joint}` for the joint's name.
-    - `signature`: over what the residual is plotted to see it.
-    - `setting_units`: the unit of each number of a setting, '' for none.
-    - `not_scanned`: numbers of a setting that are taken from the motion as it is, such as the
-      middle of a range, so that the columns mean the same on other motions.
-    - `corrects`: effects one of which must be on the joint before this one is looked for.
+    - `title`, `equation`, `description`, `source`: text for users. `family` is a heading.
+    - `coefficients`: one for each column. If their number depends on the arm, they are examples
+      of each kind, and `coefficients_of` returns all of them.
+    - `confounders`: names of effects with similar torques; `experiment` is the motion that
+      distinguishes them, with `{joint}` for the joint's name.
+    - `signature`: quantity over which a plot of the residual shows the effect.
+    - `setting_units`: the unit of each nonlinear parameter, '' for none.
+    - `not_scanned`: parameters that are computed from the motion, such as the centre of a range,
+      and stored so that the columns have the same meaning on other motions.
+    - `corrects`: effects of which one must be chosen on the joint before this one is tested.
     - `certain`: whether every arm has the effect wherever it is testable.
-    - `needs_speed`: whether it shows in fast motion, so that slow samples alone do not fit it.
-    - `why_not_negative`: why no coefficient is below 0; '' if one may be.
-    - `largest`: what no coefficient exceeds in size, and `why_not_larger`.
+    - `needs_speed`: whether its identification requires fast motion.
+    - `why_not_negative`: why no coefficient is negative; '' if coefficients can be negative.
+    - `largest`: maximum absolute value of a coefficient; `why_not_larger` is the reason.
 
     :raises OptionError: if an attribute is missing, the scope is unknown or there is no
         coefficient.
@@ -162,8 +162,8 @@ class Effect(Regressor):
         return self.coefficients
 
     @property
-    def bends_with_speed(self) -> bool:
-        """Return whether it is viscous friction whose slope changes with the speed."""
+    def is_nonlinear_in_speed(self) -> bool:
+        """Return whether it is a friction law that is nonlinear in speed."""
         return self.signature == 'speed' and 'viscous_friction' in self.corrects
 
     @property
@@ -173,19 +173,19 @@ class Effect(Regressor):
 
     def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray | None:
         """
-        Return the standard deviations (K,) of the coefficients before any data, inf where free.
+        Return the prior standard deviations (K,) of the coefficients, inf where free.
 
-        For effects that have more coefficients than a motion may show. None leaves all free.
+        For effects with more coefficients than a motion can identify; None for no prior.
         """
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
         """
-        Return why coefficients (K,) are not physical, as a clause; None if they may be.
+        Return why coefficients (K,) are not physical, as a clause; None if they are plausible.
 
-        By default none may be negative where `why_not_negative` says so, none exceeds `largest`,
-        and together they make no more torque than there is.
+        The default checks the sign if `why_not_negative` is set, the limit `largest`, and that
+        their torque does not exceed the measured one.
         """
         values = np.asarray(values)
         least = float(values.min(initial=0.0))
@@ -194,27 +194,27 @@ class Effect(Regressor):
             return f'the coefficient is negative ({least:.3g}): {self.why_not_negative}'
         if largest > self.largest:
             size = f'{largest:.3g} {self.coefficients[0].unit}'.rstrip()
-            return f'{size} is too much: {self.why_not_larger}'
+            return f'{size} is too large: {self.why_not_larger}'
         return too_much_torque(self.columns(motion, joint, setting) @ values, motion, joint)
 
     def alternative(self) -> AlternativeModel | None:
-        """Return another law by which the same cause could act, where no effect has it."""
+        """Return another model of the same physical cause, if there is one."""
         return None
 
     def n_scanned(self, setting: Setting) -> int:
-        """Return how many numbers of a setting were chosen among several."""
+        """Return the number of nonlinear parameters of a setting that were compared."""
         return sum(name not in self.not_scanned for name in setting)
 
 
-# What every effect has, by name.
+# Names of the attributes of every effect.
 ATTRIBUTES = tuple(get_type_hints(Effect))
 
 
 class AlternativeModel(Regressor):
     """
-    Another law by which the cause of an effect could act: columns of the same shape.
+    Alternative model of the cause of an effect: columns of the same shape.
 
-    Where they explain more, the effect is not named. `meaning` says what follows instead.
+    If they explain more, the effect is not named. `meaning` describes the alternative.
     """
 
     meaning: str
@@ -226,13 +226,13 @@ class AlternativeModel(Regressor):
             effect.scope, effect.per_joint, effect.pointwise)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return those of the effect."""
+        """Return the settings of the effect."""
         return self.effect.settings(motion, joint)
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
-        """Return those of the effect."""
+        """Return the refined settings of the effect."""
         return self.effect.refine(motion, joint, setting)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        """Return why this motion cannot show the effect."""
+        """Return why this motion does not excite the effect."""
         return self.effect.untestable(motion, joint)

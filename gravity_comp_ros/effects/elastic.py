@@ -1,59 +1,60 @@
-"""What pulls a joint back: springs, cables, end stops, and gears that give way."""
+"""Elastic effects: joint springs, cables, end stops, and joint elasticity."""
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects import excitation as facts
+from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
     AlternativeModel, Coefficient, Coefficients, Effect, Expectation, Setting)
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.plausibility import too_much_torque
 import numpy as np
 
-# Less travel leaves a spring, a ramp and gravity's sine alike.
-_LEAST_TRAVEL = 0.2
-# Over less of a turn overtones are a parabola, which much else is.
+# Minimum travel in rad: over less, a spring is collinear with the sine of gravity.
+_MIN_TRAVEL = 0.2
+# Minimum travel in rad for harmonics: over less, they are close to a parabola.
 _CRANK_TRAVEL = 1.5
-# Parts of the range that a cable may have gone through, slack, where it becomes taut.
+# Parts of the range in which a cable is slack.
 _CABLE_STARTS = (0.25, 0.375, 0.5, 0.625, 0.75, 0.875)
-# A hose pulls in proportion to its stretch, or more and more.
+# Exponents of the torque of a cable or hose over its stretch, in addition to 1.
 _CABLE_ORDERS = (1.5, 2.0)
 _HARNESS_RESTS = (0.35, 0.5, 0.65)
-# Parts of the range, next to an end, over which a stop may act; what acts over more is a cable.
+# Parts of the range in which an end stop acts; a cable acts over larger parts.
 _STOP_DEPTHS = (0.02, 0.04, 0.08, 0.15)
-# Part of its largest load below which a gear with play may lie on either flank.
+# Load, relative to the largest, over which a gear changes between the flanks of its backlash.
 _NO_LOAD = 0.05
 _STIFFNESS = Coefficient('k', 'N·m/rad', 'stiffness')
-_PULLS = 'it would push the joint away instead of holding it back'
+_REPELS = 'the torque would push the joint away from its rest position'
+_WHOLE_RANGE = ('move joint {joint} slowly back and forth over its whole range, once in each of '
+                'two postures of the other joints')
 
 
 class JointSpring(Effect):
     """
-    The column is the angle of a spring of torsion, or the overtones of one that pulls on a crank.
+    The column is the angle of a torsion spring, or the harmonics of a spring on a crank.
 
-    A spring between two points goes through its torque once a turn: what gravity's own sine
-    does not hold of that are the overtones, and the first ones matter.
+    The torque of a spring between two points is periodic in the angle. Its fundamental is
+    collinear with gravity; the columns are the next harmonics.
     """
 
     name = 'joint_spring'
-    title = 'Spring on the joint'
+    title = 'Joint spring'
     family = 'elastic'
     equation = ('tau_n = k (q_n - q_0), q_0 the mean of q_n; or, on a crank, '
                 'sum_m (a_m sin m q_n + b_m cos m q_n), m = 2, 3')
-    description = ('A spring that pulls the joint to some angle, such as a stiff hose; or one '
-                   'that pulls on a crank, as in a balancer.')
+    description = ('Spring that pulls the joint towards a rest angle, such as a stiff hose, or '
+                   'spring on a crank, as in a balancer.')
     coefficients = (_STIFFNESS,)
     confounders = ('cable_stiffness', 'end_stop', 'torque_offset', 'presliding_hysteresis',
                    'torque_ripple', 'base_tilt', 'inertia')
-    experiment = ('move joint {joint} slowly to and fro through its whole range, once in each of '
-                  'two postures of the others')
+    experiment = _WHOLE_RANGE
     signature = 'position'
     source = 'V. Arakelian, Gravity compensation in robotics, Advanced Robotics 30, 2016'
     setting_units = {'centre': 'rad', 'overtones': ''}
     not_scanned = ('centre', 'overtones')
     pointwise = True
     expectation = Expectation.COMMON
-    why_not_negative = _PULLS
+    why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q = motion.samples.q[:, [joint]]
@@ -63,8 +64,8 @@ class JointSpring(Effect):
         return np.column_stack([np.sin(orders * q), np.cos(orders * q)])
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return a spring of torsion about the mean angle, and cranks of 1 and 2 overtones."""
-        orders = (0.0,) if facts.travel(motion, joint) < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
+        """Return a torsion spring about the mean angle, and cranks with 1 and 2 harmonics."""
+        orders = (0.0,) if excitation.travel(motion, joint) < _CRANK_TRAVEL else (0.0, 1.0, 2.0)
         centre = float(motion.samples.q[:, joint].mean())
         return [{'centre': centre, 'overtones': count} for count in orders]
 
@@ -76,12 +77,12 @@ class JointSpring(Effect):
                      for symbol, wave in (('a', 'sine'), ('b', 'cosine')) for order in orders)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return _lacks_travel(motion, joint)
+        return _insufficient_travel(motion, joint)
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
         if _is_crank(setting):
-            # An overtone has either sign.
+            # A harmonic can have either sign.
             return too_much_torque(self.columns(motion, joint, setting) @ np.asarray(values),
                                    motion, joint)
         return super().implausible(values, setting, motion, joint)
@@ -91,16 +92,16 @@ def _is_crank(setting: Setting) -> bool:
     return bool(setting.get('overtones', 0.0))
 
 
-def _lacks_travel(motion: Motion, joint: int) -> str | None:
-    reach = facts.travel(motion, joint)
-    if reach < _LEAST_TRAVEL:
-        return (f'the joint travels {reach:.2g} rad; what pulls it back shows from '
-                f'{_LEAST_TRAVEL:g} rad on')
-    return None if reach >= _CRANK_TRAVEL else facts.insufficient_postures(motion, joint)
+def _insufficient_travel(motion: Motion, joint: int) -> str | None:
+    travel = excitation.travel(motion, joint)
+    if travel < _MIN_TRAVEL:
+        return (f'the joint travels {travel:.2g} rad; an elastic torque requires at least '
+                f'{_MIN_TRAVEL:g} rad')
+    return None if travel >= _CRANK_TRAVEL else excitation.insufficient_postures(motion, joint)
 
 
 def _hinge(motion: Motion, joint: int, setting: Setting) -> FloatArray:
-    """Return how far the joint is beyond `start` towards `side`, with that side's sign."""
+    """Return the signed distance (M, 1) of the joint beyond `start` in the direction `side`."""
     beyond = setting['side'] * (motion.samples.q[:, [joint]] - setting['start'])
     return setting['side'] * np.maximum(beyond, 0.0)
 
@@ -112,32 +113,30 @@ def _range(motion: Motion, joint: int) -> tuple[float, float]:
 
 class CableStiffness(Effect):
     """
-    The column is the pull of a cable that is taut on one side, or for side 0 a cube.
+    The column is the pull of a cable that is taut on one side, or, for side 0, a cubic torque.
 
-    A cable may grow stiffer as it tightens, by a power of its stretch of more than 1, `order`.
-    The cube is that of a harness twisted about its rest at `start`. Both are scaled so that
-    their coefficient is a stiffness, too: torque over angle at `half`, half the travel, from
-    the start.
+    The pull is a power of the stretch with exponent `order`. The cubic torque is that of a
+    harness twisted about its rest angle `start`. Both are scaled so that the coefficient is a
+    stiffness: torque over angle at `half`, half the travel, from the start.
     """
 
     name = 'cable_stiffness'
-    title = 'Cable or hose that tightens'
+    title = 'Cable or hose stiffness'
     family = 'elastic'
     equation = ('tau_n = k s e (e / h)^(p - 1), e = max(0, s (q_n - q_0)), s = ±1; or, s = 0, '
                 'k (q_n - q_0)^3 / h^2; h half the travel, p the order, 1 to 2')
-    description = ('A cable that is slack over part of the range and pulls beyond it, or a '
-                   'harness that stiffens as it is twisted.')
-    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness when taut'),)
+    description = ('Cable that is slack over part of the range and pulls beyond it, or harness '
+                   'that stiffens as it is twisted.')
+    coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the taut cable'),)
     confounders = ('joint_spring', 'end_stop', 'torque_offset', 'torque_ripple')
-    experiment = ('move joint {joint} slowly to and fro through its whole range, once in each of '
-                  'two postures of the others; once with the cables taken off, if they can be')
+    experiment = f'{_WHOLE_RANGE}; if possible, once with the cables removed'
     signature = 'position'
     source = ('A. H. Nayfeh, D. T. Mook, Nonlinear Oscillations, Wiley, 1979 (one-sided and '
               'cubic stiffness)')
     setting_units = {'start': 'rad', 'side': '', 'half': 'rad', 'order': ''}
     not_scanned = ('half',)
     pointwise = True
-    why_not_negative = _PULLS
+    why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         order = setting.get('order', 1.0)
@@ -148,7 +147,7 @@ class CableStiffness(Effect):
         return pull if order == 1.0 else pull * (np.abs(pull) / setting['half']) ** (order - 1.0)
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return starts within the range, sides and orders, and 3 rest angles of a harness."""
+        """Return starts within the range, sides and orders, and rest angles of a harness."""
         low, span = _range(motion, joint)
 
         def setting(part: float, side: float) -> dict[str, float]:
@@ -165,27 +164,27 @@ class CableStiffness(Effect):
                 for part in (-0.06, -0.03, 0.03, 0.06)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return _lacks_travel(motion, joint)
+        return _insufficient_travel(motion, joint)
 
 
 class EndStop(Effect):
-    """Starts are tried close to either end of the range."""
+    """The start of the stop is compared at several positions near both ends of the range."""
 
     name = 'end_stop'
     title = 'End stop'
     family = 'elastic'
     equation = 'tau_n = k s max(0, s (q_n - q_0)), s = ±1, q_0 near an end of the range'
-    description = 'A buffer that the joint runs into at an end of its range.'
+    description = 'Elastic buffer that the joint contacts at an end of its range.'
     coefficients = (Coefficient('k', 'N·m/rad', 'stiffness of the buffer'),)
     confounders = ('cable_stiffness', 'joint_spring', 'torque_ripple')
     experiment = ('move joint {joint} slowly into the end of its range and back several times, '
-                  'with other poses of the other joints')
+                  'in different postures of the other joints')
     signature = 'position'
     source = ('B. Brogliato, Nonsmooth Mechanics, 3rd ed., Springer, 2016 (unilateral compliant '
               'contact)')
     setting_units = {'start': 'rad', 'side': ''}
     pointwise = True
-    why_not_negative = _PULLS
+    why_not_negative = _REPELS
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return _hinge(motion, joint, setting)
@@ -203,61 +202,61 @@ class EndStop(Effect):
                 if abs(factor * depth) <= most]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        if reason := _lacks_travel(motion, joint):
+        if reason := _insufficient_travel(motion, joint):
             return reason
         low, span = _range(motion, joint)
         q, deepest = motion.samples.q[:, joint], max(_STOP_DEPTHS)
         near = min(np.count_nonzero(q < low + deepest * span),
                    np.count_nonzero(q > low + (1.0 - deepest) * span))
         if near < 10:
-            return 'too few samples near the ends of the range'
+            return 'there are too few samples near the ends of the range'
         return None
 
 
 class JointFlexibility(Effect):
     """
-    The columns are what all joints lose when gravity turns this one by -c g_joint, per c.
+    The columns are the change of all torques per compliance c if the joint deflects by -c g_j.
 
     g(q - c g_j e_j) - g(q) = -c g_j dg/dq_j to first order.
     """
 
     name = 'joint_flexibility'
-    title = 'Gear that gives way'
+    title = 'Joint elasticity'
     family = 'elastic'
     equation = 'tau = -c g_n(q) dg(q)/dq_n'
-    description = ('A gear that gives way under load, so that the link hangs lower than the motor '
-                   'encoder says and all joints carry another torque.')
+    description = ('Gear that deflects under load, so that the link is lower than the motor '
+                   'encoder indicates; the torque of all joints changes.')
     coefficients = (Coefficient('c', 'rad/(N·m)', 'compliance of the gear'),)
     confounders = ('encoder_offset',)
-    experiment = ('in the pose where joint {joint} carries most, compare the angle that a level '
-                  'on the link shows with the one that the encoder gives, with and without a '
-                  'known load')
+    experiment = ('in the pose with the largest load on joint {joint}, compare the angle of the '
+                  'link, measured with an inclinometer, with that of the encoder, with and '
+                  'without a known load')
     signature = 'load'
     source = ('M. W. Spong, Modeling and control of elastic joint robots, ASME Journal of Dynamic '
               'Systems, Measurement and Control 109, 1987')
     scope = 'arm'
     pointwise = True
-    why_not_negative = 'the link would rise under its load'
+    why_not_negative = 'the link would deflect against its load'
     largest = 0.01
-    why_not_larger = 'no gear yields half a degree for each newton metre'
+    why_not_larger = 'no gear deflects by half a degree per newton metre'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return -(motion.gradient[:, :, joint] * motion.gravity[:, [joint]])[:, :, None]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if float(np.abs(self.columns(motion, joint, {})).max(initial=0.0)) < 1e-6:
-            return 'this joint carries no gravity that could bend it'
-        return _lacks_travel(motion, joint)
+            return 'this joint carries no gravity torque that could deflect it'
+        return _insufficient_travel(motion, joint)
 
     def alternative(self) -> AlternativeModel:
-        return Play(self)
+        return Backlash(self)
 
 
-class Play(AlternativeModel):
-    """A gear that lies on either flank, however small its load."""
+class Backlash(AlternativeModel):
+    """Deflection by the sign of the load: the gear rests on one flank or the other."""
 
-    meaning = ('the joint turns one way or the other with the sign of its load, less in '
-               'proportion to it: play, or a gear that gives way at once')
+    meaning = ('the deflection of the joint follows the sign of its load rather than the amount, '
+               'as with backlash')
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         load = motion.gravity[:, [joint]]

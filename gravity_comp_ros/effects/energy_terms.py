@@ -1,11 +1,11 @@
 """
-Torques made from parts of the gravity model's energy.
+Torques derived from parts of the gravity model's energy.
 
-A serial arm's energy is U = sum_i w_i . h_i, where w_i is the direction of gravity seen from link
-i and h_i a first moment (Yu 2022, Eq. (3)). The features of U therefore tell, without any
-kinematics, how gravity's direction turns with the joints: the features whose last joint is n
-are w_n . h_n. Derivatives of such parts are other components of the same w_n. Everything here
-stays in the dictionary, so it is exact and has exact derivatives.
+The energy of a serial arm is U = sum_i w_i . h_i, where w_i is the direction of gravity in the
+frame of link i and h_i a first moment (Yu 2022, Eq. (3)). The features of U whose last joint is
+n are w_n . h_n, so they describe the rotation of gravity's direction by the joints without any
+kinematics. Derivatives of such parts are other components of the same w_n. All results remain
+in the dictionary, so they and their derivatives are exact.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _CHUNK = 4096
 
 
 def by_last_joint(energy: Expansion, n_joints: int) -> dict[int, Expansion]:
-    """Return the energy in parts, by the last joint that a feature has; constants are left."""
+    """Return the energy split by the last joint of each feature, without constants."""
     factors = dictionary.digits(energy.indices, n_joints) != dictionary.ONE
     last = np.where(factors.any(axis=1), n_joints - 1 - factors[:, ::-1].argmax(axis=1), -1)
     return {int(joint): Expansion(energy.indices[last == joint], energy.weights[last == joint])
@@ -33,14 +33,14 @@ def lateral(part: Expansion, n_joints: int, joint: int, turning: int) -> Expansi
     """
     Return the component of gravity's direction along the axis of `joint`.
 
-    With an axis of `turning` across that of `joint`, part = c P + s Q, s and c sine and cosine
-    of q_joint against the angle at which the axes' plane is straight. P lies along the axis of
-    `turning` and does not feel it; Q is turned by it into the component along the axis of
-    `joint`: -dQ/dq_turning. That angle is found from the derivative itself, in which sine and
-    cosine of q_joint stand with proportional factors. Its sign is open: an arm and its mirror
-    image have the same energy.
+    If the axis of `turning` is perpendicular to that of `joint`, part = c P + s Q, with s and c
+    the sine and cosine of q_joint from a zero angle. P is along the axis of `turning` and does
+    not depend on it; Q is rotated by it into the component along the axis of `joint`:
+    -dQ/dq_turning. The zero angle follows from the derivative, in which the factors of sine and
+    cosine of q_joint are proportional. The sign is undetermined: an arm and its mirror image
+    have the same energy.
 
-    :return: None if the factors are not proportional: the axes are not across each other.
+    :return: None if the factors are not proportional: the axes are not perpendicular.
     """
     slope = part.gradient(n_joints, turning)
     halves = [_without(slope, n_joints, joint, factor)
@@ -54,7 +54,7 @@ def lateral(part: Expansion, n_joints: int, joint: int, turning: int) -> Expansi
     left, size, right = svd(weights)
     if len(size) > 1 and size[1] > 0.2 * size[0]:
         return None
-    # The sign is made that of the larger half, so that it does not hang on the decomposition.
+    # The sign is that of the larger half, so that it does not depend on the decomposition.
     sign = 1.0 if left[np.argmax(np.abs(left[:, 0])), 0] > 0 else -1.0
     return pruned(Expansion(features, sign * size[0] * right[0]))
 
@@ -67,7 +67,7 @@ def times(part: Expansion, n_joints: int, joint: int, factor: int) -> Expansion:
 
 
 def pruned(part: Expansion) -> Expansion:
-    """Return a part without its terms of no weight."""
+    """Return a part without terms of zero weight."""
     keep = part.weights != 0.0
     return Expansion(part.indices[keep], part.weights[keep])
 
@@ -94,7 +94,7 @@ def torques(parts: Sequence[Expansion], q: FloatArray) -> FloatArray:
 
 
 def _without(part: Expansion, n_joints: int, joint: int, factor: int) -> Expansion:
-    """Return the terms with that factor of a joint, with the factor taken out."""
+    """Return the terms with that factor of a joint, divided by the factor."""
     here = dictionary.digits(part.indices, n_joints)[:, joint] == factor
     return Expansion(part.indices[here] - factor * 3 ** (n_joints - 1 - joint),
                      part.weights[here])

@@ -1,4 +1,4 @@
-"""Effects from strangers: an effect that fails must not take the tool with it."""
+"""Effects of other packages, isolated so that their errors do not stop a diagnosis."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ import numpy as np
 
 def effects_of(loaded: object) -> tuple[Effect, ...]:
     """
-    Return the effects that an entry point names, guarded: one, or a list or tuple of them.
+    Return the guarded effects of an entry point: one, or a list or tuple of them.
 
-    A class stands for the effect that it makes.
+    A class is instantiated.
 
-    :raises OptionError: if it names something else, or an effect lacks something.
+    :raises OptionError: if it refers to another object, or an attribute of an effect is missing.
     """
-    found = []
-    for named in loaded if isinstance(loaded, (list, tuple)) else (loaded,):
-        effect = named() if isinstance(named, type) and issubclass(named, Effect) else named
+    effects = []
+    for entry in loaded if isinstance(loaded, (list, tuple)) else (loaded,):
+        effect = entry() if isinstance(entry, type) and issubclass(entry, Effect) else entry
         if not isinstance(effect, Effect):
-            raise OptionError(f'it names a {type(effect).__name__}, not an Effect')
+            raise OptionError(f'it is a {type(effect).__name__}, not an Effect')
         if not isinstance(effect.name, str) or not effect.name.isidentifier():
-            raise OptionError(f'its name {effect.name!r} must be letters, digits and _')
-        found.append(GuardedEffect(effect))
-    return tuple(found)
+            raise OptionError(f'its name {effect.name!r} must consist of letters, digits and _')
+        effects.append(GuardedEffect(effect))
+    return tuple(effects)
 
 
 class GuardedEffect(Effect):
-    """An effect of another package, untestable on motions on which its own methods fail."""
+    """An effect of another package, untestable on motions on which its methods fail."""
 
     def __init__(self, effect: Effect) -> None:
         self.effect = effect
-        # All but `untestable` is the effect's own.
+        # Everything except `columns`, `untestable` and `alternative` is that of the effect.
         vars(self).update({name: getattr(effect, name) for name in (
             *ATTRIBUTES, 'settings', 'refine', 'coefficients_of', 'spread',
             'implausible')})
@@ -48,7 +48,7 @@ class GuardedEffect(Effect):
             return self.effect.untestable(motion, joint) or _fault(self.effect, motion, joint)
         except Exception as error:  # noqa: B902
             words = printable(error) or type(error).__name__
-            return f'the plug-in that brings {self.name} fails: {words}'
+            return f'the plug-in of {self.name} fails: {words}'
 
     def alternative(self) -> AlternativeModel | None:
         other = self.effect.alternative()
@@ -58,13 +58,13 @@ class GuardedEffect(Effect):
 
 
 def _fault(effect: Effect, motion: Motion, joint: int) -> str | None:
-    """Return what is wrong with an effect's columns on a motion, or None."""
+    """Return the error in an effect's columns on a motion, or None."""
     m, n = motion.samples.q.shape
     for setting in effect.settings(motion, joint):
         columns = np.asarray(effect.columns(motion, joint, setting))
         k = len(effect.coefficients_of(motion, joint, setting))
         shape = (m, k) if effect.scope == 'joint' else (m, n, k)
         if columns.shape != shape or not np.isfinite(columns).all():
-            return (f'the plug-in that brings {effect.name} fails: its columns are '
-                    f'{columns.shape} and must be {shape}, and finite')
+            return (f'the plug-in of {effect.name} fails: its columns are {columns.shape} and '
+                    f'must be {shape}, and finite')
     return None

@@ -1,26 +1,27 @@
 """
-Friction of one joint: what turns with the direction of motion.
+Friction effects of one joint.
 
-The direction d, from -1 to 1, turns as the data shows (`direction`). Load is the predicted gravity
-torque, never the measured one, which holds the friction itself.
+The direction of motion d, from -1 to 1, is a smoothed sign (`motion_direction`). The load is the
+predicted gravity torque, never the measured one, which includes the friction itself.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects import excitation as facts
+from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_direction import direction, find_shape, least_widths, Shape
 from gravity_comp_ros.models.least_squares import lstsq
 import numpy as np
 
-_TO_AND_FRO = ('move joint {joint} to and fro through its range with the others still, once '
-               'each at three speeds')
-# What friction at creeping speed corrects.
+_THREE_SPEEDS = ('move joint {joint} back and forth over its range at three speeds, with the '
+                 'other joints at rest')
+# Effects that are corrected by friction at low speed.
 DRY = ('coulomb_friction', 'load_dependent_friction', 'coupled_friction')
-_PUSHES = 'friction takes energy from the motion, it never adds any'
-# What own and partner's friction must leave of a coupled direction, which is ±1.
+_DISSIPATES = 'friction dissipates energy'
+# Minimum residual, in standard deviations of 1, of a coupled direction after the directions and
+# speeds of both joints.
 _OWN_DIRECTION = 0.2
 
 
@@ -29,25 +30,25 @@ class CoulombFriction(Effect):
     title = 'Coulomb friction'
     family = 'friction'
     equation = 'tau_n = F_c d_n'
-    description = ('A constant torque against the motion; the prediction jumps where the joint '
-                   'turns back.')
+    description = ('Constant torque that opposes the motion. The predicted torque jumps at a '
+                   'reversal.')
     coefficients = (Coefficient('F_c', 'N·m', 'Coulomb friction torque'),)
     confounders = ('viscous_friction', 'stribeck_friction', 'degressive_friction',
                    'load_dependent_friction', 'presliding_hysteresis', 'asymmetric_friction',
                    'torque_offset', 'coupled_friction', 'friction_drift')
-    experiment = _TO_AND_FRO
+    experiment = _THREE_SPEEDS
     signature = 'speed'
     source = ('C. A. Coulomb, Théorie des machines simples, 1785; H. Olsson et al., Friction '
               'models and friction compensation, European Journal of Control 4, 1998')
     pointwise = True
     expectation = Expectation.COMMON
-    why_not_negative = _PUSHES
+    why_not_negative = _DISSIPATES
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.direction(joint)[:, None]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.lacks_both_ways(motion, joint)
+        return excitation.insufficient_directions(motion, joint)
 
 
 class ViscousFriction(Effect):
@@ -55,37 +56,37 @@ class ViscousFriction(Effect):
     title = 'Viscous friction'
     family = 'friction'
     equation = 'tau_n = F_v qd_n'
-    description = 'A torque against the motion that grows in proportion to speed.'
+    description = 'Torque that opposes the motion and is proportional to speed.'
     coefficients = (Coefficient('F_v', 'N·m·s/rad', 'viscous friction coefficient'),)
     confounders = ('coulomb_friction', 'stribeck_friction', 'degressive_friction',
                    'presliding_hysteresis', 'time_delay', 'coupled_friction', 'friction_drift')
-    experiment = _TO_AND_FRO
+    experiment = _THREE_SPEEDS
     signature = 'speed'
     source = ('H. Olsson et al., Friction models and friction compensation, European Journal of '
               'Control 4, 1998')
     pointwise = True
     expectation = Expectation.COMMON
-    why_not_negative = _PUSHES
+    why_not_negative = _DISSIPATES
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.samples.qd[:, [joint]]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.insufficient_speeds(motion, joint)
+        return excitation.insufficient_speeds(motion, joint)
 
 
 class AsymmetricFriction(Effect):
     name = 'asymmetric_friction'
-    title = 'Friction that differs by direction'
+    title = 'Asymmetric friction'
     family = 'friction'
     equation = 'tau_n = F_a |d_n|'
-    description = ('Friction that is stronger one way than the other; in motion it looks like an '
-                   'offset, which is gone when the joint stands.')
-    coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction upwards and '
-                                              'downwards'),)
+    description = ('Friction that is larger in one direction than in the other. In motion it is '
+                   'equal to an offset; at rest it vanishes.')
+    coefficients = (Coefficient('F_a', 'N·m', 'half the difference of friction in positive and '
+                                              'negative direction'),)
     confounders = ('torque_offset', 'coulomb_friction')
-    experiment = ('move joint {joint} to and fro and let it stand for some seconds in several '
-                  'places on the way')
+    experiment = ('move joint {joint} back and forth and stop for some seconds at several '
+                  'positions')
     signature = 'speed'
     source = ('B. Armstrong-Hélouvry et al., A survey of models, analysis tools and compensation '
               'methods for the control of machines with friction, Automatica 30, 1994')
@@ -96,33 +97,34 @@ class AsymmetricFriction(Effect):
         return np.abs(motion.direction(joint))[:, None]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.lacks_holds(motion, joint)
+        return excitation.insufficient_rest(motion, joint)
 
 
 class LoadDependentFriction(Effect):
     name = 'load_dependent_friction'
-    title = 'Friction that grows with load'
+    title = 'Load-dependent friction'
     family = 'friction'
     equation = 'tau_n = mu |g_n(q)| d_n'
-    description = 'Friction in proportion to the gravity torque that the gear carries.'
-    coefficients = (Coefficient('mu', '', 'friction torque per torque carried'),)
+    description = 'Friction proportional to the gravity torque that the gear transmits.'
+    coefficients = (Coefficient('mu', '', 'friction torque per transmitted torque'),)
     confounders = ('coulomb_friction', 'torque_gain')
-    experiment = ('move joint {joint} to and fro over a short way in a pose with much load and '
-                  'in one with none')
+    experiment = ('move joint {joint} back and forth over a short range in a pose with high load '
+                  'and in one without load')
     signature = 'load'
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
               'identification of load and temperature effects, ASME Journal of Dynamic Systems, '
               'Measurement and Control 134, 2012')
     pointwise = True
-    why_not_negative = _PUSHES
+    why_not_negative = _DISSIPATES
     largest = 0.5
-    why_not_larger = 'no gear that can be driven loses half its load'
+    why_not_larger = 'no usable gear loses half of the transmitted torque'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return (np.abs(motion.gravity[:, joint]) * motion.direction(joint))[:, None]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        reason = facts.lacks_both_ways(motion, joint) or facts.insufficient_load(motion, joint)
+        reason = (excitation.insufficient_directions(motion, joint)
+                  or excitation.insufficient_load(motion, joint))
         if reason:
             return reason
         d, load = motion.direction(joint), np.abs(motion.gravity[:, joint])
@@ -136,61 +138,61 @@ class CoupledFriction(Effect):
     """The column is the direction of q_n + s q_m, m the joint number `partner` (from 1)."""
 
     name = 'coupled_friction'
-    title = 'Friction of a coupled gear'
+    title = 'Coupled-gear friction'
     family = 'friction'
     equation = 'tau_n = F_k d(q_n + s q_m), m a neighbour of n, s = ±1'
-    description = ('Friction that turns with the sum or difference of two joint speeds, as in a '
-                   'wrist whose motors drive two joints together.')
-    coefficients = (Coefficient('F_k', 'N·m', 'friction torque of the shared gear'),)
+    description = ('Coulomb friction that opposes the sum or difference of two joint speeds, as '
+                   'in a wrist with a differential gear.')
+    coefficients = (Coefficient('F_k', 'N·m', 'friction torque of the coupled gear'),)
     confounders = ('coulomb_friction', 'viscous_friction')
-    experiment = ('move joint {joint} and its neighbour to and fro together, first the same way '
-                  'at one speed, then against each other, then each alone')
+    experiment = ('move joint {joint} and its neighbour back and forth: both in the same '
+                  'direction at equal speed, both in opposite directions, and each alone')
     signature = 'speed'
     source = ('W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, Hermes '
               'Penton, 2002 (kinematic coupling between wrist motors)')
     setting_units = {'partner': 'joint number', 'sign': '', 'width': 'rad/s', 'hold': 'rad'}
     not_scanned = ('width', 'hold')
     pointwise = True
-    why_not_negative = _PUSHES
+    why_not_negative = _DISSIPATES
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         q, qd = _shared(motion, joint, setting)
         return direction(motion.samples, q, qd, Shape(setting['width'], setting['hold']))[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return the neighbours and signs whose sum of speeds has a direction of its own."""
+        """Return the neighbours and signs whose coupled direction differs from both joints'."""
         partners = [m for m in (joint - 1, joint + 1) if 0 <= m < motion.samples.n_joints]
-        found = [_shaped(motion, joint, {'partner': m + 1.0, 'sign': s})
-                 for m in partners for s in (1.0, -1.0)]
-        return [setting for setting in found if self._differs(motion, joint, setting)]
+        settings = [_shaped(motion, joint, {'partner': m + 1.0, 'sign': s})
+                    for m in partners for s in (1.0, -1.0)]
+        return [setting for setting in settings if self._differs(motion, joint, setting)]
 
     def _differs(self, motion: Motion, joint: int, setting: Setting) -> bool:
         partner = int(setting['partner']) - 1
-        known = np.column_stack([
+        others = np.column_stack([
             np.ones(motion.samples.n_samples), motion.direction(joint),
             motion.direction(partner), motion.samples.qd[:, [joint, partner]]])
         column = self.columns(motion, joint, setting)[:, 0]
-        rest = column - known @ lstsq(known, column)
-        return float(rest.std()) > _OWN_DIRECTION
+        return float((column - others @ lstsq(others, column)).std()) > _OWN_DIRECTION
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        # Its direction differs from the joint's own near reversals, as hysteresis does.
-        reason = facts.lacks_both_ways(motion, joint) or facts.insufficient_reversals(motion, joint)
+        # It differs from Coulomb friction near reversals only.
+        reason = (excitation.insufficient_directions(motion, joint)
+                  or excitation.insufficient_reversals(motion, joint))
         if reason or self.settings(motion, joint):
             return reason
-        return ('neither neighbour moves together with this joint in such a way that the sum of '
-                'their speeds turns at other times than they do')
+        return ('with neither neighbour does the sum or difference of speeds reverse at other '
+                'times than the speeds themselves')
 
 
 def _shared(motion: Motion, joint: int, setting: Setting) -> tuple[FloatArray, FloatArray]:
-    """Return angle and speed of a gear that the joint shares with its partner, each (M,)."""
+    """Return angle and speed of the gear that couples a joint with its partner, each (M,)."""
     partner, sign = int(setting['partner']) - 1, setting['sign']
     q, qd = motion.samples.q, motion.samples.qd
     return q[:, joint] + sign * q[:, partner], qd[:, joint] + sign * qd[:, partner]
 
 
 def _shaped(motion: Motion, joint: int, setting: dict[str, float]) -> dict[str, float]:
-    """Return a coupling with the shape of its direction."""
+    """Return the setting of a coupling with the shape of its direction."""
     samples, partner = motion.samples, int(setting['partner']) - 1
     least = float(least_widths(samples, [joint, partner]).max())
     residual = samples.tau[:, joint] - motion.gravity[:, joint]

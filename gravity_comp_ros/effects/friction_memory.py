@@ -1,46 +1,46 @@
 """
-Friction with a memory: of how long the arm has run, and of how far it has moved since it turned.
+Friction with a state: warm-up since the start of a session, and distance since a reversal.
 
-The memory of motion starts anew with every run, since what came before it is unknown. That of
-time starts with a session: recordings with stamps on one clock go on with one another.
+The distance starts again with every run, since earlier motion is unknown. The time of a session
+continues over all recordings with stamps on one clock.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.runs import session_time, run_slices
 from gravity_comp_ros.data.samples import FloatArray
-from gravity_comp_ros.effects import excitation as facts
+from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting
 from gravity_comp_ros.effects.friction import DRY
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.presliding import presliding_state, steady_path
+from gravity_comp_ros.effects.presliding import denoised_path, presliding_state
 import numpy as np
 
-_SHORTEST_RUN = 60.0
-# Gears warm up over minutes.
-_SHORTEST_TIME = 15.0
+# Minimum duration of a session, minimum time constant, in s, and number of time constants.
+_MIN_DURATION = 60.0
+_MIN_TIME = 15.0
 _TIMES = 5
-# Distances over which friction builds up after a reversal, rad at the joint; over shorter ones
-# the direction itself turns.
+# Range of distances, in rad, over which friction builds up after a reversal, and their number.
+# Shorter distances are part of the direction of motion.
 _DISTANCES = (1e-3, 0.1)
 _DISTANCE_COUNT = 6
-# Root mean square that a column of presliding, at most 2, must have to be seen.
-_SEEN = 0.02
+# Minimum RMS of a presliding column, which is at most 2.
+_MIN_RMS = 0.02
 
 
 class FrictionDrift(Effect):
-    """Time constants are tried from a tenth of the longest session to one and a half times it."""
+    """Time constants from a tenth of the longest session to 1.5 times it are compared."""
 
     name = 'friction_drift'
-    title = 'Friction that warms up'
+    title = 'Warm-up of friction'
     family = 'friction'
     equation = 'tau_n = F_w d_n exp(-t / T), t from the start of the session'
-    description = ('Friction that falls (or, if negative, rises) with time as the gear warms up. '
-                   'Recordings with stamps on one clock are one session.')
-    coefficients = (Coefficient('F_w', 'N·m', 'friction at the start beyond that of a warm '
+    description = ('Friction that decreases (or, if negative, increases) with time as the gear '
+                   'warms up. Recordings with stamps on one clock are one session.')
+    coefficients = (Coefficient('F_w', 'N·m', 'initial friction in excess of that of a warm '
                                               'gear'),)
     confounders = ('torque_drift', 'coulomb_friction', 'viscous_friction', 'degressive_friction')
-    experiment = ('move joint {joint} to and fro in the same way for 20 minutes from cold, and '
+    experiment = ('repeat the same motion of joint {joint} for 20 minutes from a cold start, and '
                   'again when warm')
     signature = 'time'
     source = ('A. C. Bittencourt, S. Gunnarsson, Static friction in a robot joint: modeling and '
@@ -57,17 +57,17 @@ class FrictionDrift(Effect):
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
         longest = _longest(motion)
         return [{'time': float(t)} for t in np.geomspace(
-            max(0.1 * longest, _SHORTEST_TIME), 1.5 * longest, _TIMES)]
+            max(0.1 * longest, _MIN_TIME), 1.5 * longest, _TIMES)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         return [{'time': setting['time'] * factor} for factor in (0.75, 1.33)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        reason = facts.lacks_both_ways(motion, joint)
+        reason = excitation.insufficient_directions(motion, joint)
         longest = _longest(motion)
-        if reason is None and longest < _SHORTEST_RUN:
-            return (f'the longest recording takes {longest:.3g} s, too short for friction to '
-                    f'change')
+        if reason is None and longest < _MIN_DURATION:
+            return (f'the longest session takes {longest:.3g} s, too short for a warm-up of '
+                    f'friction')
         return reason
 
 
@@ -76,33 +76,34 @@ def _longest(motion: Motion) -> float:
 
 
 class PreslidingHysteresis(Effect):
-    """Distances are tried that the joint passes often and that leave a trace."""
+    """Distances up to a fifth of the travel with sufficient excitation are compared."""
 
     name = 'presliding_hysteresis'
-    title = 'Friction that builds up after a reversal'
+    title = 'Presliding hysteresis'
     family = 'friction'
     equation = 'tau_n = F_p (z - d_n), dz/dq_n = (1 - z sign(dq_n)) / distance'
-    description = ('Friction that does not jump when the joint turns back, but builds up over '
-                   'some way; it corrects Coulomb friction near reversals.')
-    coefficients = (Coefficient('F_p', 'N·m', 'friction that builds up over the distance'),)
+    description = ('Friction that builds up over a distance after a reversal instead of a jump. '
+                   'It corrects Coulomb friction near reversals.')
+    coefficients = (Coefficient('F_p', 'N·m', 'friction torque that builds up over the '
+                                              'distance'),)
     confounders = ('coulomb_friction', 'viscous_friction', 'stribeck_friction', 'joint_spring',
                    'time_delay')
-    experiment = ('move joint {joint} to and fro over ways of 0.2, 1 and 5 degrees at creeping '
-                  'speed, several times each')
+    experiment = ('move joint {joint} back and forth over 0.2, 1 and 5 degrees at very low speed, '
+                  'several times each')
     signature = 'position'
     source = ('P. R. Dahl, A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1, '
               '1968; P. Dupont et al., Single state elastoplastic friction models, IEEE '
               'Transactions on Automatic Control 47, 2002')
     setting_units = {'distance': 'rad'}
     corrects = DRY
-    why_not_negative = 'friction would come before the motion'
+    why_not_negative = 'friction would precede the motion'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         runs = run_slices(motion.samples)
         key = f'path {joint}'
         if key not in motion.memo:
             motion.memo[key] = np.concatenate([
-                steady_path(motion.samples.q[run, joint], motion.samples.t[run])
+                denoised_path(motion.samples.q[run, joint], motion.samples.t[run])
                 for run in runs])
         column = -motion.direction(joint)
         for run in runs:
@@ -110,20 +111,21 @@ class PreslidingHysteresis(Effect):
         return column[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        longest = min(_DISTANCES[1], 0.2 * facts.travel(motion, joint))
+        longest = min(_DISTANCES[1], 0.2 * excitation.travel(motion, joint))
         if longest <= _DISTANCES[0]:
             return []
         grid = np.geomspace(_DISTANCES[0], longest, _DISTANCE_COUNT)
-        found = [{'distance': float(d)} for d in grid]
-        return [s for s in found
-                if float(np.sqrt(np.mean(self.columns(motion, joint, s) ** 2))) > _SEEN]
+        settings = [{'distance': float(d)} for d in grid]
+        return [s for s in settings
+                if float(np.sqrt(np.mean(self.columns(motion, joint, s) ** 2))) > _MIN_RMS]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         return [{'distance': max(setting['distance'] * factor, _DISTANCES[0])}
                 for factor in (0.6, 1.6)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
-        return facts.lacks_both_ways(motion, joint) or facts.insufficient_reversals(motion, joint)
+        return (excitation.insufficient_directions(motion, joint)
+                or excitation.insufficient_reversals(motion, joint))
 
 
 EFFECTS = (FrictionDrift(), PreslidingHysteresis())

@@ -1,9 +1,8 @@
 """
-From samples and a gravity model to what effects are computed from.
+Motion of a recording: quantities from which effect columns are computed.
 
-Acceleration is the slope of a cubic fitted to the speed over a short window, on either side of
-each sample alike and within one run, so that nothing is shifted in time. The predicted torque
-comes from the model in closed form.
+Acceleration is the slope of a cubic fitted to the speed over a short window, symmetric about each
+sample and within one run, so that it is not shifted in time.
 """
 
 from __future__ import annotations
@@ -24,46 +23,43 @@ import numpy as np
 @dataclass(frozen=True)
 class Motion:
     """
-    What effect columns are computed from.
+    Quantities from which effect columns are computed.
 
-    `samples` are the measured q, qd, tau of all runs; `qdd` (M, N) in rad/s^2 is estimated from
-    them; `gravity` (M, N) in N·m is the torque that the gravity model predicts; `slopes` its
-    `gradient` where that is known without the model; `sign_width` (N,) in rad/s is the speed
-    over which a joint's friction turns its sign, as far as the data tells.
-    `model` is the gravity model itself, for effects that are made of its terms. `hold` (N,) in
-    rad is the way over which the direction of a joint turns whose friction holds on at rest, 0
-    (as for all, if not given) for a joint whose friction lets go.
+    - `samples`: measured q, qd and tau of all runs.
+    - `qdd` (M, N) in rad/s^2: estimated acceleration.
+    - `gravity` (M, N) in N·m: torque predicted by the gravity model.
+    - `known_gradient`: `gradient`, if it is known without the model.
+    - `sign_width` (N,) in rad/s: speed over which the friction of a joint changes its sign.
+    - `model`: the gravity model, for effects derived from its terms.
+    - `hold` (N,) in rad: distance over which the direction of a joint reverses if its friction
+      persists at rest; 0 (default) for a joint without friction at rest.
+    - `chain`: the serial arm fitted to gravity, if `model` has none.
+    - `directions`: cached directions by joint, independent of the gravity model.
+    - `memo`: cache for results that are the same for all settings of an effect.
     """
 
     samples: JointSamples
     qdd: FloatArray
     gravity: FloatArray
-    slopes: FloatArray | None
+    known_gradient: FloatArray | None
     sign_width: FloatArray
     model: GravityModel | None = None
     hold: FloatArray | None = None
-    # The serial arm that explains gravity where the model is none.
     chain: Chain | None = None
-    # Directions by joint, which no gravity model changes.
     directions: dict[int, FloatArray] = field(default_factory=dict, repr=False, compare=False)
-    # What is the same for all settings of an effect, kept while the motion lives.
     memo: dict[str, FloatArray] = field(default_factory=dict, init=False, repr=False,
                                         compare=False)
 
     @property
     def serial_arm(self) -> Chain | None:
-        """Return the serial arm that explains gravity, if one was fitted."""
+        """Return the serial arm fitted to gravity, if there is one."""
         return self.chain if self.chain or self.model is None else self.model.chain
 
     @property
     def gradient(self) -> FloatArray:
-        """
-        Return d gravity_n / d q_j (M, N, N) in N·m/rad, the model's stiffness.
-
-        It is computed for the effects that ask for it: few do, and it costs more than the rest.
-        """
-        if self.slopes is not None:
-            return self.slopes
+        """Return d gravity_n / d q_j (M, N, N) in N·m/rad, computed on demand."""
+        if self.known_gradient is not None:
+            return self.known_gradient
         if 'gradient' not in self.memo:
             if self.model is None:
                 raise ValueError('a motion without a model has no gradient of its gravity')
@@ -71,7 +67,7 @@ class Motion:
         return self.memo['gradient']
 
     def direction(self, joint: int) -> FloatArray:
-        """Return which way a joint moves as its friction sees it, (M,), -1 to 1."""
+        """Return the direction of a joint's friction, (M,), from -1 to 1."""
         if joint not in self.directions:
             hold = 0.0 if self.hold is None else float(self.hold[joint])
             self.directions[joint] = direction(
@@ -79,19 +75,18 @@ class Motion:
                 Shape(float(self.sign_width[joint]), hold))
         return self.directions[joint]
 
-    def beside(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
-        """Return the motion with another gravity model, and its torque (M, N) if that is known."""
-        known = model.predict(self.samples.q) if gravity is None else gravity
-        return replace(self, model=model, gravity=known, slopes=None, chain=None)
+    def with_model(self, model: GravityModel, gravity: FloatArray | None = None) -> Motion:
+        """Return the motion with another gravity model, and its torque (M, N) if known."""
+        torque = model.predict(self.samples.q) if gravity is None else gravity
+        return replace(self, model=model, gravity=torque, known_gradient=None, chain=None)
 
     def at(self, rows: IntArray) -> Motion:
-        """Return the motion at some samples, (K,) rising numbers, for pointwise effects."""
-        for joint in range(self.samples.n_joints):
-            self.direction(joint)
-        slopes = None if self.slopes is None else self.slopes[rows]
+        """Return the motion at samples number `rows`, ascending, for pointwise effects."""
+        directions = {joint: self.direction(joint)[rows]
+                      for joint in range(self.samples.n_joints)}
+        gradient = None if self.known_gradient is None else self.known_gradient[rows]
         part = replace(self, samples=self.samples.select(rows), qdd=self.qdd[rows],
-                       gravity=self.gravity[rows], slopes=slopes, directions={
-                           joint: way[rows] for joint, way in self.directions.items()})
+                       gravity=self.gravity[rows], known_gradient=gradient, directions=directions)
         part.memo.update({key: value[rows] for key, value in self.memo.items()})
         return part
 
@@ -99,10 +94,10 @@ class Motion:
 @dataclass(frozen=True)
 class MotionOptions:
     """
-    How acceleration is found: cubic fits to the speed over `window` s.
+    Differentiation of the speed: cubic fits over `window` s.
 
-    0.3 s passes what an arm in careful motion does (up to about 2 Hz) and keeps a speed noise
-    of 1 mrad/s at 50 Hz to about 0.006 rad/s^2.
+    0.3 s passes slow arm motion (up to about 2 Hz) and reduces a speed noise of 1 mrad/s at 50 Hz
+    to an acceleration noise of about 0.006 rad/s^2.
 
     :raises OptionError: if the window is not positive.
     """
@@ -117,14 +112,14 @@ class MotionOptions:
 def build_motion(samples: JointSamples, model: GravityModel,
                  options: MotionOptions = MotionOptions()) -> Motion:
     """
-    Return what effect columns are computed from; joints are put in the model's order.
+    Return the motion of samples with a gravity model; joints are in the model's order.
 
     :raises DataError: if there are no samples.
-    :raises ModelMismatchError: if a joint of the model is not among the samples'.
+    :raises ModelMismatchError: if a joint of the model is not among the samples.
     """
     samples = samples.joints(model.joints)
     if not len(samples):
-        raise DataError('no samples to look for effects in')
+        raise DataError('effects cannot be computed: there are no samples')
     gravity = model.predict(samples.q)
     residual, least = samples.tau - gravity, least_widths(samples)
     qdd = accelerations(samples, options)
@@ -135,7 +130,7 @@ def build_motion(samples: JointSamples, model: GravityModel,
 
 
 def accelerations(samples: JointSamples, options: MotionOptions = MotionOptions()) -> FloatArray:
-    """Return qdd (M, N) in rad/s^2, each run for itself; 0 where a sample is alone in time."""
+    """Return qdd (M, N) in rad/s^2, within each run; 0 at isolated samples."""
     qdd = np.zeros_like(samples.qd)
     if not samples.qd.any():
         return qdd

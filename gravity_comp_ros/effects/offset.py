@@ -1,4 +1,4 @@
-"""Faults of the torque signal: its zero, its scale and their change with time."""
+"""Errors of the torque signal: zero-point offset, scale and drift."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from gravity_comp_ros.effects.effect import Coefficient, Effect, Expectation, Se
 from gravity_comp_ros.effects.motion import Motion
 import numpy as np
 
-_SHORTEST = 10.0
-# Time constants of a drift that settles: the shortest as a part of the longest session.
-_SOONEST, _TIMES = 0.1, 4
-# Torque constants are known to a few percent; what friction of load leaves is under one percent.
-_LEAST_GAIN = 0.02
+# Minimum duration of a session, in s.
+_MIN_DURATION = 10.0
+# Minimum time constant relative to the longest session, and number of time constants.
+_MIN_TIME, _TIMES = 0.1, 4
+# Minimum scale error: torque constants have errors of a few percent, and model errors of
+# load-dependent friction are below one percent.
+_MIN_GAIN = 0.02
 
 
 class TorqueOffset(Effect):
@@ -20,11 +22,11 @@ class TorqueOffset(Effect):
     title = 'Torque offset'
     family = 'offset'
     equation = 'tau_n = b'
-    description = 'A torque signal that is not zero when the torque is.'
-    coefficients = (Coefficient('b', 'N·m', 'torque signal at no torque'),)
+    description = 'Torque signal with a zero-point error.'
+    coefficients = (Coefficient('b', 'N·m', 'torque signal at zero torque'),)
     confounders = ('asymmetric_friction', 'torque_drift', 'joint_spring', 'tool_force',
                    'coulomb_friction', 'cable_stiffness')
-    experiment = 'let joint {joint} stand in ten poses, each reached from below and from above'
+    experiment = 'hold joint {joint} at ten angles, each approached from below and from above'
     signature = 'time'
     source = ('M. Gautier, A. Janot, P.-O. Vandanjon, A new closed-loop output error method for '
               'parameter identification of robot dynamics, IEEE Transactions on Control Systems '
@@ -38,60 +40,58 @@ class TorqueOffset(Effect):
 
 class TorqueGain(Effect):
     name = 'torque_gain'
-    title = 'Torque scale'
+    title = 'Torque scale error'
     family = 'offset'
     equation = 'tau_n = k g_n(q)'
-    description = ('A torque signal of the wrong scale: a torque constant or gear ratio that is '
-                   'off.')
+    description = 'Torque signal with an incorrect torque constant or gear ratio.'
     coefficients = (Coefficient('k', '', 'relative error of the torque scale'),)
     confounders = ('payload_change', 'load_dependent_friction')
-    experiment = ('hang a known mass on the arm and compare the change of torque of joint '
-                  '{joint} with the one that its weight and lever arm give')
+    experiment = ('attach a known mass to the arm and compare the change of the torque of joint '
+                  '{joint} with weight times lever arm')
     signature = 'load'
     source = ('M. Gautier, S. Briot, Global identification of joint drive gains and dynamic '
               'parameters of robots, ASME Journal of Dynamic Systems, Measurement and Control '
               '136, 2014')
     pointwise = True
     largest = 1.0
-    why_not_larger = 'the scale is off by more than the torque itself; check --effort-scale'
+    why_not_larger = 'the scale error exceeds 100 %; check --effort-scale'
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
         return motion.gravity[:, [joint]]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if float(motion.gravity[:, joint].std()) < 0.02:
-            return 'gravity hardly varies here, so that a scale of it is the same as an offset'
+            return ('the gravity torque hardly varies, so that a scale error cannot be '
+                    'distinguished from an offset')
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
         gain = float(np.abs(values).max())
-        if gain < _LEAST_GAIN:
-            return (f'{gain:.2g} is too little: friction that grows with the load looks like a '
-                    f'scale that is off by as little')
+        if gain < _MIN_GAIN:
+            return (f'{gain:.2g} is too small: load-dependent friction can cause the same error')
         return super().implausible(values, setting, motion, joint)
 
 
 class TorqueDrift(Effect):
     """
-    The column is the time of the session, or one that settles, less its mean.
+    The column is the time of the session, or an exponential approach, minus its mean.
 
-    What warms settles: its rate falls as exp(-t / T). Time constants are tried from a tenth of
-    the longest session to all of it; over shorter parts of T the law is a line.
+    The rate of a drift by warm-up decreases as exp(-t / T). Time constants from a tenth of the
+    longest session to its duration are compared; for longer ones the law is close to linear.
     """
 
     name = 'torque_drift'
     title = 'Torque drift'
     family = 'offset'
-    equation = ('tau_n = r (s - s_0), s_0 the mean of s, t from the start of the session; s = t, '
-                'or, where it settles, T (1 - exp(-t / T))')
-    description = ('A torque signal whose zero moves with time, as strain gauges do when they '
-                   'warm up. Recordings with stamps on one clock are one session.')
-    coefficients = (Coefficient('r', 'N·m/s', 'change of the torque signal per second at the '
-                                              'start'),)
+    equation = ('tau_n = r (s - s_0), s_0 the mean of s, t from the start of the session; s = t '
+                'or T (1 - exp(-t / T))')
+    description = ('Torque signal whose zero point drifts, as with strain gauges that warm up. '
+                   'Recordings with stamps on one clock are one session.')
+    coefficients = (Coefficient('r', 'N·m/s', 'initial rate of change of the torque signal'),)
     confounders = ('friction_drift', 'torque_offset', 'payload_change')
-    experiment = ('let joint {joint} stand in one pose for as long as a run takes, before and '
-                  'after moving it')
+    experiment = ('hold joint {joint} in one pose for the duration of a run, before and after '
+                  'moving it')
     signature = 'time'
     source = ('K. Hoffmann, An Introduction to Stress Analysis and Transducer Design using '
               'Strain Gauges, HBM, 2012')
@@ -100,35 +100,35 @@ class TorqueDrift(Effect):
     pointwise = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        return (_settling(motion, setting.get('time')) - setting['centre'])[:, None]
+        return (_course(motion, setting.get('time')) - setting['centre'])[:, None]
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """Return a line, and what settles within parts of the longest session."""
+        """Return a linear drift, and exponential ones within parts of the longest session."""
         longest = float(session_time(motion.samples).max(initial=0.0))
-        line = {'centre': float(session_time(motion.samples).mean())}
-        return [line, *(_settles(motion, time) for time in np.geomspace(
-            _SOONEST * longest, longest, _TIMES) if time > 0.0)]
+        linear = {'centre': float(session_time(motion.samples).mean())}
+        return [linear, *(_exponential(motion, time) for time in np.geomspace(
+            _MIN_TIME * longest, longest, _TIMES) if time > 0.0)]
 
     def refine(self, motion: Motion, joint: int, setting: Setting) -> list[dict[str, float]]:
         if 'time' not in setting:
             return []
-        return [_settles(motion, factor * setting['time']) for factor in (0.75, 1.33)]
+        return [_exponential(motion, factor * setting['time']) for factor in (0.75, 1.33)]
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         longest = float(session_time(motion.samples).max(initial=0.0))
-        if longest < _SHORTEST:
-            return f'the longest recording takes {longest:.3g} s, too short to drift'
+        if longest < _MIN_DURATION:
+            return f'the longest session takes {longest:.3g} s, too short for a drift'
         return None
 
 
-def _settling(motion: Motion, time: float | None) -> FloatArray:
-    """Return the time of the session (M,) in s, or one whose rate falls as exp(-t / time)."""
+def _course(motion: Motion, time: float | None) -> FloatArray:
+    """Return the time of the session (M,) in s, or T (1 - exp(-t / T)) for T = `time`."""
     t = session_time(motion.samples)
     return t if time is None else np.asarray(-time * np.expm1(-t / time))
 
 
-def _settles(motion: Motion, time: float) -> dict[str, float]:
-    return {'centre': float(_settling(motion, time).mean()), 'time': float(time)}
+def _exponential(motion: Motion, time: float) -> dict[str, float]:
+    return {'centre': float(_course(motion, time).mean()), 'time': float(time)}
 
 
 EFFECTS = (TorqueOffset(), TorqueGain(), TorqueDrift())

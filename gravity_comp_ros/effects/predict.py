@@ -1,10 +1,10 @@
 """
-The torque of a model with its effects: gravity plus what was added to it.
+Torque prediction of a model with its effects.
 
     tau = g(q) + sum_e X_e(q, qd, qdd, g, t; setting_e) c_e
 
-X_e are the columns of effect e, c_e its coefficients. Some columns look back (acceleration,
-friction that builds up), so samples come as they were recorded; thin them out afterwards.
+X_e are the columns of effect e, c_e its coefficients. Some columns depend on earlier samples
+(acceleration, presliding), so predict all recorded samples and select some afterwards.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ import numpy as np
 
 def predict_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
     """
-    Return the torque (M, N) in N·m that the model says the samples' motion takes.
+    Return the predicted torque (M, N) in N·m of the samples' motion.
 
-    Joints are matched by name; those of the model, in its order, are predicted.
+    Joints are matched by name and returned in the model's order.
 
-    :raises ModelMismatchError: if the samples lack a joint of the model, or the model has an
-        effect that is not installed here.
+    :raises ModelMismatchError: if a joint of the model is not among the samples, or an effect of
+        the model is not installed.
     """
     samples = samples.joints(model.joints)
     gravity = model.predict(samples.q)
@@ -39,9 +39,9 @@ def predict_torque(model: GravityModel, samples: JointSamples) -> FloatArray:
 def effect_torque(model: GravityModel, samples: JointSamples,
                   gravity: FloatArray | None = None) -> FloatArray:
     """
-    Return what the model's effects add to gravity, (M, N) in N·m.
+    Return the torque (M, N) in N·m of the model's effects, without gravity.
 
-    :param gravity: the model's gravity torque (M, N) in N·m, if it is known already.
+    :param gravity: the model's gravity torque (M, N) in N·m, if known.
     :raises ModelMismatchError: as `predict_torque`.
     """
     samples = samples.joints(model.joints)
@@ -52,14 +52,14 @@ def effect_torque(model: GravityModel, samples: JointSamples,
 
 def predict_on(model: GravityModel, motion: Motion, rows: IntArray) -> FloatArray:
     """
-    Return what `predict_torque` does at some samples (R,) of a motion, shape (R, N) in N·m.
+    Return the predicted torque (R, N) in N·m at samples number `rows` (R,) of a motion.
 
-    :param motion: in the model's joints, telling directions as the model does.
+    :param motion: with the model's joints and direction shapes.
     """
     if all(installed(applied).pointwise for applied in model.applied.effects):
-        here = motion.at(rows).beside(model)
+        here = motion.at(rows).with_model(model)
         return here.gravity + _effect_torque(model, here)
-    here = motion.beside(model)
+    here = motion.with_model(model)
     return np.asarray((here.gravity + _effect_torque(model, here))[rows])
 
 
@@ -80,28 +80,28 @@ def _effect_torque(model: GravityModel, motion: Motion) -> FloatArray:
 def motion_of(model: GravityModel, samples: JointSamples,
               gravity: FloatArray | None = None) -> Motion:
     """
-    Return what the columns of a model's effects are computed from.
+    Return the motion from which the columns of a model's effects are computed.
 
-    Unlike `build_motion` it tells directions as the model says, so that no measured torque
-    enters a prediction.
+    Unlike `build_motion` it uses the direction shapes stored in the model, so that a prediction
+    does not depend on the measured torque.
     """
-    told = model.applied.direction
-    known = model.predict(samples.q) if gravity is None else gravity
-    return Motion(samples, accelerations(samples), known, None, told['width'], model,
-                  told.get('hold'))
+    shape = model.applied.direction
+    torque = model.predict(samples.q) if gravity is None else gravity
+    return Motion(samples, accelerations(samples), torque, None, shape['width'], model,
+                  shape.get('hold'))
 
 
 def direction_of(motion: Motion) -> dict[str, FloatArray]:
-    """Return how the motion tells directions, for a model to keep (`Applied.direction`)."""
+    """Return the direction shapes of a motion, to store in a model (`Applied.direction`)."""
     hold = np.zeros_like(motion.sign_width) if motion.hold is None else motion.hold
     return {'width': motion.sign_width, 'hold': hold}
 
 
 def installed(applied: AppliedEffect) -> Effect:
     """
-    Return the effect behind an applied one.
+    Return the effect of the library or a plug-in with the name of an applied one.
 
-    :raises ModelMismatchError: if it is not installed here.
+    :raises ModelMismatchError: if it is not installed.
     """
     effect = all_effects().get(applied.name)
     if effect is None:
@@ -114,12 +114,12 @@ def installed(applied: AppliedEffect) -> Effect:
 
 
 def joint_number(model: GravityModel, applied: AppliedEffect) -> int:
-    """Return the joint that an effect's functions are given: 0 for the whole arm."""
+    """Return the joint number for an effect's methods: 0 for the whole arm."""
     return 0 if applied.joint is None else model.joints.index(applied.joint)
 
 
 def rows_of(samples: JointSamples, part: JointSamples) -> IntArray:
-    """Return where the samples of `part`, a selection of `samples`, stand among them."""
+    """Return the numbers (M,) of the samples of `part`, a selection of `samples`."""
     rows = np.zeros(part.n_samples, dtype=np.int64)
     for run in np.unique(part.runs):
         here, wanted = np.flatnonzero(samples.runs == run), part.runs == run
@@ -132,7 +132,7 @@ def _coefficients(applied: AppliedEffect, effect: Effect, motion: Motion, joint:
     symbols = [c.symbol for c in effect.coefficients_of(motion, joint, applied.setting)]
     if set(symbols) != set(applied.coefficients) or len(symbols) != n_columns:
         raise ModelMismatchError(
-            f'the model gives {applied.target} the coefficients '
-            f'{", ".join(applied.coefficients)}, but here it has {", ".join(symbols)}: it was '
-            f'made with another version of the effect. Take it back and add it again')
+            f'the model has {applied.target} with the coefficients '
+            f'{", ".join(applied.coefficients)}, but the installed version has '
+            f'{", ".join(symbols)}. Remove the effect and add it again')
     return np.array([applied.coefficients[symbol].value for symbol in symbols])

@@ -1,91 +1,92 @@
-"""Dahl's element: friction that builds up over some way after a joint has turned."""
+"""Dahl's element: friction that builds up over a distance after a reversal."""
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import BoolArray, FloatArray
 import numpy as np
 
-# An encoder that flutters by this many times its noise has not moved.
-_FLUTTER = 3.0
-# Steps of time that differ by less are even; where fewer windows are, all must serve.
-_EVEN = 1.2
-_ENOUGH_EVEN = 0.05
+# Half-width of the play operator that removes encoder noise, in standard deviations.
+_NOISE_WIDTHS = 3.0
+# Maximum ratio of time steps in an evenly spaced window, and minimum share of such windows.
+_MAX_STEP_RATIO = 1.2
+_MIN_EVEN_SHARE = 0.05
 
 
 def presliding_state(path: FloatArray, distance: float) -> FloatArray:
     """
-    Return how far friction has built up along a path (M,) in rad of one run: z from -1 to 1.
+    Return the state z, from -1 to 1, of Dahl's element along a path (M,) in rad of one run.
 
-    Dahl's element, dz/dq = (1 - z sign(dq)) / distance, solved exactly between turns (Dahl
-    1968): z = s + (z_turn - s) exp(-way since the turn / distance), s the direction. It starts
-    at 0, of which nothing is left after a few distances.
+    dz/dq = (1 - z sign(dq)) / distance is solved exactly between reversals (Dahl 1968):
+    z = s + (z_r - s) exp(-d / distance), s the direction, z_r the state at the reversal and d the
+    distance since then. The initial state is 0 and decays within a few distances.
 
     :param distance: rad.
     """
     steps = np.diff(path, prepend=path[:1])
-    way, towards = np.cumsum(np.abs(steps)), np.sign(steps)
-    # A pause goes on in the direction before it, so that it is no turn.
-    last_move = np.maximum.accumulate(np.where(towards != 0.0, np.arange(len(path)), 0))
-    towards = towards[last_move]
-    begin = np.append(0, np.flatnonzero(np.diff(towards, prepend=towards[:1])))
+    travelled, direction = np.cumsum(np.abs(steps)), np.sign(steps)
+    # The direction persists during a pause, so that a pause is not a reversal.
+    last_move = np.maximum.accumulate(np.where(direction != 0.0, np.arange(len(path)), 0))
+    direction = direction[last_move]
+    begin = np.append(0, np.flatnonzero(np.diff(direction, prepend=direction[:1])))
     end = np.append(begin[1:], len(path))
-    begun = np.where(begin > 0, way[begin - 1], 0.0)
-    kept = np.exp((begun - way[end - 1]) / distance)
+    at_begin = np.where(begin > 0, travelled[begin - 1], 0.0)
+    decay = np.exp((at_begin - travelled[end - 1]) / distance)
     states, state = [], 0.0
-    for sign, part in zip(towards[begin].tolist(), kept.tolist()):
+    for sign, factor in zip(direction[begin].tolist(), decay.tolist()):
         states.append(state)
-        state = sign + (state - sign) * part
-    started, since = np.repeat(np.array([states, begun]), end - begin, axis=1)
-    return np.asarray(towards + (started - towards) * np.exp((since - way) / distance))
+        state = sign + (state - sign) * factor
+    initial, since = np.repeat(np.array([states, at_begin]), end - begin, axis=1)
+    return np.asarray(direction + (initial - direction) * np.exp((since - travelled) / distance))
 
 
-def steady_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
+def denoised_path(q: FloatArray, t: FloatArray | None = None) -> FloatArray:
     """
-    Return q (M,) of one run without the flutter of its encoder, rad.
+    Return q (M,) of one run in rad, monotonic between reversals.
 
-    :param t: times (M,) in s; even ones if not given.
+    A reversal is detected where q has returned by nine standard deviations of the encoder noise;
+    it is located at the extremum of q. Encoder noise at rest then does not change the state of
+    presliding friction.
 
-    A joint has turned where q has gone back by nine times the noise, and its turn is where q went
-    furthest. From turn to turn the path only goes on, so that an encoder's noise at rest does not
-    wear down what friction has built up.
+    :param t: times (M,) in s; evenly spaced by default.
     """
-    leash = _FLUTTER * position_noise(q, t)
-    if leash <= 0.0:
+    play = _NOISE_WIDTHS * position_noise(q, t)
+    if play <= 0.0:
         return q
-    turned = _turned(_pulled(q, leash), leash)
-    path, at, sign = np.empty_like(q), 0, turned[0][1] if turned else 0.0
-    for seen, _ in turned[1:]:
-        turn = at + int(np.argmax(sign * q[at:seen + 1]))
-        path[at:turn + 1] = sign * np.maximum.accumulate(sign * q[at:turn + 1])
-        at, sign = turn, -sign
+    detected = _reversals(_play_operator(q, play), play)
+    path, at, sign = np.empty_like(q), 0, detected[0][1] if detected else 0.0
+    for sample, _ in detected[1:]:
+        extremum = at + int(np.argmax(sign * q[at:sample + 1]))
+        path[at:extremum + 1] = sign * np.maximum.accumulate(sign * q[at:extremum + 1])
+        at, sign = extremum, -sign
     path[at:] = sign * np.maximum.accumulate(sign * q[at:]) if sign else q[0]
     return path
 
 
-def _turned(path: FloatArray, least: float) -> list[tuple[int, float]]:
-    """Return where it shows that a path (M,) goes another way by more than `least`, and which."""
+def _reversals(path: FloatArray, least: float) -> list[tuple[int, float]]:
+    """Return the samples at which a path (M,) has reversed by more than `least`, and its sign."""
     steps = np.diff(path)
     moves = np.flatnonzero(steps)
     # The last sample of each stretch in one direction.
     ends = moves[np.flatnonzero(np.diff(np.sign(steps[moves]), append=0.0))] + 1
-    found: list[tuple[int, float]] = []
+    reversals: list[tuple[int, float]] = []
     sign, high, low = 0.0, float(path[0]), float(path[0])
     for k, value in zip(ends.tolist(), path[ends].tolist()):
         high, low = max(high, value), min(low, value)
         if sign <= 0.0 and value > low + least:
             sign, high = 1.0, value
-            found.append((k, sign))
         elif sign >= 0.0 and value < high - least:
             sign, low = -1.0, value
-            found.append((k, sign))
-    return found
+        else:
+            continue
+        reversals.append((k, sign))
+    return reversals
 
 
-def _pulled(q: FloatArray, leash: float) -> FloatArray:
-    """Return q (M,) as it pulls something along on a leash: what is shorter does not move it."""
-    # Each sample clips the path to a range, and clips one after another are one clip again: so
-    # those of 2, 4, 8 ... samples follow from each other. The first one leaves no choice.
-    low, high = q - leash, q + leash
+def _play_operator(q: FloatArray, play: float) -> FloatArray:
+    """Return the output (M,) of a play operator (backlash) of half-width `play` for input q."""
+    # Each sample clips the output to a range, and a sequence of clips is one clip: those of
+    # 2, 4, 8 ... samples follow from each other. The first sample fixes the output.
+    low, high = q - play, q + play
     low[0] = high[0] = q[0]
     step = 1
     while step < len(q):
@@ -97,22 +98,27 @@ def _pulled(q: FloatArray, leash: float) -> FloatArray:
 
 def position_noise(q: FloatArray, t: FloatArray | None = None) -> float:
     """
-    Return the standard deviation of what in q (M,) of one run is noise, rad.
+    Return the standard deviation of the white noise of q (M,) of one run, rad.
 
-    :param t: times (M,) in s; where a message is lost, a difference is of motion, not of noise.
+    :param t: times (M,) in s, to exclude differences over lost messages.
     """
     jumps = np.diff(q, n=4)
     if t is not None:
         jumps = jumps[evenly_spaced(t)]
-    # Fourth differences of white noise have 70 times its variance.
-    return float(1.4826 * np.median(np.abs(jumps)) / np.sqrt(70.0)) if len(jumps) else 0.0
+    return float(noise_of_fourth_differences(jumps)) if len(jumps) else 0.0
+
+
+def noise_of_fourth_differences(differences: FloatArray) -> FloatArray:
+    """Return the standard deviation of white noise from its fourth differences (K, ...)."""
+    # Their variance is 1 + 16 + 36 + 16 + 1 = 70 times that of the noise.
+    return np.asarray(1.4826 * np.median(np.abs(differences), axis=0) / np.sqrt(70.0))
 
 
 def evenly_spaced(t: FloatArray) -> BoolArray:
-    """Return which of the M - 4 windows of five samples are evenly spaced in time t (M,)."""
+    """Return which of the M - 4 windows of five samples are evenly spaced; all if few are."""
     steps = np.diff(t)
     if len(steps) < 4:
         return np.zeros(0, dtype=bool)
     windows = np.lib.stride_tricks.sliding_window_view(steps, 4)
-    even = windows.max(axis=1) <= _EVEN * windows.min(axis=1)
-    return np.asarray(even if even.mean() >= _ENOUGH_EVEN else np.ones(len(even), dtype=bool))
+    even = windows.max(axis=1) <= _MAX_STEP_RATIO * windows.min(axis=1)
+    return np.asarray(even if even.mean() >= _MIN_EVEN_SHARE else np.ones(len(even), dtype=bool))

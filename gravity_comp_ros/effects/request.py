@@ -1,4 +1,4 @@
-"""What `NAME` or `NAME:JOINT` asks for, with a word on what was probably meant."""
+"""Parser of effect requests `NAME` and `NAME:JOINT`, with suggestions for misspelt names."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from gravity_comp_ros.errors import OptionError
 from gravity_comp_ros.models.applied_effects import target
 from gravity_comp_ros.printable import printable
 
-_ALIKE = 0.6
+# Minimum similarity of a suggested name.
+_MIN_SIMILARITY = 0.6
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class Request:
     """
     One effect on one joint (None: the whole arm).
 
-    `named` says that the joint was named; without a joint an effect is asked for on every
-    joint, and left out where it cannot be seen.
+    `named` is True if the joint was named. Otherwise the effect is requested on every joint and
+    skipped where it is untestable.
     """
 
     effect: Effect
@@ -36,31 +37,31 @@ class Request:
 
 def requests(texts: Iterable[str], joints: tuple[str, ...]) -> list[Request]:
     """
-    Return what texts like `coulomb_friction:elbow` ask for on an arm of these joints.
+    Return the requests of texts such as `coulomb_friction:elbow` for an arm with these joints.
 
-    A joint is named by its name, or by its number from 1.
+    A joint is given by its name, or by its number from 1.
 
-    :raises OptionError: if an effect or joint is unknown, or is asked for twice.
+    :raises OptionError: if an effect or joint is unknown, or is requested twice.
     """
-    found: list[Request] = []
+    parsed: list[Request] = []
     for text in texts:
-        found += _parse(text.strip(), joints)
-    targets = [request.target for request in found]
+        parsed += _parse(text.strip(), joints)
+    targets = [request.target for request in parsed]
     twice = sorted({name for name in targets if targets.count(name) > 1})
     if twice:
         raise OptionError(f'{printable(", ".join(twice))} is asked for twice')
-    return found
+    return parsed
 
 
 def known_effect(name: str) -> Effect:
     """
     Return the effect of that name.
 
-    :raises OptionError: if there is none; the message says what was probably meant.
+    :raises OptionError: if there is none; the message suggests a similar name.
     """
     known = all_effects()
     if name not in known:
-        raise OptionError(f'no effect {printable(name)!r}{_meant(name, known)}; known are '
+        raise OptionError(f'no effect {printable(name)!r}{_suggestion(name, known)}; known are '
                           f'{", ".join(known)}')
     return known[name]
 
@@ -70,24 +71,25 @@ def _parse(text: str, joints: tuple[str, ...]) -> list[Request]:
     effect = known_effect(name)
     if not effect.per_joint:
         if colon:
-            raise OptionError(f'{name} is about the whole arm: give it without a joint')
+            raise OptionError(f'{name} acts on the whole arm: give it without a joint')
         return [Request(effect, None, True)]
     if not colon:
         return [Request(effect, each, False) for each in joints]
     named = joint_named(joint, joints)
     if named is None:
-        raise OptionError(f'no joint {printable(joint)!r} in the model{_meant(joint, joints)}; '
-                          f'it has {", ".join(joints)}, or 1 to {len(joints)}')
+        raise OptionError(f'no joint {printable(joint)!r} in the model'
+                          f'{_suggestion(joint, joints)}; it has {", ".join(joints)}, or 1 to '
+                          f'{len(joints)}')
     return [Request(effect, named, True)]
 
 
-def _meant(word: str, known: Iterable[str]) -> str:
-    def likeness(name: str) -> float:
-        # What was typed may be only the beginning of a name.
+def _suggestion(word: str, known: Iterable[str]) -> str:
+    def similarity(name: str) -> float:
+        # The word may be an abbreviation of a name.
         return max(SequenceMatcher(None, word, part).ratio()
                    for part in (name, name[:len(word) + 1]))
 
-    closest = max(known, key=likeness, default=None)
-    if closest is None or likeness(closest) < _ALIKE:
+    closest = max(known, key=similarity, default=None)
+    if closest is None or similarity(closest) < _MIN_SIMILARITY:
         return ''
     return f' (did you mean {closest}?)'

@@ -1,34 +1,33 @@
 """
-The torque of motion of an arm, from one set of inertial parameters.
+Rigid-body dynamics of an arm with one set of inertial parameters.
 
-Mass matrix, centrifugal and Coriolis torque are linear in the inertial parameters of the links
-(`models.kinematic.rigid_body`), and the first moments among them are those of gravity. With the
-axes of a description there is a nominal arm that has these moments; how the inertias of the real
-arm differ is in the other coefficients. Without a description the serial arm that explains gravity
-gives axes and moments, and the lengths between its axes are coefficients too
-(`models.kinematic.unknown_lengths`). Rotors behind their gears add to the inertia about their own
-joints alone.
+Inertial, centrifugal and Coriolis torque are linear in the inertial parameters of the links
+(`models.kinematic.rigid_body`), among them the first moments of gravity. With known axes, a
+nominal arm has these moments, and the other coefficients are deviations of its inertias. Without
+a description, the serial arm fitted to gravity gives axes and moments, and the lengths between
+its axes are coefficients too (`models.kinematic.unknown_lengths`). Rotors of geared drives add to
+the inertia about their own joints alone.
 """
 
 from __future__ import annotations
 
 from gravity_comp_ros.data.samples import evenly_picked, FloatArray
 from gravity_comp_ros.effects.arm_dynamics import (
-    chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL, axis_sign_options,
-    WAYS)
+    axis_sign_options, chain_dynamics, ChainDynamics, described_dynamics, Dynamics, NOMINAL,
+    SIGN_SETTINGS)
 from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Expectation, Setting
 from gravity_comp_ros.effects.motion import Motion
 from gravity_comp_ros.effects.motion_fit import MotionProblem
 import numpy as np
 
-# rad/s^2: below, the torque of motion hides in the noise.
-_LEAST_ACCELERATION = 1e-3
-# Poses at which the mass matrix is checked, and how negative its eigenvalues may be, relative to
-# the largest.
+# Minimum acceleration in rad/s^2 of a testable motion.
+_MIN_ACCELERATION = 1e-3
+# Number of poses at which the mass matrix is checked, and maximum size of negative eigenvalues
+# relative to the largest.
 _CHECKED, _NEGATIVE = 64, 0.05
-# Samples by which the spread of unknown lengths and inertias is settled, and what is tried.
+# Number of samples, and factors of the prior standard deviation, that are compared.
 _FITTED, _SHARES = 1500, (16.0, 8.0, 4.0, 2.0, 1.0, 0.5, 0.25, 0.1)
-# It may be so much closer to negative beside what else is found.
+# Reduction of that maximum in this comparison: other effects change the fit later.
 _MARGIN = 0.5
 
 
@@ -42,10 +41,9 @@ class RigidBodyDynamics(Effect):
                 'of a serial arm, h the first moments of gravity; Y0 = s Y p(h) with the nominal '
                 'arm p(h) where a description gives the axes, else sum_i L_i(q, qd, qdd, h) l_i '
                 'with the lengths l_i between axes')
-    description = ('The torque that accelerates the links, with centrifugal and Coriolis torque: '
-                   'one set of inertial parameters for all joints, the first moments shared with '
-                   'gravity. Without a description of the robot the lengths between its axes are '
-                   'estimated as well.')
+    description = ('Inertial, centrifugal and Coriolis torque with one set of inertial parameters '
+                   'for all joints, which includes the first moments of gravity. Without a robot '
+                   'description the lengths between the axes are estimated as well.')
     coefficients = (NOMINAL, Coefficient('l_i', 'm', 'length between two axes'),
                     Coefficient('I_k', 'kg·m^2', 'moment or product of inertia'))
     confounders = ('inertia', 'coriolis')
@@ -57,16 +55,17 @@ class RigidBodyDynamics(Effect):
     per_joint = False
     pointwise = True
     expectation = Expectation.MOTION
-    setting_units = {'spread': '', **dict.fromkeys(WAYS, '')}
-    not_scanned = ('spread', *WAYS)
+    setting_units = {'spread': '', **dict.fromkeys(SIGN_SETTINGS, '')}
+    not_scanned = ('spread', *SIGN_SETTINGS)
     certain = True
     needs_speed = True
 
     def columns(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        key = f'rigid_body {_ways(setting)}'
+        key = f'rigid_body {_signs(setting)}'
         if key not in motion.memo:
             samples = motion.samples
-            motion.memo[key] = _known(motion, setting).columns(samples.q, samples.qd, motion.qdd)
+            dynamics = _required_dynamics(motion, setting)
+            motion.memo[key] = dynamics.columns(samples.q, samples.qd, motion.qdd)
         return motion.memo[key]
 
     def coefficients_of(self, motion: Motion, joint: int, setting: Setting) -> Coefficients:
@@ -74,93 +73,91 @@ class RigidBodyDynamics(Effect):
         return self.coefficients[:1] if dynamics is None else dynamics.coefficients()
 
     def settings(self, motion: Motion, joint: int) -> list[dict[str, float]]:
-        """
-        Return how far an arm of unknown lengths may differ from the nominal one.
-
-        Beside it stands which way a vertical axis turns, which gravity does not show.
-        """
+        """Return the factor of the prior of unknown lengths, and the signs of vertical axes."""
         dynamics = _dynamics(motion, {})
-        return [_physical(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
+        return [_best_setting(motion, dynamics)] if isinstance(dynamics, ChainDynamics) else [{}]
 
     def spread(self, motion: Motion, joint: int, setting: Setting) -> FloatArray:
-        usual = _known(motion, setting).usual
-        return np.where(np.isinf(usual), usual, setting.get('spread', 1.0) * usual)
+        prior_std = _required_dynamics(motion, setting).prior_std
+        return np.where(np.isinf(prior_std), prior_std, setting.get('spread', 1.0) * prior_std)
 
     def untestable(self, motion: Motion, joint: int) -> str | None:
         if _dynamics(motion, {}) is None:
-            return ('where the axes of the arm are is unknown: no serial arm is fitted, and there '
-                    'is no description of the robot')
+            return ('the axes of the arm are unknown: there is no robot description, and no '
+                    'serial arm fits the torque')
         largest = float(np.abs(motion.qdd).max(initial=0.0))
-        if largest < _LEAST_ACCELERATION:
+        if largest < _MIN_ACCELERATION:
             return f'the arm hardly accelerates (at most {largest:.2g} rad/s^2)'
         return None
 
     def implausible(self, values: FloatArray, setting: Setting, motion: Motion,
                     joint: int) -> str | None:
-        return (_not_positive(_known(motion, setting), values, motion.samples.q)
+        return (_not_positive(_required_dynamics(motion, setting), values, motion.samples.q)
                 or super().implausible(values, setting, motion, joint))
 
 
 def _dynamics(motion: Motion, setting: Setting) -> Dynamics | None:
-    """Return the dynamics that a motion's gravity model has, or the serial arm in it."""
+    """Return the dynamics of a motion's gravity model, or of its serial arm."""
     described = None if motion.model is None else described_dynamics(motion.model)
     if described is not None or motion.serial_arm is None:
         return described
-    return chain_dynamics(motion.serial_arm, _ways(setting))
+    return chain_dynamics(motion.serial_arm, _signs(setting))
 
 
-def _ways(setting: Setting) -> tuple[float, ...]:
-    return tuple(setting[name] for name in WAYS if name in setting)
+def _signs(setting: Setting) -> tuple[float, ...]:
+    return tuple(setting[name] for name in SIGN_SETTINGS if name in setting)
 
 
-def _known(motion: Motion, setting: Setting) -> Dynamics:
+def _required_dynamics(motion: Motion, setting: Setting) -> Dynamics:
     dynamics = _dynamics(motion, setting)
-    assert dynamics is not None, 'tested before: see `untestable`'
+    assert dynamics is not None, 'checked by `untestable`'
     return dynamics
 
 
-def _physical(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
+def _best_setting(motion: Motion, arm: ChainDynamics) -> dict[str, float]:
     """
-    Return the setting that predicts other parts of the motion best.
+    Return the setting with the smallest cross-validation error.
 
-    The share of the usual spread is smaller where the fitted mass matrix would not be positive:
-    few motions determine all lengths and inertias, and the nominal arm is physical. Ways in which
-    axes may turn are compared after that.
+    The factor of the prior is reduced if the fitted mass matrix is not positive definite: few
+    motions determine all lengths and inertias, and the nominal arm is physical. Then the signs of
+    vertical axes are compared.
     """
     part = motion.at(evenly_picked(motion.samples.n_samples, _FITTED))
     q, chain = part.samples.q, arm.chain
     gravity = chain.jacobian(q).transpose(2, 1, 0)
-    found = []
-    for ways in axis_sign_options(chain, q):
-        dynamics = chain_dynamics(chain, ways)
+    results = []
+    for signs in axis_sign_options(chain, q):
+        dynamics = chain_dynamics(chain, signs)
         problem = MotionProblem.of(gravity, 2 * q.shape[1], part, dynamics)
-        found.append((*_shrunk(problem, dynamics, q), ways))
-    _, share, ways = min(found, key=lambda each: each[0])
-    return {'spread': share, **dict(zip(WAYS, ways))}
+        results.append((*_best_share(problem, dynamics, q), signs))
+    _, share, signs = min(results, key=lambda result: result[0])
+    return {'spread': share, **dict(zip(SIGN_SETTINGS, signs))}
 
 
-def _shrunk(problem: MotionProblem, dynamics: ChainDynamics, q: FloatArray
-            ) -> tuple[float, float]:
-    """Return the error of other parts, and the share: the best one, or a smaller physical one."""
+def _best_share(problem: MotionProblem, dynamics: ChainDynamics, q: FloatArray
+                ) -> tuple[float, float]:
+    """Return the cross-validation error and the best share, or a smaller physical one."""
     errors = problem.held_out_errors(_SHARES)
     for number in range(int(errors.argmin()), len(_SHARES)):
-        least, largest = _least_energy(dynamics, problem.fit(_SHARES[number]).dynamics, q)
+        coefficients = problem.fit(_SHARES[number]).dynamics
+        least, largest = _eigenvalue_range(dynamics, coefficients, q)
         if least >= -_MARGIN * _NEGATIVE * largest:
             break
     return float(errors[number]), _SHARES[number]
 
 
 def _not_positive(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> str | None:
-    """Check that kinetic energy is positive, at poses of q (M, N)."""
-    least, largest = _least_energy(dynamics, values, q)
+    """Return the reason if the mass matrix is not positive definite at poses of q (M, N)."""
+    least, largest = _eigenvalue_range(dynamics, values, q)
     if least < -_NEGATIVE * largest:
-        return (f'the mass matrix has an eigenvalue of {least:.2g} kg·m^2: kinetic energy cannot '
-                f'be negative')
+        return (f'the mass matrix has a negative eigenvalue ({least:.2g} kg·m^2), and kinetic '
+                f'energy is positive')
     return None
 
 
-def _least_energy(dynamics: Dynamics, values: FloatArray, q: FloatArray) -> tuple[float, float]:
-    """Return the least and the largest eigenvalue of the mass matrix at poses of q (M, N)."""
+def _eigenvalue_range(dynamics: Dynamics, values: FloatArray,
+                      q: FloatArray) -> tuple[float, float]:
+    """Return the smallest and the largest eigenvalue of the mass matrix at poses of q (M, N)."""
     n = q.shape[1]
     few = q[np.linspace(0, len(q) - 1, _CHECKED).astype(int)] if len(q) else q
     rows = np.repeat(few, n, axis=0)

@@ -151,7 +151,7 @@ def _fit_once(motion: Motion, rows: IntArray, model: GravityModel,
     estimate = estimate_gravity(regression, options, model, known, warm)
     gravity = replace(gravity_model(estimate, part), history=model.history,
                       provenance=model.provenance, geometry=model.geometry)
-    motion_after = motion.beside(gravity)
+    motion_after = motion.with_model(gravity)
     columns_after = _columns(motion_after, rows, terms)
     if (not _converged(columns, columns_after)
             and _symbols(motion, terms) == _symbols(motion_after, terms)):
@@ -285,7 +285,7 @@ def for_gravity(gravity: GravityModel, motion: Motion,
     """
     if all(installed(applied).has_fixed_coefficients for applied in effects):
         return effects
-    motion = motion.beside(gravity)
+    motion = motion.with_model(gravity)
     result = []
     for applied in effects:
         joint = 0 if applied.joint is None else motion.samples.names.index(applied.joint)

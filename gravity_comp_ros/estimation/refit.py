@@ -328,7 +328,7 @@ def _implausible(work: RefitProblem, model: GravityModel, terms: Sequence[Term])
     """Return the new effects with coefficients that are not physical, and the reasons."""
     implausible = {}
     new = [term for term in terms if term.old is None]
-    motion = work.motion.beside(model) if new else work.motion
+    motion = work.motion.with_model(model) if new else work.motion
     for term in new:
         applied = next(e for e in model.applied.effects if e.target == term.target)
         values = np.array([c.value for c in applied.coefficients.values()])

@@ -38,7 +38,7 @@ class EffectScore:
     `separations` are the square roots of lambda: first with nuisance terms only, then with each
     alternative. `std` (K,) are standard errors of the target's coefficients, fitted jointly with
     the nuisance terms. `unabsorbed` is the share of the target's torque outside the gravity terms
-    of a diagnosis; below `MIN_UNABSORBED` the diagnosis reports the size as uncertain at any noise.
+    of a diagnosis; below `MIN_UNABSORBED` the diagnosis reports an uncertain size at any noise.
     """
 
     separations: tuple[float, ...]

@@ -1,4 +1,4 @@
-"""From block errors to the numbers that are shown: RMSE, fractions of the torque, runs."""
+"""Error metrics of a diagnosis: RMSE, fractions of the torque range, improved runs."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Scale:
+class ErrorMetrics:
     """
-    The units of a diagnosis.
+    Conversion of block errors to reported numbers.
 
-    :param span: (N,) the range of the measured torque in N·m, of which errors are a fraction.
+    :param span: (N,) range of the measured torque in N·m, to which errors are relative.
     """
 
     criteria: Criteria
@@ -36,22 +36,19 @@ class Scale:
                      * self.criteria.fits.rows[joint].sigma)
 
     def nrmse_of(self, errors: FloatArray, joint: int) -> float:
-        """Return the RMSE of block errors as a fraction of the torque's range (Eq. 16)."""
+        """Return the RMSE of block errors as a fraction of the torque range (Yu 2022, Eq. 16)."""
         return self.rmse(errors, joint) / max(float(self.span[joint]), 1e-9)
 
     def nrmse(self, chosen: Sequence[Candidate], joint: int) -> float:
-        """Return the held-out RMSE with these effects as a fraction of the torque's range."""
+        """Return the held-out RMSE with these effects as a fraction of the torque range."""
         return self.nrmse_of(self.criteria.fits.errors(joint, chosen), joint)
 
     def runs_better(self, gain: Gain) -> float:
-        """Return the share of runs on which an effect helps."""
+        """Return the share of runs that an effect improves."""
         run = self.criteria.fits.blocks.run
         return float(np.mean([gain.blocks[run == r].sum() > 0.0 for r in np.unique(run)]))
 
-    def absorbed(self, candidate: Candidate) -> float:
-        """Return the share of an effect that gravity can imitate, given the other joints."""
-        return self.criteria.fits.absorbed(candidate)
-
-    def left(self, candidate: Candidate) -> float:
-        """Return the share of an effect's torque that gravity does not imitate, 1 of the arm's."""
-        return 1.0 if candidate.shared else float(np.sqrt(1.0 - self.absorbed(candidate)))
+    def unabsorbed(self, candidate: Candidate) -> float:
+        """Return the share of an effect's torque that gravity does not absorb; 1 if shared."""
+        absorbed = self.criteria.fits.absorbed(candidate)
+        return 1.0 if candidate.shared else float(np.sqrt(1.0 - absorbed))
