@@ -12,7 +12,6 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.kinematic.geometry import Geometry
 from gravity_comp_ros.node import diagnostics
 from gravity_comp_ros.node.arm_description import ArmDescription, SOURCE
-from gravity_comp_ros.node.effects_in_use import EffectsInUse
 from gravity_comp_ros.node.effort_health import EffortHealth, FROZEN, OFF
 from gravity_comp_ros.node.epoch import Epoch
 from gravity_comp_ros.node.feedforward import FeedForward
@@ -23,6 +22,7 @@ from gravity_comp_ros.node.model_watch import ModelWatch
 from gravity_comp_ros.node.options import epoch_options, feedforward_options, gate_options
 from gravity_comp_ros.node.parameters import Parameters
 from gravity_comp_ros.node.payload_watch import MAX_ACCELERATION, PayloadWatch
+from gravity_comp_ros.node.realtime_effects import EffectsInUse
 from gravity_comp_ros.node.self_confirmation import SentTorqueHistory
 from gravity_comp_ros.node.torque_source import TorqueSource
 from gravity_comp_ros.node.uncertain_change import UncertainChange

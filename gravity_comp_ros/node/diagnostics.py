@@ -146,12 +146,11 @@ def feedforward_status(state: str, enabled: bool, outside: float, limits: str,
     if state in (HOLDING, FADING, FADED):
         return Status('feed-forward', ERROR, state, values)
     if outside > margin:
-        return Status('feed-forward', WARN, f'{state}; the pose is {outside:.2f} rad outside '
-                      'the trained range', values)
+        problem = f'the pose is {outside:.2f} rad outside the trained range'
+    elif not problem and limits == 'unlimited':
+        problem = 'no torque limits: set max_torque'
     if problem:
         return Status('feed-forward', WARN, f'{state}; {problem}', values)
-    if limits == 'unlimited':
-        return Status('feed-forward', WARN, f'{state}; no torque limits: set max_torque', values)
     return Status('feed-forward', OK, state, values)
 
 

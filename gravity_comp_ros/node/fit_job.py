@@ -170,7 +170,7 @@ def _candidates(job: FitJob, chain: GravityModel | None,
     if base is None:
         yield from _full_fits(job, first)
         return
-    yield CHANGE, payload_change(base, job.train)
+    yield CHANGE, changed_by_payload(base, _without_effects(base, job.train))
     if len(job.train) >= MIN_FULL_FIT_SAMPLES:
         # There is a result already, so a full fit may fail.
         with suppress(FitError, DataError):
@@ -253,11 +253,6 @@ def _gravity_samples(model: GravityModel, job: FitJob) -> tuple[JointSamples, Jo
     friction = interleaved_nuisance(model, job.train, job.held_out)
     return (replace(train, tau=train.tau - friction[0]),
             replace(held_out, tau=held_out.tau - friction[1]))
-
-
-def payload_change(base: GravityModel, samples: JointSamples) -> GravityModel:
-    """Return the base with the change of its gravity fitted; its effects stay unchanged."""
-    return changed_by_payload(base, _without_effects(base, samples))
 
 
 def full_fit(job: FitJob, options: FitOptions) -> GravityModel:

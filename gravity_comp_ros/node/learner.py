@@ -44,15 +44,11 @@ class Learner:
         self._outdated = 0
         self._requests = FitRequests()
         # The model in use when the epoch began, whose change by a payload is fitted.
-        self._base: GravityModel | None = None
+        self.base: GravityModel | None = None
         self._last_fit = 'none'
         # Outliers of the last fit, in words.
         self._outliers = ''
         self._kept_old = self._compensated = self._broken = False
-
-    def begin(self, base: GravityModel | None) -> None:
-        """Begin with a model from a file."""
-        self._base = base
 
     def poll(self, arm: Arm | None, now: float, wall: float) -> None:
         """Handle the results of the fit process, and submit the next job."""
@@ -69,7 +65,9 @@ class Learner:
             if self._requests.queued is not None:
                 self._start_request(arm, wall)
             elif (model := self._tested_model(arm)) is not None and arm.payload.is_due():
-                self._submit_payload_job(arm, model, wall)
+                self.jobs += 1
+                self.fits.submit(PayloadJob(self.jobs, arm.payload.window(), model,
+                                            payload_limits(self.settings), arm.geometry), wall)
             elif self.settings.auto_fit and arm.epoch.fit_is_due():
                 self._submit(arm, wall)
 
@@ -95,7 +93,7 @@ class Learner:
     def _submit(self, arm: Arm, now: float, on_request: bool = False) -> int:
         self.jobs += 1
         job = FitJob(self.jobs, arm.epoch.number, arm.epoch.train(), arm.epoch.held_out(),
-                     self._base, self.models.model, self.settings.formulation,
+                     self.base, self.models.model, self.settings.formulation,
                      self.settings.effects, on_request,
                      payload_limits(self.settings), arm.geometry, arm.epoch.sent())
         self.fits.submit(job, now)
@@ -114,11 +112,6 @@ class Learner:
                 arm.epoch.is_open and entry.epoch != arm.epoch.number):
             return None
         return entry.model
-
-    def _submit_payload_job(self, arm: Arm, model: GravityModel, now: float) -> None:
-        self.jobs += 1
-        self.fits.submit(PayloadJob(self.jobs, arm.payload.window(), model,
-                                    payload_limits(self.settings), arm.geometry), now)
 
     def _payload_job_ended(self, arm: Arm, result: PayloadResult, now: float) -> None:
         """Report a new suspicion; open an epoch with `on_suspected_payload: learn`."""
@@ -164,7 +157,7 @@ class Learner:
         """Take a new model into use."""
         entry = self.models.use(result.model, f'{result.how} in epoch {result.epoch}', now,
                                 arm.epoch.number)
-        before, base = self.models.before, self._base
+        before, base = self.models.before, self.base
         # The samples of a closed epoch determine the whole change.
         change = UncertainChange(result.model, base, result.low, result.high) if (
             arm.epoch.is_open and base is not None
@@ -209,7 +202,7 @@ class Learner:
             return
         arm.use(entry.model, None, 0)
         self._outdated = self.jobs
-        self._base = entry.model
+        self.base = entry.model
         arm.epoch.restart_after_broken_effort()
         arm.epoch.note = f'rolled back automatically to the {entry.describe()}: {why}'
         self._broken = True
@@ -223,7 +216,7 @@ class Learner:
         dropped = arm.epoch.n_samples
         arm.new_epoch(now, can_change(self.models.model))
         self._outdated = self.jobs
-        self._base = self.models.model
+        self.base = self.models.model
         self._kept_old = self._compensated = self._broken = False
         self._outliers = ''
         model = 'no model yet' if self.models.model is None else 'the old model stays in use'

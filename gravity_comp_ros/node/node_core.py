@@ -72,7 +72,7 @@ class NodeCore:
                        has_base=entry is not None and can_change(entry.model))
         if entry is not None:
             self.arm.use(entry.model, None, 0)
-            self.learner.begin(entry.model)
+            self.learner.base = entry.model
         self.log_lines.append((
             False, f'arm of {len(joints)} joints: {", ".join(joints)}; model: '
             f'{entry.describe() if entry else "none yet"}; formulation of fits: '
