@@ -69,8 +69,9 @@ class Criteria:
 
         Dynamics are tested by `gain_of_fast_motion`, since few blocks have fast motion. If an
         effect removes a large share of the held-out error, the t-test of its coefficient is
-        evidence as well: a short recording has few blocks, and their gains differ with the excitation in each
-        (a cable is slack over half of the range), while the coefficient is precise.
+        evidence as well: a short recording has few blocks, and their gains differ with the
+        excitation in each (a cable is slack over half of the range), while the coefficient is
+        precise.
         """
         tests = self.n_tests(trial)
         if trial.regressor.expectation == Expectation.MOTION:

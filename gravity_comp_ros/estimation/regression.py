@@ -65,7 +65,7 @@ class Regression:
         effect_std = np.full(self.n_effects, np.inf) if self.effect_std is None \
             else self.effect_std
         return NuisanceDesign(np.concatenate(parts), weights,
-                      np.concatenate([effect_std, self.nuisance.prior_std]))
+                              np.concatenate([effect_std, self.nuisance.prior_std]))
 
     def residual(self, gravity: FloatArray, coefficients: FloatArray) -> FloatArray:
         """Return the residual (m, N) in N·m of a gravity torque (m, N) and linear terms (K,)."""

@@ -203,7 +203,7 @@ def _unsettled(model: GravityModel, job: FitJob) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
     return instability(model, job.train, residual_noise(model),
-                     lambda early: full_fit(replace(job, train=early), options))
+                       lambda early: full_fit(replace(job, train=early), options))
 
 
 def _broken_effort(job: FitJob, chain: GravityModel | None, change: GravityModel | None,
