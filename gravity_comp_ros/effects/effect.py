@@ -19,11 +19,13 @@ from typing import get_type_hints
 
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.plausibility import too_much_torque
 from gravity_comp_ros.errors import OptionError
 import numpy as np
 
 Setting = Mapping[str, float]
+# Maximum torque of an effect, relative to the largest measured torque; larger torques cancel each
+# other.
+_MAX_RATIO = 1.5
 
 
 class Expectation(StrEnum):
@@ -204,6 +206,18 @@ class Effect(Regressor):
     def n_scanned(self, setting: Setting) -> int:
         """Return the number of nonlinear parameters of a setting that were compared."""
         return sum(name not in self.not_scanned for name in setting)
+
+
+def too_much_torque(torque: FloatArray, motion: Motion, joint: int) -> str | None:
+    """Return the reason if a torque (M,) of the joint, or (M, N), exceeds the measured one."""
+    measured = np.abs(motion.samples.tau)
+    if torque.ndim == 1:
+        measured = measured[:, joint]
+    peak = float(np.abs(torque).max(initial=0.0))
+    limit = float(measured.max(initial=0.0))
+    if peak > _MAX_RATIO * limit:
+        return f'its torque is up to {peak:.3g} N·m, the measured torque at most {limit:.3g} N·m'
+    return None
 
 
 # Names of the attributes of every effect.

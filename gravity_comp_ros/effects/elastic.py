@@ -5,9 +5,8 @@ from __future__ import annotations
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation
 from gravity_comp_ros.effects.effect import (
-    AlternativeModel, Coefficient, Coefficients, Effect, Expectation, Setting)
+    AlternativeModel, Coefficient, Coefficients, Effect, Expectation, Setting, too_much_torque)
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.plausibility import too_much_torque
 import numpy as np
 
 # Minimum travel in rad: over less, a spring is collinear with the sine of gravity.

@@ -19,9 +19,9 @@ from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import energy_terms as terms, excitation
 from gravity_comp_ros.effects.change_points import (
     change_factor, change_points, finer_points, UNITS)
-from gravity_comp_ros.effects.effect import Coefficient, Coefficients, Effect, Setting
+from gravity_comp_ros.effects.effect import (
+    Coefficient, Coefficients, Effect, Setting, too_much_torque)
 from gravity_comp_ros.effects.motion import Motion
-from gravity_comp_ros.effects.plausibility import too_much_torque
 from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.sparse import dictionary
 from gravity_comp_ros.models.sparse.expansion import Expansion
