@@ -230,7 +230,7 @@ def test_a_model_that_changes_with_its_samples_has_not_settled(base):
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A fit to the first part may agree with the model, and one to the last part contradict it.
     result = instability(base, case.samples, noise,
-                       lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
+                         lambda part: base if len(part) == 255 else with_wrong_axes(base, 0.3))
     assert 'the first 90 of 300 samples changed' in result
 
     def too_few(part):
