@@ -239,7 +239,7 @@ def test_a_model_that_still_changes_has_not_settled(base):
     assert len(last) == 0.7 * len(case.samples) and last.t[-1] == case.samples.t[-1]
     # A model that its first part agrees with may still be contradicted by its last.
     found = instability(base, case.samples, noise,
-                      lambda part: base if len(part) == 255 else bent(base, 0.3))
+                        lambda part: base if len(part) == 255 else bent(base, 0.3))
     assert 'the first 90 of 300 samples changed' in found
 
     def too_few(part):

@@ -30,7 +30,7 @@ def alternatives(selection: Selection, candidate: Candidate,
     found: dict[tuple[str, int | None], Candidate] = {}
     for other, now, then in criteria.with_each_instead(candidate, others, chosen):
         if within_standard_error(now, then) and (_is_usual(other, candidate)
-                                     or criteria.is_physical(other, [*rest, other])):
+                                                 or criteria.is_physical(other, [*rest, other])):
             found.setdefault(other.key, other)
     for also in (_spring_at_rest(criteria, candidate, chosen),
                  _warmed(criteria, candidate, chosen)):

@@ -7,7 +7,7 @@ time starts with a session: recordings with stamps on one clock go on with one a
 
 from __future__ import annotations
 
-from gravity_comp_ros.data.runs import session_time, run_slices
+from gravity_comp_ros.data.runs import run_slices, session_time
 from gravity_comp_ros.data.samples import FloatArray
 from gravity_comp_ros.effects import excitation as facts
 from gravity_comp_ros.effects.effect import Coefficient, Effect, Setting

@@ -186,7 +186,7 @@ def _unsettled(model: GravityModel, job: Job) -> str | None:
     options = FitOptions(model.formulation,
                          geometry=job.geometry if model.geometry is not None else None)
     return instability(model, job.train, residual_noise(model),
-                     lambda early: whole(replace(job, train=early), options))
+                       lambda early: whole(replace(job, train=early), options))
 
 
 def _broken(job: Job, chain: GravityModel | None, change: GravityModel | None,

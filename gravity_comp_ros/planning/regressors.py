@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from gravity_comp_ros.data.runs import session_time, have_common_clock, recorded_time
+from gravity_comp_ros.data.runs import have_common_clock, recorded_time, session_time
 from gravity_comp_ros.data.samples import concatenate, FloatArray, JointSamples
 from gravity_comp_ros.effects.effect import Effect, Setting
 from gravity_comp_ros.effects.motion import Motion
