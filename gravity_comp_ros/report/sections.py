@@ -1,4 +1,4 @@
-"""All parts of a report, by their short names, in the order of a reader's questions."""
+"""All sections of a report by short name, in their order on the page."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import (
     answer, arm, effects, equations, joints, pairs, provenance, quality, residuals, spectrum, time)
 
-# What makes a part; None where there is nothing to show of it.
+# Builds a section; None if it has no content.
 Maker = Callable[[Contents, Table, Style], Section | None]
 SECTIONS: dict[str, Maker] = {
     'Answer': answer.section,

@@ -1,4 +1,4 @@
-"""The answer on one screen: the error of each joint, the plot that shows why, what to do next."""
+"""First section: error of each joint, plot of the main finding, and the next command."""
 
 from __future__ import annotations
 
@@ -15,84 +15,84 @@ from gravity_comp_ros.report.source import Table
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.report.views import effects, residuals
 
-# Over what the residual of an effect is plain; of others the added-variable plot is shown.
-_OVER = {'coulomb_friction': 'v', 'viscous_friction': 'v', 'stribeck_friction': 'v',
-         'degressive_friction': 'v', 'asymmetric_friction': 'v', 'presliding_hysteresis': 'v',
-         'joint_spring': 'q', 'cable_stiffness': 'q', 'torque_ripple': 'q', 'end_stop': 'q',
-         'torque_gain': 'p', 'load_dependent_friction': 'p', 'torque_drift': 't',
-         'friction_drift': 't', 'torque_offset': 'q'}
+# Column against which the residual shows an effect; other effects get an added-variable plot.
+_AGAINST = {'coulomb_friction': 'v', 'viscous_friction': 'v', 'stribeck_friction': 'v',
+            'degressive_friction': 'v', 'asymmetric_friction': 'v', 'presliding_hysteresis': 'v',
+            'joint_spring': 'q', 'cable_stiffness': 'q', 'torque_ripple': 'q', 'end_stop': 'q',
+            'torque_gain': 'p', 'load_dependent_friction': 'p', 'torque_drift': 't',
+            'friction_drift': 't', 'torque_offset': 'q'}
 
 
 def section(contents: Contents, table: Table, style: Style) -> Section:
-    """Return bars for every joint, a plot, and the next command."""
+    """Return bars for every joint, the evidence plot, and the next command."""
     bars = error_bars(contents, style)
-    finding = telling(contents)
-    shown: list[UIElement] = [_drawn(contents, bars, style)]
+    finding = main_finding(contents)
+    plots: list[UIElement] = [_error_plot(contents, bars, style)]
     after = ''
-    proof = _proof(contents, table, style, finding)
-    if proof is not None:
-        shown.append(proof)
+    evidence = _evidence_plot(contents, table, style, finding)
+    if evidence is not None:
+        plots.append(evidence)
     if finding is not None and finding.next_step and not contents.next_command:
         after += markup.paragraph(f'Next: {finding.next_step}', 'quiet')
     if contents.next_command:
-        after += '<h3>What to do next</h3>' + markup.command(contents.next_command)
+        after += '<h3>Next step</h3>' + markup.command(contents.next_command)
     return Section('answer', 'Error of each joint', bar_key(bars),
-                   row(*shown, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}), after)
+                   row(*plots, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}), after)
 
 
-def telling(contents: Contents) -> Finding | None:
-    """Return the finding that the headline names, if it shows in the error."""
+def main_finding(contents: Contents) -> Finding | None:
+    """Return the finding of the headline, if it reduces the error visibly."""
     findings = contents.diagnosis.findings if contents.diagnosis else ()
     return findings[0] if findings and visible(findings[0]) else None
 
 
 def error_bars(contents: Contents, style: Style) -> list[Bars]:
-    """Return the bars of every joint, in N·m."""
+    """Return the bars of the errors of every joint, in N·m."""
     diagnosis, joints = contents.diagnosis, contents.joints
     if diagnosis is not None and all(name in diagnosis.joints for name in joints):
-        found = [diagnosis.joints[name] for name in joints]
-        rows = [Bars('noise of the sensor', [r.noise_floor for r in found], style.still),
-                Bars('held-out error now', [r.rmse_before for r in found], style.down)]
+        reports = [diagnosis.joints[name] for name in joints]
+        bars = [Bars('sensor noise', [r.noise_floor for r in reports], style.still),
+                Bars('held-out error', [r.rmse_before for r in reports], style.down)]
         if any(visible(f) for f in diagnosis.findings):
-            rows.append(Bars('with the effects below', [r.rmse_after for r in found],
+            bars.append(Bars('with the findings', [r.rmse_after for r in reports],
                              style.after))
-        return rows
+        return bars
     noise = contents.model.noise[contents.numbers].tolist()
     now = [contents.comparison.joints[name].rmse for name in joints]
-    rows = [Bars('in training', noise, style.still), Bars('now', now, style.after)]
+    bars = [Bars('in training', noise, style.still), Bars('on these samples', now, style.after)]
     if contents.previous:
         before = [contents.previous.get(name, float('nan')) for name in joints]
-        rows.insert(1, Bars(contents.previous_name, before, style.down))
-    return rows
+        bars.insert(1, Bars(contents.previous_name, before, style.down))
+    return bars
 
 
-def _drawn(contents: Contents, bars: list[Bars], style: Style) -> figure:
-    made = bar_plot(style, '', 'RMSE, N·m', _height(len(contents.joints)), contents.joints, bars,
+def _error_plot(contents: Contents, bars: list[Bars], style: Style) -> figure:
+    fig = bar_plot(style, '', 'RMSE, N·m', _height(len(contents.joints)), contents.joints, bars,
                     '0.0000')
-    made.styles = {'flex': '1 1 300px', 'width': 'auto'}
-    return made
+    fig.styles = {'flex': '1 1 300px', 'width': 'auto'}
+    return fig
 
 
 def _height(joints: int) -> int:
     return 62 + 36 * joints
 
 
-def _proof(contents: Contents, table: Table, style: Style,
-           finding: Finding | None) -> UIElement | None:
-    """Return the plot in which the finding, or else the largest error, is plain."""
+def _evidence_plot(contents: Contents, table: Table, style: Style,
+                   finding: Finding | None) -> UIElement | None:
+    """Return the plot that shows the finding, or the largest error without a finding."""
     joint = named_joint(contents)
-    letter = 'q' if finding is None else _OVER.get(finding.effect or '', '')
+    letter = 'q' if finding is None else _AGAINST.get(finding.effect or '', '')
     height = max(280, min(_height(len(contents.joints)), 420))
     if finding is not None and not letter:
-        made = effects.added(contents, table, style, finding)
-        if made is None:
+        fig = effects.added(contents, table, style, finding)
+        if fig is None:
             letter = 'q'
         else:
-            made.height = height
+            fig.height = height
     if letter:
-        made = residuals.one(contents, table, style, joint, letter, height)
-    if made is None:
+        fig = residuals.one(contents, table, style, joint, letter, height)
+    if fig is None:
         return None
-    made.toolbar_location = 'above'
-    made.styles = {'flex': '2 1 300px', 'width': 'auto'}
-    return made
+    fig.toolbar_location = 'above'
+    fig.styles = {'flex': '2 1 300px', 'width': 'auto'}
+    return fig
