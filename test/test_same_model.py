@@ -7,7 +7,7 @@ import gravity_comp_ros as gc
 from gravity_comp_ros.cli import main
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.simulation import arms, motions
-from gravity_comp_ros.workbench.jobs import Bench, Learn, Read
+from gravity_comp_ros.workbench.jobs import JobRunner, Learn, Read
 from gravity_comp_ros.workbench.session import Session
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def folder(tmp_path_factory):
 
 def on_the_bench(path, urdf=None):
     """Return the workbench's session once it has learned a model."""
-    session, bench = Session((path,), urdf=urdf), Bench()
+    session, bench = Session((path,), urdf=urdf), JobRunner()
     for _ in range(2):
         job = session.next_job()
         answer = bench.work(job, lambda word, share: None)
@@ -79,7 +79,7 @@ def test_a_fleet_learns_the_same(folder, tmp_path, capsys):
 def test_the_page_can_do_without_the_description(folder):
     session = on_the_bench(folder / 'robots' / 'one' / 'run')
     session.learn(replace(session.choice, urdf='none'))
-    bench = Bench()
+    bench = JobRunner()
     bench.work(Read(session.paths, session.choice.reading(None)), lambda word, share: None)
     job = session.next_job()
     session.learned(bench.work(job, lambda word, share: None), job.choice)

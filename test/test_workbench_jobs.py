@@ -76,7 +76,7 @@ def test_closed_is_the_end(name):
     assert move.end and move.jobs.state is State.CLOSED and not move.events
     again = job_state.asked(move.jobs, FIRST)
     assert again.send is None and isinstance(again.events[0], Failed)
-    assert job_state.answered(move.jobs, 'late') == job_state.Move(move.jobs)
+    assert job_state.answered(move.jobs, 'late') == job_state.Transition(move.jobs)
 
 
 @EACH

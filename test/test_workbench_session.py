@@ -34,13 +34,13 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import chart
 from gravity_comp_ros.workbench.job_state import Failed, Finished
-from gravity_comp_ros.workbench.jobs import Add, Ask, Bench, Learn, Read
+from gravity_comp_ros.workbench.jobs import Add, Diagnose, JobRunner, Learn, Read
 from gravity_comp_ros.workbench.page_parts import status_html
 from gravity_comp_ros.workbench.serve import is_of_an_open_page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given
+from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
 from living import lives
@@ -74,7 +74,7 @@ def do_next(session, bench, job=None):
         session.take(answer, job.options)
     elif isinstance(job, Learn):
         session.learned(answer, job.choice)
-    elif isinstance(job, Ask):
+    elif isinstance(job, Diagnose):
         session.diagnosed(answer, job)
     else:
         session.added(answer, job)
@@ -84,20 +84,20 @@ def do_next(session, bench, job=None):
 @pytest.fixture
 def learned(paths):
     """Return a session with a model of gravity, and the bench that it was learned on."""
-    bench, session = Bench(), Session(paths)
+    bench, session = JobRunner(), Session(paths)
     do_next(session, bench)
     do_next(session, bench)
     return session, bench
 
 
 def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
-    bench, session = Bench(), Session(paths)
+    bench, session = JobRunner(), Session(paths)
     assert isinstance(do_next(session, bench), Read)
     assert session.choice.runs == (0, 1) and session.choice.joints == JOINTS
     constant = session.preview()
     np.testing.assert_allclose(constant.predicted[0], session.recording.samples.tau.mean(axis=0))
     assert isinstance(do_next(session, bench), Learn)
-    assert isinstance(do_next(session, bench), Ask)
+    assert isinstance(do_next(session, bench), Diagnose)
     assert session.next_job() is None
     targets = [target for _, target in session.findings()]
     assert 'coulomb_friction:shoulder' in targets
@@ -111,7 +111,7 @@ def test_the_loop_add_sees_the_error_fall_and_undo_brings_it_back(paths):
     assert after.comparison.joints['shoulder'].rmse < 0.5 * before.comparison.joints[
         'shoulder'].rmse == 0.5 * after.previous['shoulder']
     # What is in the model already cannot be added again, and a new diagnosis is due.
-    assert session.findings() == [] and isinstance(session.next_job(), Ask)
+    assert session.findings() == [] and isinstance(session.next_job(), Diagnose)
     assert session.undo() == ', '.join(BOTH)
     assert not session.stage.model.applied.effects
     np.testing.assert_allclose(session.contents().predicted, before.predicted)
@@ -145,7 +145,7 @@ def test_a_model_is_judged_on_other_runs_without_being_learned_anew(learned):
     model = session.stage.model
     session.judge(replace(session.choice, runs=(0,)))
     assert session.stage.model is model and session.recording.n_runs == 1
-    assert isinstance(session.next_job(), Ask)
+    assert isinstance(session.next_job(), Diagnose)
     with pytest.raises(DataError, match='learn one of these joints'):
         session.judge(replace(session.choice, joints=('elbow',)))
     with pytest.raises(DataError, match='no run'):
@@ -155,16 +155,16 @@ def test_a_model_is_judged_on_other_runs_without_being_learned_anew(learned):
 def test_a_model_of_another_robot_is_refused_in_words(learned, tmp_path):
     other = tmp_path / 'other.mcap'
     write_bag(other, [joint_states(two_links(1, names=('a', 'b')))])
-    stranger = Session((other,), given=(Given(Path('arm.json'), learned[0].stage.model),))
+    stranger = Session((other,), given=(GivenModel(Path('arm.json'), learned[0].stage.model),))
     with pytest.raises(ModelMismatchError, match='arm.json is of another robot'):
-        do_next(stranger, Bench())
+        do_next(stranger, JobRunner())
 
 
 def test_fast_recordings_are_named_and_all_their_samples_can_be_used(paths, tmp_path):
     fast = tmp_path / 'fast.mcap'
     samples = two_links(1)
     write_bag(fast, [joint_states(replace(samples, t=samples.t / 8.0, qd=samples.qd * 8.0))])
-    bench, session = Bench(), Session((fast,))
+    bench, session = JobRunner(), Session((fast,))
     do_next(session, bench)
     # As `fit` does: all are learned from, and the model is judged on what it was learned from.
     assert session.choice.all_samples and 'samples are slow: all are fitted' in session.few_slow()
@@ -199,10 +199,10 @@ def test_command_lines_make_the_same_model_to_the_last_digit(paths, tmp_path, ca
     bags = tuple(folder / path.name for path in paths)
     for path, bag in zip(paths, bags):
         bag.write_bytes(path.read_bytes())
-    bench, session = Bench(), Session(bags, topic='/joint_states' if seed % 2 else None)
+    bench, session = JobRunner(), Session(bags, topic='/joint_states' if seed % 2 else None)
     do_next(session, bench)
     session.learn(a_random_choice(rng, session))
-    while not isinstance(session.next_job(), Ask):
+    while not isinstance(session.next_job(), Diagnose):
         do_next(session, bench)
     for target in rng.permutation(_EFFECTS)[:rng.integers(1, 4)].tolist():
         try:
@@ -242,10 +242,10 @@ def test_a_session_is_found_again_as_it_was(learned, tmp_path):
     assert found.paths == session.paths and found.choice == session.choice
     assert [s.name for s in found.stages] == ['gravity', 'with friction']
     assert found.commands() == session.commands()
-    assert isinstance(do_next(found, Bench()), Read)
+    assert isinstance(do_next(found, JobRunner()), Read)
     assert store.changed_recordings(found, hashes) == []
     np.testing.assert_array_equal(found.contents().predicted, session.contents().predicted)
-    assert isinstance(found.next_job(), Ask)
+    assert isinstance(found.next_job(), Diagnose)
     saved, = store.listed(place)
     assert saved.recordings == ('run1.mcap', 'run2.mcap') and saved.stages[-1] == 'with friction'
     other = dict.fromkeys(hashes, 'f' * 64)

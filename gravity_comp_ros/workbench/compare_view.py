@@ -29,7 +29,7 @@ _TOOLS = 'pan,box_zoom,wheel_zoom,reset,save'
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class ComparedModel:
     """
     A model as the view sees it.
 
@@ -44,7 +44,7 @@ class Seen:
     residual: FloatArray
 
 
-def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
+def section(a: ComparedModel, b: ComparedModel, plots: UIElement | None, style: Style) -> Section:
     """Return what differs between two models; `plots` are their residuals."""
     joints = [joint for joint in b.comparison.joints if joint in a.comparison.joints]
     lead = markup.paragraph(f'A is {a.name}, B is {b.name}; errors are of the samples that are '
@@ -62,7 +62,7 @@ def section(a: Seen, b: Seen, plots: UIElement | None, style: Style) -> Section:
                    column(*parts, sizing_mode='stretch_width'))
 
 
-def _made_of(a: Seen, b: Seen) -> str:
+def _made_of(a: ComparedModel, b: ComparedModel) -> str:
     """Return a table of what either model is made of; what differs is stressed by words."""
     rows = [[what, a.facts[what], b.facts[what]] for what in a.facts
             if a.facts[what] or b.facts[what]]
@@ -84,13 +84,13 @@ def _errors(joints: list[str], a: Comparison, b: Comparison) -> str:
          'largest N·m, A', 'largest N·m, B'], rows)
 
 
-def _bars(joints: list[str], a: Seen, b: Seen, style: Style) -> list[Bars]:
+def _bars(joints: list[str], a: ComparedModel, b: ComparedModel, style: Style) -> list[Bars]:
     return [Bars(f'{letter}: {short(seen.name, 44)}',
                  [seen.comparison.joints[joint].rmse for joint in joints], colour)
             for letter, seen, colour in (('A', a, style.before), ('B', b, style.after))]
 
 
-def residuals(a: Seen, b: Seen, samples: JointSamples, style: Style) -> UIElement | None:
+def residuals(a: ComparedModel, b: ComparedModel, samples: JointSamples, style: Style) -> UIElement | None:
     """
     Return the residual of each joint, A on the left and B on the right; None for no joint.
 

@@ -74,7 +74,7 @@ class Jobs:
 
 
 @dataclass(frozen=True)
-class Move:
+class Transition:
     """The jobs after an event, the job to `send`, whether to end the process, and events."""
 
     jobs: Jobs
@@ -83,64 +83,64 @@ class Move:
     events: tuple[Event, ...] = ()
 
 
-def asked(jobs: Jobs, job: Job) -> Move:
+def asked(jobs: Jobs, job: Job) -> Transition:
     """Do a job, after those that wait already."""
     if jobs.state is State.CLOSED:
-        return Move(jobs, events=(Failed(job, 'the workbench is closed'),))
+        return Transition(jobs, events=(Failed(job, 'the workbench is closed'),))
     return _begin(replace(jobs, waiting=(*jobs.waiting, job)))
 
 
-def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Move:
+def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Transition:
     """Take the answer of the process, or the reason for which there is none (None)."""
     if jobs.state is State.RESTORING:
         if answer is not None:
             return _begin(replace(jobs, state=State.IDLE, held=True))
         return _drop(jobs, reason, cancelled=False, end=False)
     if jobs.state is not State.WORKING or jobs.job is None:
-        return Move(jobs)
+        return Transition(jobs)
     job, held = jobs.job, jobs.held or (isinstance(jobs.job, Read) and answer is not None)
     event: Event = Finished(job, answer) if answer is not None else Failed(job, reason)
     move = _begin(replace(jobs, state=State.IDLE, job=None, held=held))
     return replace(move, events=(event, *move.events))
 
 
-def died(jobs: Jobs) -> Move:
+def died(jobs: Jobs) -> Transition:
     """Take note that the process is gone; what waited behind the lost job is lost as well."""
     if jobs.state is State.CLOSED:
-        return Move(jobs)
+        return Transition(jobs)
     return _drop(jobs, DIED, cancelled=False, end=True)
 
 
-def cancelled(jobs: Jobs) -> Move:
+def cancelled(jobs: Jobs) -> Transition:
     """Give up what is being done and what waits."""
     if jobs.state in (State.IDLE, State.CLOSED):
-        return Move(jobs)
+        return Transition(jobs)
     return _drop(jobs, 'cancelled', cancelled=True, end=True)
 
 
-def closed(jobs: Jobs) -> Move:
+def closed(jobs: Jobs) -> Transition:
     """End everything; nobody is there to be told."""
-    return Move(Jobs(State.CLOSED), end=True)
+    return Transition(Jobs(State.CLOSED), end=True)
 
 
-def _begin(jobs: Jobs) -> Move:
+def _begin(jobs: Jobs) -> Transition:
     """Start what waits first, if nothing is being done."""
     if jobs.state is not State.IDLE or not jobs.waiting:
-        return Move(jobs)
+        return Transition(jobs)
     first, rest = jobs.waiting[0], jobs.waiting[1:]
     if isinstance(first, Read):
         working = replace(jobs, state=State.WORKING, job=first, waiting=rest, recordings=first,
                           held=False)
-        return Move(working, send=first)
+        return Transition(working, send=first)
     if jobs.held:
-        return Move(replace(jobs, state=State.WORKING, job=first, waiting=rest), send=first)
+        return Transition(replace(jobs, state=State.WORKING, job=first, waiting=rest), send=first)
     if jobs.recordings is not None:
-        return Move(replace(jobs, state=State.RESTORING), send=jobs.recordings)
+        return Transition(replace(jobs, state=State.RESTORING), send=jobs.recordings)
     move = _begin(replace(jobs, waiting=rest))
     return replace(move, events=(Failed(first, 'no recording has been read'), *move.events))
 
 
-def _drop(jobs: Jobs, reason: str, cancelled: bool, end: bool) -> Move:
+def _drop(jobs: Jobs, reason: str, cancelled: bool, end: bool) -> Transition:
     lost = [job for job in (jobs.job, *jobs.waiting) if job is not None]
     rest = Jobs(State.IDLE, None, (), jobs.recordings, False)
-    return Move(rest, end=end, events=tuple(Failed(job, reason, cancelled) for job in lost))
+    return Transition(rest, end=end, events=tuple(Failed(job, reason, cancelled) for job in lost))

@@ -41,7 +41,7 @@ class Read:
 
 
 @dataclass(frozen=True)
-class WasRead:
+class ReadResult:
     """
     All samples, and a report on each recording.
 
@@ -66,7 +66,7 @@ class Learn:
 
 
 @dataclass(frozen=True)
-class Ask:
+class Diagnose:
     """Diagnose the chosen runs beside a model."""
 
     choice: Choice
@@ -92,15 +92,15 @@ class PlanMotion:
     effects: tuple[str, ...] | None = None
 
 
-Job = Read | Learn | Ask | Add | PlanMotion
-Answer = WasRead | Learned | Diagnosis | Refit | Plan
+Job = Read | Learn | Diagnose | Add | PlanMotion
+Answer = ReadResult | Learned | Diagnosis | Refit | Plan
 
 
-class Bench:
+class JobRunner:
     """Does the jobs; keeps what was read between them."""
 
     def __init__(self) -> None:
-        self._read: WasRead | None = None
+        self._read: ReadResult | None = None
 
     def work(self, job: Job, progress: Progress) -> Answer:
         """
@@ -115,14 +115,14 @@ class Bench:
         recording = job.choice.recording(self._read.samples, self._read.reports)
         if isinstance(job, Learn):
             return learned(recording, job, progress)
-        if isinstance(job, Ask):
+        if isinstance(job, Diagnose):
             return diagnose(recording.samples, job.model, progress=progress)
         if isinstance(job, PlanMotion):
             return planned(recording, job, progress)
         speeds = RefitOptions.chosen(job.choice.all_samples, job.choice.max_speed)
         return add_to_model(job.model, recording, job.effects, speeds, progress)
 
-    def _reading(self, job: Read, progress: Progress) -> WasRead:
+    def _reading(self, job: Read, progress: Progress) -> ReadResult:
         try:
             found = _read(job, progress)
         except ModelMismatchError as problem:
@@ -134,18 +134,18 @@ class Bench:
         return found
 
 
-def _read(job: Read, progress: Progress) -> WasRead:
+def _read(job: Read, progress: Progress) -> ReadResult:
     found = read_each(job.paths, job.options, progress)
     samples, reports = concatenate(r.samples for r in found), tuple(r.report for r in found)
     if job.options.joints is not None:
-        return WasRead(samples, reports)
+        return ReadResult(samples, reports)
     arm = known_arm(Recording(samples, None, reports), LearnOptions(axes=AxesOptions(job.urdf)))
     left_out = arm.axes.left_out
     if left_out:
         # What a gripper lacks is no reason to drop a message.
         return replace(_read(replace(job, options=replace(job.options, joints=arm.order.joints)),
                              progress), left_out=left_out)
-    return WasRead(samples.joints(arm.order.joints), reports)
+    return ReadResult(samples.joints(arm.order.joints), reports)
 
 
 def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
@@ -173,6 +173,6 @@ def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:
 def described(job: Job) -> str:
     """Return what is being done, in words."""
     words: dict[type[Any], str] = {Read: 'Reading', Learn: 'Learning gravity',
-                                   Ask: 'Looking for what is missing',
+                                   Diagnose: 'Looking for what is missing',
                                    PlanMotion: 'Planning the next recording'}
     return f'Adding {", ".join(job.effects)}' if isinstance(job, Add) else words[type(job)]

@@ -15,7 +15,7 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Event, Failed, Finished
 from gravity_comp_ros.workbench.jobs import (
-    Add, Ask, described, Job, Learn, PlanMotion, Read, WasRead)
+    Add, Diagnose, described, Job, Learn, PlanMotion, Read, ReadResult)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
@@ -189,7 +189,7 @@ class OpenSession:
         if isinstance(job, (Read, Learn)):
             self.warning = ''
         try:
-            if isinstance(job, Read) and isinstance(answer, WasRead):
+            if isinstance(job, Read) and isinstance(answer, ReadResult):
                 session.take(answer, job.options)
                 self.warning, self._refused = self._refused, ''
                 self._save()
@@ -201,14 +201,14 @@ class OpenSession:
                 session.learned(answer, job.choice)
             elif isinstance(job, Add) and isinstance(answer, Refit):
                 session.added(answer, job)
-            elif isinstance(job, Ask) and isinstance(answer, Diagnosis):
+            elif isinstance(job, Diagnose) and isinstance(answer, Diagnosis):
                 session.diagnosed(answer, job)
             elif isinstance(job, PlanMotion) and isinstance(answer, Plan):
                 session.planned(answer, job)
         except GravityCompError as problem:
             self.trouble = str(problem)
             return
-        if not isinstance(job, (Read, Ask, PlanMotion)):
+        if not isinstance(job, (Read, Diagnose, PlanMotion)):
             self._save()
 
     def _save(self) -> None:

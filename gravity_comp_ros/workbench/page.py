@@ -18,7 +18,7 @@ from gravity_comp_ros.report.page import report_html
 from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.workbench import (
-    found_panel, page_parts, page_style, plan_panel, store, widgets)
+    findings_panel, page_parts, page_style, plan_panel, store, widgets)
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
@@ -26,7 +26,7 @@ from gravity_comp_ros.workbench.pair_view import PairView
 from gravity_comp_ros.workbench.plan_panel import PlanActions
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.side import Actions, Side
+from gravity_comp_ros.workbench.sidebar import Actions, Sidebar
 from gravity_comp_ros.workbench.views import Views
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ class Page:
         self.style: Style = LIGHT
         self.views: Views | None = None
         self.pair = PairView()
-        self._side: Side | None = None
+        self._side: Sidebar | None = None
         self._seen, self._sweeps, self._focus = -1, 0, ''
         self._outdated = False
         self.live = LiveView(follower, self.style) if follower else None
@@ -200,7 +200,7 @@ class Page:
         self._seen = one.version
         self._fill_side(one)
         plans = PlanActions(one.plan, self.downloads.give)
-        self.missing.children = found_panel.parts(one, self._add, plans)
+        self.missing.children = findings_panel.parts(one, self._add, plans)
         self.history.children = [*self._history.parts(one, self.style),
                                  *plan_panel.asking(one, plans)]
         # The numbers of a new model go out first: its views take their time.
@@ -251,7 +251,7 @@ class Page:
             lambda: self._export('workbench.sh', 'text/x-shellscript', lambda session, model:
                                  '\n'.join(['#!/bin/sh', 'set -e', *session.commands(), ''])))
         if self._side is None or self._side.shows is not one.session.choice:
-            self._side = Side(one.session, actions)
+            self._side = Sidebar(one.session, actions)
             self.side.children = [self.dark, self._side.element, self.earlier]
 
     def _say(self, one: OpenSession) -> None:

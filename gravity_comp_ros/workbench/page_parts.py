@@ -8,10 +8,10 @@ from bokeh.models import CustomJS, Div
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.jobs import described
 from gravity_comp_ros.workbench.open_session import OpenSession
-from gravity_comp_ros.workbench.side import Side
-from gravity_comp_ros.workbench.store import Saved
+from gravity_comp_ros.workbench.sidebar import Sidebar
+from gravity_comp_ros.workbench.store import SavedSession
 
-WithChoice = Callable[[OpenSession, Side], None]
+WithChoice = Callable[[OpenSession, Sidebar], None]
 
 _SAVE = """
 if (cb_obj.tags.length < 3) return
@@ -89,7 +89,7 @@ def status_html(one: OpenSession) -> str:
     return f'<p id="idle" class="quiet">{markup.text(one.done or "Ready")}</p>{below}'
 
 
-def earlier_html(saved: Sequence[Saved]) -> str:
+def earlier_html(saved: Sequence[SavedSession]) -> str:
     """Return links to sessions that can be gone on with."""
     if not saved:
         return ''

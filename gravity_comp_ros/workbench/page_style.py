@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bokeh import __version__
 from gravity_comp_ros.report import css, markup
-from gravity_comp_ros.workbench import bring
+from gravity_comp_ros.workbench import upload
 from jinja2 import Template
 
 # In every widget and text: custom properties of the page reach into them.
@@ -111,7 +111,7 @@ input[type=file] { max-width: 100%; font: inherit; color: var(--text) }
 def template(nonce: str) -> Template:
     """Return the page; only scripts with this nonce run in it."""
     text = _TEMPLATE.replace('POLICY', _POLICY).replace('VERSION', __version__)
-    text = text.replace('COPY', markup.COPY).replace('BRING', bring.SCRIPT)
+    text = text.replace('COPY', markup.COPY).replace('BRING', upload.SCRIPT)
     text = text.replace('FORGET', _FORGET).replace('PLAIN', markup.LESS_WORK)
     # A string would be taken for blocks of Bokeh's own page.
     return Template(text.replace('NONCE', nonce))

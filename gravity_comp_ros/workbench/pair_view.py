@@ -11,7 +11,7 @@ from gravity_comp_ros.report import markup
 from gravity_comp_ros.report.style import Style
 from gravity_comp_ros.workbench import compare_view, widgets
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.compare_view import Seen
+from gravity_comp_ros.workbench.compare_view import ComparedModel
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.views import element
@@ -25,7 +25,7 @@ class PairView:
 
     def __init__(self) -> None:
         self._chosen: tuple[str, str] | None = None
-        self._known: dict[str, tuple[Choice, Seen]] = {}
+        self._known: dict[str, tuple[Choice, ComparedModel]] = {}
 
     def show(self, one: OpenSession, style: Style) -> UIElement:
         """Return the view of a session's models."""
@@ -65,13 +65,13 @@ class PairView:
             return widgets.html(markup.paragraph(str(problem)))
         return element(compare_view.section(first, second, plots, style))
 
-    def _seen(self, session: Session, key: str) -> Seen:
+    def _seen(self, session: Session, key: str) -> ComparedModel:
         name, model = next((name, model) for k, name, model in session.models() if k == key)
         known = self._known.get(key)
         # What was computed for the same model and choice is shown again as it is.
         if known is not None and known[0] is session.choice and known[1].model is model:
             return replace(known[1], name=name, facts=session.facts(key))
-        seen = Seen(name, model, session.facts(key), session.compared(model),
+        seen = ComparedModel(name, model, session.facts(key), session.compared(model),
                     session.residual(model))
         self._known = {**self._known, key: (session.choice, seen)} if len(
             self._known) < _MOST_KEPT else {key: (session.choice, seen)}

@@ -26,13 +26,13 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.bring import Bring
+from gravity_comp_ros.workbench.upload import UploadHandler
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.sessions import Sessions
-from gravity_comp_ros.workbench.work import Given
+from gravity_comp_ros.workbench.session_state import GivenModel
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
@@ -89,7 +89,7 @@ def serve(options: ServeOptions) -> None:
     # A page may be closed while something is on its way to it.
     logging.getLogger('bokeh.server.views.ws').setLevel(logging.ERROR)
     logging.getLogger('bokeh.server.protocol_handler').addFilter(is_of_an_open_page)
-    given = tuple(Given(path, load_model(path)) for path in options.models)
+    given = tuple(GivenModel(path, load_model(path)) for path in options.models)
     follower = _follower(options.live)
     sessions = Sessions(lambda: _session(options, given), options.place,
                         warm=bool(options.bags))
@@ -126,7 +126,7 @@ def serve(options: ServeOptions) -> None:
             follower.close()
 
 
-def _session(options: ServeOptions, given: tuple[Given, ...]) -> Session:
+def _session(options: ServeOptions, given: tuple[GivenModel, ...]) -> Session:
     reading = options.reading
     urdf = None if options.urdf is None else options.urdf.resolve()
     # As `fit` has it: a description that the user names is right.
@@ -159,7 +159,7 @@ def _server(options: ServeOptions, application: Application,
     # Pages of other sites may not talk to this one, and other hosts' names do not reach it.
     guarded = GuardedApplication(
         {'/': application}, hosts, options.host, extra_websocket_origins=list(hosts),
-        extra_patterns=[('/bring', Bring, {'sessions': sessions})],
+        extra_patterns=[('/bring', UploadHandler, {'sessions': sessions})],
         unused_session_lifetime_milliseconds=_UNUSED_MS,
         check_unused_sessions_milliseconds=5000)
     http = HTTPServer(guarded)

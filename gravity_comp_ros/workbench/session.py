@@ -25,7 +25,7 @@ from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given, Key, Work
+from gravity_comp_ros.workbench.session_state import GivenModel, CacheKey, SessionState
 import numpy as np
 
 # A finding with one of these is worth adding.
@@ -36,14 +36,14 @@ FEW = 50
 _MOST_ERRORS = 4
 
 
-class Session(Work):
+class Session(SessionState):
     """One user's work, and what is shown of it."""
 
     def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
-                 given: tuple[Given, ...] = (), topic: str | None = None,
+                 given: tuple[GivenModel, ...] = (), topic: str | None = None,
                  urdf: Path | None = None) -> None:
         super().__init__(paths, choice, given, topic, urdf)
-        self._errors: list[tuple[Key, Comparison]] = []
+        self._errors: list[tuple[CacheKey, Comparison]] = []
 
     def compared(self, model: GravityModel) -> Comparison:
         """
@@ -64,10 +64,10 @@ class Session(Work):
         stage = self.stage
         if stage is None or self.read is None:
             raise DataError('there is no model yet')
-        key = Key(self.choice, stage.model, self.read)
+        key = CacheKey(self.choice, stage.model, self.read)
         made = self.kept('contents', key, lambda: self._make(stage))
         # What was found changes no error.
-        return self.kept('diagnosed', Key(self.choice, made, self.diagnosis), lambda: made if
+        return self.kept('diagnosed', CacheKey(self.choice, made, self.diagnosis), lambda: made if
                          made.diagnosis is self.diagnosis else replace(
                              made, diagnosis=self.diagnosis, next_command=self._next_command()))
 
@@ -87,7 +87,7 @@ class Session(Work):
     def _compared(self, model: GravityModel, predicted: FloatArray | None = None) -> Comparison:
         """Return the errors of a model on what is chosen; those of the latest models are kept."""
         choice = replace(self.choice, joints=model.joints)
-        key = Key(choice, self.read, model)
+        key = CacheKey(choice, self.read, model)
         found = next((errors for known, errors in self._errors if known == key), None)
         if found is None:
             same = choice == self.choice
@@ -108,7 +108,7 @@ class Session(Work):
 
         :raises DataError: if nothing was read or chosen.
         """
-        return self.kept('preview', Key(self.choice, self.read), self._constant)
+        return self.kept('preview', CacheKey(self.choice, self.read), self._constant)
 
     def _constant(self) -> Contents:
         recording = self.recording
@@ -127,7 +127,7 @@ class Session(Work):
 
     def few_slow(self) -> str:
         """Return what follows where nearly no sample is slow, nothing otherwise."""
-        return self.kept('few', Key(self.choice, self.read), self._count_slow)
+        return self.kept('few', CacheKey(self.choice, self.read), self._count_slow)
 
     def _count_slow(self) -> str:
         if self.read is None or not self.choice.runs:

@@ -67,7 +67,7 @@ class Sessions:
             if gone and not one.worker.busy:
                 one.worker.rest()
 
-    def earlier(self, own: str = '') -> list[store.Saved]:
+    def earlier(self, own: str = '') -> list[store.SavedSession]:
         """Return the sessions that can be gone on with, the newest first."""
         if self.place is None:
             return []

@@ -26,7 +26,7 @@ from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.work import Given
+from gravity_comp_ros.workbench.session_state import GivenModel
 
 _VERSION = 1
 _ID = re.compile(r'[0-9a-f]{16}')
@@ -35,7 +35,7 @@ _MAX_BYTES = 256 * 2 ** 20
 
 
 @dataclass(frozen=True)
-class Saved:
+class SavedSession:
     """One line of the list of earlier sessions."""
 
     id: str
@@ -106,7 +106,7 @@ def load(place: Path, identity: str) -> tuple[Session, dict[str, str]]:
         raise DataError('that is no session')
     document = _read(place / f'{identity}.json')
     try:
-        given = tuple(Given(Path(path), load_model(path)) for path in document['given']
+        given = tuple(GivenModel(Path(path), load_model(path)) for path in document['given']
                       if Path(path).is_file())
         paths = tuple(Path(entry['path']) for entry in document['recordings'])
         urdf = document.get('urdf')
@@ -131,13 +131,13 @@ def changed_recordings(session: Session, hashes: Mapping[str, str]) -> list[str]
             if hashes.get(str(path.resolve()), report.sha256) != report.sha256]
 
 
-def listed(place: Path, most: int = 10) -> list[Saved]:
+def listed(place: Path, most: int = 10) -> list[SavedSession]:
     """Return the latest sessions, the newest first; files that cannot be read are left out."""
     found = []
     for path in _newest_first(place)[:most]:
         try:
             document = _read(path)
-            found.append(Saved(path.stem, str(document['changed']), tuple(
+            found.append(SavedSession(path.stem, str(document['changed']), tuple(
                 Path(entry['path']).name for entry in document['recordings']),
                 tuple(str(stage['name']) for stage in document['stages'])))
         except (GravityCompError, KeyError, TypeError):

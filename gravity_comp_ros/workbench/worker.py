@@ -9,8 +9,8 @@ next job starts another one, which reads the recordings again. What may follow w
 from __future__ import annotations
 
 from gravity_comp_ros.workbench import job_state
-from gravity_comp_ros.workbench.job_state import Event, Jobs, Move, State
-from gravity_comp_ros.workbench.jobs import Bench, Job
+from gravity_comp_ros.workbench.job_state import Event, Jobs, Transition, State
+from gravity_comp_ros.workbench.jobs import JobRunner, Job
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
 from gravity_comp_ros.worker.serve import Work
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess
@@ -20,7 +20,7 @@ _NICENESS = 5
 
 def benching() -> Work:
     """Return what does the jobs of a page, and keeps what was read between them."""
-    return Bench().work
+    return JobRunner().work
 
 
 class Worker:
@@ -85,7 +85,7 @@ class Worker:
         """End the process."""
         self._do(job_state.closed(self.jobs))
 
-    def _do(self, move: Move) -> list[Event]:
+    def _do(self, move: Transition) -> list[Event]:
         self.jobs = move.jobs
         if move.end:
             self._process.end()

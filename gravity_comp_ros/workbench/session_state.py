@@ -24,16 +24,16 @@ from gravity_comp_ros.models.history import undone
 from gravity_comp_ros.planning.plan import Plan
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.jobs import Add, Ask, Learn, PlanMotion, Read, WasRead
+from gravity_comp_ros.workbench.jobs import Add, Diagnose, Learn, PlanMotion, Read, ReadResult
 from gravity_comp_ros.workbench.stages import Stage, warnings_of_fit
 
-Made = TypeVar('Made')
+Value = TypeVar('Made')
 # Of more effects that were added at once the name of a stage has the first.
 _MOST_NAMED = 2
 
 
 @dataclass(frozen=True)
-class Given:
+class GivenModel:
     """A model file named on the command line."""
 
     path: Path
@@ -45,27 +45,27 @@ class Given:
         return self.path.name
 
 
-class Key:
+class CacheKey:
     """What something that is kept was made of: an equal choice, and the very same things."""
 
     def __init__(self, choice: Choice, *things: object) -> None:
         self._choice, self._things = choice, things
 
     def __eq__(self, other: object) -> bool:
-        return (isinstance(other, Key) and self._choice == other._choice
+        return (isinstance(other, CacheKey) and self._choice == other._choice
                 and len(self._things) == len(other._things)
                 and all(a is b for a, b in zip(self._things, other._things)))
 
 
-class Work:
+class SessionState:
     """One user's work: what was read, the stages of the model, and the choices."""
 
     def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
-                 given: tuple[Given, ...] = (), topic: str | None = None,
+                 given: tuple[GivenModel, ...] = (), topic: str | None = None,
                  urdf: Path | None = None) -> None:
         self.paths, self.choice, self.given, self.topic = paths, choice, given, topic
         self.urdf = urdf
-        self.read: WasRead | None = None
+        self.read: ReadResult | None = None
         self.read_with: ReadOptions | None = None
         self.joints: tuple[str, ...] = choice.joints
         self.stages: list[Stage] = []
@@ -97,20 +97,20 @@ class Work:
         if self.read is None:
             raise DataError('no recording has been read')
         samples, reports = self.read.samples, self.read.reports
-        return self.kept('recording', Key(self.choice, self.read),
+        return self.kept('recording', CacheKey(self.choice, self.read),
                          lambda: self.choice.recording(samples, reports))
 
-    def kept(self, name: str, key: object, make: Callable[[], Made]) -> Made:
+    def kept(self, name: str, key: object, make: Callable[[], Value]) -> Value:
         """Return what was made of the same key before; it is made where there is none."""
         known = self._kept.get(name)
         if known is None or known[0] != key:
             known = self._kept[name] = (key, make())
-        made: Made = known[1]
+        made: Value = known[1]
         return made
 
     # What is to be done.
 
-    def next_job(self) -> Read | Learn | Ask | None:
+    def next_job(self) -> Read | Learn | Diagnose | None:
         """Return what is needed next: recordings, a model, or a diagnosis of it."""
         if not self.paths:
             return None
@@ -126,7 +126,7 @@ class Work:
         if self.to_learn:
             return Learn(self.choice, self._ordered)
         if self.stage is not None and self.diagnosis is None:
-            return Ask(self.choice, self.stage.model)
+            return Diagnose(self.choice, self.stage.model)
         return None
 
     def adding(self, effects: tuple[str, ...]) -> Add:
@@ -182,7 +182,7 @@ class Work:
 
     # What came back.
 
-    def take(self, read: WasRead, options: ReadOptions) -> None:
+    def take(self, read: ReadResult, options: ReadOptions) -> None:
         """
         Put recordings on the bench, all of them chosen at first.
 
@@ -229,7 +229,7 @@ class Work:
         self.choice, self.to_learn = choice, False
         self._go_on(Stage('gravity', answer.model, choice, warnings=warnings_of_fit(answer)))
 
-    def diagnosed(self, answer: Diagnosis, job: Ask) -> None:
+    def diagnosed(self, answer: Diagnosis, job: Diagnose) -> None:
         """Keep what was found beside the model that it is about."""
         for k, stage in enumerate(self.stages):
             if stage.model is job.model:

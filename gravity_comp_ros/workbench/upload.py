@@ -28,7 +28,7 @@ def safe_name(name: str) -> str | None:
 
 
 @stream_request_body
-class Bring(RequestHandler):
+class UploadHandler(RequestHandler):
     """
     Takes a file for a session that is open in a page: PUT /bring?session=ID&name=FILE.
 

@@ -30,7 +30,7 @@ class Actions:
     save_commands: Callable[[], None]
 
 
-class Side:
+class Sidebar:
     """The widgets, and the choice that they show."""
 
     def __init__(self, session: Session, actions: Actions) -> None:
