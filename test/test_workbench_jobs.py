@@ -1,4 +1,4 @@
-"""The states of a worker: what cancelling, killing, closing and asking do in each of them."""
+"""State machine of a worker: submit, cancel, process end and close in every state."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import pytest
 READ = Read((Path('run.mcap'),), ReadOptions())
 FIRST, SECOND = Learn(Choice((0,), ('a',))), Learn(Choice((0,), ('b',)))
 
-# Every state, as it comes about.
+# Reachable states.
 STATES = {
     'new': Jobs(),
     'reading': Jobs(State.WORKING, READ, (), READ, False),
@@ -35,7 +35,7 @@ def lost_in(jobs):
 @EACH
 @pytest.mark.parametrize('end, reason, cancelled', [
     (job_state.cancelled, 'cancelled', True), (job_state.died, DIED, False)])
-def test_whatever_ends_the_process_every_job_is_answered_and_nothing_is_forgotten(
+def test_after_the_end_of_the_process_every_job_is_answered_and_recordings_are_kept(
         name, end, reason, cancelled):
     before = STATES[name]
     move = end(before)
@@ -48,9 +48,9 @@ def test_whatever_ends_the_process_every_job_is_answered_and_nothing_is_forgotte
     if lost_in(before) or end is job_state.died:
         assert move.end and not move.jobs.held
     else:
-        # Nothing was being done: the warm process stays.
+        # No job was running: the process is kept.
         assert not move.end and move.jobs == before
-    # The next job works wherever recordings were ever asked for: they are read again first.
+    # The next job first reads the last recordings again.
     after = job_state.asked(move.jobs, SECOND)
     if before.recordings is None:
         assert after.events == (Failed(SECOND, 'no recording has been read'),)
@@ -71,7 +71,7 @@ def test_a_second_cancel_changes_nothing(name):
 
 
 @EACH
-def test_closed_is_the_end(name):
+def test_closed_is_final(name):
     move = job_state.closed(STATES[name])
     assert move.end and move.jobs.state is State.CLOSED and not move.events
     again = job_state.asked(move.jobs, FIRST)
@@ -80,7 +80,7 @@ def test_closed_is_the_end(name):
 
 
 @EACH
-def test_a_reading_that_fails_is_told_and_can_be_asked_again(name):
+def test_a_failed_reading_is_reported_and_can_be_repeated(name):
     jobs = job_state.cancelled(STATES[name]).jobs
     move = job_state.asked(jobs, READ)
     if name == 'closed':
@@ -90,7 +90,7 @@ def test_a_reading_that_fails_is_told_and_can_be_asked_again(name):
     assert job_state.asked(failed.jobs, READ).send == READ
 
 
-def test_a_restoring_that_fails_says_so_to_all_who_wait():
+def test_a_failed_restoring_fails_all_waiting_jobs():
     jobs = job_state.asked(STATES['restoring'], SECOND).jobs
     move = job_state.answered(jobs, None, 'the file is gone')
     assert [event.job for event in move.events] == [FIRST, SECOND]
@@ -120,7 +120,7 @@ def test_every_job_ends_once_and_none_works_without_recordings(events):
         assert asked - ended == len(lost_in(jobs))
         if jobs.state is State.WORKING and jobs.job is FIRST:
             assert jobs.held and jobs.recordings is READ
-        # Somebody works whenever somebody waits: no page says "Reading ..." for ever.
+        # A job runs whenever a job waits, so no page waits forever.
         assert (jobs.state is State.IDLE) == (jobs.current is None)
         if move.send is not None:
             assert jobs.state in (State.WORKING, State.RESTORING)

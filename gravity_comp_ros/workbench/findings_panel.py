@@ -1,4 +1,4 @@
-"""What is missing, and a button for each effect that can be added."""
+"""Panel of the findings, with buttons to add effects and plan motions."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from gravity_comp_ros.workbench import plan_panel, widgets
 from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.plan_panel import PlanActions
 
-# What is shown at first leaves room for the answer below on the same screen.
-_AT_FIRST, _MOST_COEFFICIENTS = 3, 1
+# Number of findings shown at first, so that the first view fits on the same screen.
+_AT_FIRST, _MAX_COEFFICIENTS = 3, 1
 
 Add = Callable[[tuple[str, ...]], None]
 
@@ -26,19 +26,20 @@ def parts(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     """Return the panel of a session."""
     session = one.session
     stage = session.stage
-    shown: list[UIElement] = [widgets.html('<h2>What is missing</h2>')]
+    shown: list[UIElement] = [widgets.html('<h2>Missing effects</h2>')]
     if stage is None:
         shown.append(_quiet('No model yet.'))
     elif session.diagnosis is None:
-        shown.append(_quiet('Not looked for yet.' if one.trouble else
-                            'Being looked for; the views below are ready.'))
+        shown.append(_quiet('No diagnosis yet.' if one.error else
+                            'The diagnosis is running; the views below are ready.'))
     else:
         shown += _findings(one, add, plans)
         shown.append(widgets.html(_structure(one, session.diagnosis)))
         shown += plan_panel.planned(one, plans)
     if stage is not None and stage.model.applied.effects:
-        held = ', '.join(e.target for e in stage.model.applied.effects)
-        shown.append(widgets.html(f'<p id="held">The model has {markup.text(held)}.</p>'))
+        applied = ', '.join(e.target for e in stage.model.applied.effects)
+        shown.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
+                                  '</p>'))
     return shown
 
 
@@ -48,39 +49,40 @@ def _findings(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]
         return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
     rows = [_row(number, finding, target, add, one.is_adding, plans)
             for number, (finding, target) in enumerate(found)]
-    shown = [widgets.html('<p class="finding quiet">Errors are held-out, of the range of the '
-                          'torque.</p>'), *rows[:_AT_FIRST]]
+    shown = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
+                          'range of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
-    sure = tuple(target for each, target in found if target and each.verdict in wording.FOUND)
-    if len(sure) > 1:
-        below.append(widgets.button(f'Add all {len(sure)} that are sure', lambda: add(sure),
-                                    'primary', disabled=one.is_adding, name='add-all'))
+    accepted = tuple(target for each, target in found if target and each.verdict in wording.FOUND)
+    if len(accepted) > 1:
+        below.append(widgets.button(f'Add all {len(accepted)} established or likely',
+                                    lambda: add(accepted), 'primary', disabled=one.is_adding,
+                                    name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:
-        below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …', lambda: widgets.turn(rest),
-                                    name='more'))
+        below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …',
+                                    lambda: widgets.toggle(rest), name='more'))
     return [*shown, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else shown
 
 
 def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
          plans: PlanActions) -> UIElement:
-    told = widgets.html(_told(number, finding), styles={'flex': '1 1 220px'}, margin=(1, 5, 1, 5))
-    entry: list[UIElement] = [told]
+    entry: list[UIElement] = [widgets.html(_finding_html(number, finding), margin=(1, 5, 1, 5),
+                                           styles={'flex': '1 1 220px'})]
     if target:
         entry.append(widgets.button(f'Add {target}', lambda: add((target,)),
                                     disabled=adding, name=f'add-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     if finding.effect is not None and finding.verdict in OPEN:
         name = effect_name(finding.effect, finding.joint)
-        entry.append(widgets.button('Plan what settles it', lambda: plans.plan((name,)),
+        entry.append(widgets.button('Plan a motion to resolve it', lambda: plans.plan((name,)),
                                     disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
 
 
-def _told(number: int, finding: Finding) -> str:
-    rivals = f'; or rather {", ".join(finding.rivals)}' if finding.rivals else ''
-    values = coefficients(finding, _MOST_COEFFICIENTS)
+def _finding_html(number: int, finding: Finding) -> str:
+    rivals = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
+    values = coefficients(finding, _MAX_COEFFICIENTS)
     return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; error '
@@ -88,12 +90,12 @@ def _told(number: int, finding: Finding) -> str:
 
 
 def _structure(one: OpenSession, diagnosis: Diagnosis) -> str:
-    told = structure(diagnosis)
-    if not told or not one.session.findings():
-        return told
-    # Below findings it is folded, so that the answer is on the same screen.
-    return markup.folded('Beyond the effects', told)
+    html = structure(diagnosis)
+    if not html or not one.session.findings():
+        return html
+    # Collapsed below findings, so that the first view fits on the same screen.
+    return markup.folded('Structure of the torques', html)
 
 
-def _quiet(words: str) -> UIElement:
-    return widgets.html(markup.paragraph(words, 'quiet'))
+def _quiet(text: str) -> UIElement:
+    return widgets.html(markup.paragraph(text, 'quiet'))

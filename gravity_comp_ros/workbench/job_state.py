@@ -1,15 +1,15 @@
 """
-What a worker is doing, as a state machine without a process.
+State machine of a worker, without a process.
 
-    IDLE       nothing is being done; the process, if there is one, may hold the recordings
-    RESTORING  a new process reads the recordings again, because a job waits for them
-    WORKING    a job is being done
-    CLOSED     nothing will be done any more
+    IDLE       no job is running; the process, if any, may have read the recordings
+    RESTORING  a new process reads the recordings again for a waiting job
+    WORKING    a job is running
+    CLOSED     final state
 
-Every function takes the jobs as they are and returns a `Move`: the jobs as they are then, what to
-tell the process, and what to tell the user. Each job that was asked for ends in exactly one
-`Finished` or `Failed`, unless the worker is closed. Recordings that were once asked for are never
-forgotten: whatever ends a process, the next job has them read again first.
+Every function takes the current `Jobs` and returns a `Transition`: the new jobs, the message to
+the process, and the events for the page. Each submitted job ends in exactly one `Finished` or
+`Failed`, unless the worker is closed. After the end of a process, the next job first reads the
+last recordings again.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from enum import Enum
 from gravity_comp_ros.workbench.jobs import Answer, Job, Read
 from gravity_comp_ros.worker.messages import Progress
 
-DIED = 'the process that did the work ended (out of memory?)'
+DIED = 'the worker process ended unexpectedly (out of memory?)'
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job that has no answer, and why in one line; `cancelled` if that was asked for."""
+    """A job without an answer, and the reason in one line; `cancelled` on request."""
 
     job: Job
     reason: str
@@ -44,7 +44,7 @@ Event = Progress | Finished | Failed
 
 
 class State(Enum):
-    """See the module."""
+    """States of a worker; see the module."""
 
     IDLE = 'idle'
     RESTORING = 'restoring'
@@ -55,10 +55,9 @@ class State(Enum):
 @dataclass(frozen=True)
 class Jobs:
     """
-    The state, the job that is done (None unless WORKING), and those that wait.
+    State, running job (None unless WORKING), and waiting jobs.
 
-    `recordings` is the last reading that was asked for, and `held` whether the process has done
-    it.
+    `recordings` is the last submitted reading; `held` tells whether the process has finished it.
     """
 
     state: State = State.IDLE
@@ -69,13 +68,13 @@ class Jobs:
 
     @property
     def current(self) -> Job | None:
-        """Return the job that a user waits for."""
+        """Return the running job, or else the first waiting job."""
         return self.job or (self.waiting[0] if self.waiting else None)
 
 
 @dataclass(frozen=True)
 class Transition:
-    """The jobs after an event, the job to `send`, whether to end the process, and events."""
+    """The jobs after an event, a job to `send`, whether to end the process, and events."""
 
     jobs: Jobs
     send: Job | None = None
@@ -84,14 +83,14 @@ class Transition:
 
 
 def asked(jobs: Jobs, job: Job) -> Transition:
-    """Do a job, after those that wait already."""
+    """Submit a job, after the waiting jobs."""
     if jobs.state is State.CLOSED:
         return Transition(jobs, events=(Failed(job, 'the workbench is closed'),))
     return _begin(replace(jobs, waiting=(*jobs.waiting, job)))
 
 
 def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Transition:
-    """Take the answer of the process, or the reason for which there is none (None)."""
+    """Process an answer; without an answer (None), the reason of the failure."""
     if jobs.state is State.RESTORING:
         if answer is not None:
             return _begin(replace(jobs, state=State.IDLE, held=True))
@@ -105,26 +104,26 @@ def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Transition:
 
 
 def died(jobs: Jobs) -> Transition:
-    """Take note that the process is gone; what waited behind the lost job is lost as well."""
+    """Process the end of the process; the running and all waiting jobs fail."""
     if jobs.state is State.CLOSED:
         return Transition(jobs)
     return _drop(jobs, DIED, cancelled=False, end=True)
 
 
 def cancelled(jobs: Jobs) -> Transition:
-    """Give up what is being done and what waits."""
+    """Cancel the running and all waiting jobs."""
     if jobs.state in (State.IDLE, State.CLOSED):
         return Transition(jobs)
     return _drop(jobs, 'cancelled', cancelled=True, end=True)
 
 
 def closed(jobs: Jobs) -> Transition:
-    """End everything; nobody is there to be told."""
+    """Close the worker, without events."""
     return Transition(Jobs(State.CLOSED), end=True)
 
 
 def _begin(jobs: Jobs) -> Transition:
-    """Start what waits first, if nothing is being done."""
+    """Start the first waiting job if no job is running."""
     if jobs.state is not State.IDLE or not jobs.waiting:
         return Transition(jobs)
     first, rest = jobs.waiting[0], jobs.waiting[1:]

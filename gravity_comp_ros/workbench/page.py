@@ -1,4 +1,4 @@
-"""The page: choices at the side, what is missing and the error so far above, views below."""
+"""The workbench page: settings in the side bar, findings and error history above the views."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ COMPARE, LIVE = 'Two models', 'Live'
 
 class Page:
     """
-    One browser window's page. It gets a session when a browser is really there, not before.
+    The page of one browser window. It attaches a session after the browser has drawn the page.
 
-    :param identity: the session that the address asks for; a new one is made for others.
+    :param identity: session id in the URL; an unknown id gives a new session.
     """
 
     def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
@@ -52,27 +52,27 @@ class Page:
         self.views: Views | None = None
         self.pair = PairView()
         self._side: Sidebar | None = None
-        self._seen, self._sweeps, self._focus = -1, 0, ''
+        self._version, self._collections, self._focus = -1, 0, ''
         self._outdated = False
         self.live = LiveView(follower, self.style) if follower else None
         self.names = [*((*SECTIONS, COMPARE) if has_bags else ()), *((LIVE,) if follower else ())]
         self.view = self.names[0]
         self._has_bags = has_bags
         self._build(nonce)
-        document.on_event(DocumentReady, lambda event: self._arrived())
+        document.on_event(DocumentReady, lambda event: self._on_ready())
         document.add_periodic_callback(self._tick, _POLL_MS)
 
     def close(self) -> None:
-        """Leave the session; it stays for the page that comes next."""
+        """Detach the session; it remains for the next page."""
         self.sessions.detach(self)
 
-    # What the page is made of.
+    # Construction.
 
     def _build(self, nonce: str) -> None:
         self.verdict, self.status = widgets.html('', 'verdict'), widgets.html('', 'status')
         self.cancel = widgets.button('Cancel', self._cancel, name='cancel', visible=False,
                                      width=90)
-        self.again = widgets.button('Try again', self._try_again, 'primary', name='again',
+        self.retry = widgets.button('Try again', self._try_again, 'primary', name='again',
                                     visible=False, width=110)
         self.downloads = page_parts.Downloads()
         self.side = column(sizing_mode='stretch_width', name='side')
@@ -81,11 +81,11 @@ class Page:
             for name in ('missing', 'history', 'shown'))
         self._history = HistoryPanel()
         self.earlier = widgets.html('', 'earlier')
-        self.tabs = widgets.tabs(self.names, self._look)
-        self.dark = widgets.button('Dark', self._turn_style, name='style')
-        self.dark.js_on_event('button_click', CustomJS(code=page_parts.TURN_DARK))
-        self.link = page_parts.client_link(self._told_by_client)
-        head = column(self.verdict, row(self.status, self.cancel, self.again,
+        self.tabs = widgets.tabs(self.names, self._on_tab)
+        self.dark = widgets.button('Dark', self._toggle_style, name='style')
+        self.dark.js_on_event('button_click', CustomJS(code=page_parts.TOGGLE_DARK))
+        self.link = page_parts.client_link(self._on_client_message)
+        head = column(self.verdict, row(self.status, self.cancel, self.retry,
                                         sizing_mode='stretch_width'),
                       self.downloads.element, self.link, name='head', sizing_mode='stretch_width')
         views = column(self.tabs, self.shown, name='views', sizing_mode='stretch_width')
@@ -98,8 +98,8 @@ class Page:
             args={'link': self.link}, code=page_parts.READY))
         self.verdict.text = '<h1>Opening …</h1>'
 
-    def _arrived(self) -> None:
-        """Take up a session: a browser is there and has drawn the page."""
+    def _on_ready(self) -> None:
+        """Attach a session after the browser has drawn the page."""
         if self.one is not None:
             return
         if not self._has_bags:
@@ -115,34 +115,34 @@ class Page:
         saved = self.sessions.earlier(self.one.id if self.one else '')
         self.earlier.text = page_parts.earlier_html(saved)
 
-    def _told_by_client(self, what: str) -> None:
+    def _on_client_message(self, what: str) -> None:
         if what == 'dark' and self.style is LIGHT:
-            self._turn_style()
+            self._toggle_style()
 
-    # What happens.
+    # Events.
 
     def _tick(self) -> None:
         one = self.one
         if one is not None and one.page is not self:
-            self._taken()
+            self._show_taken_over()
             return
         if one is not None:
-            if one.version != self._seen:
+            if one.version != self._version:
                 self._refresh()
             elif self._outdated:
                 self._show(one)
             else:
-                self._say(one)
+                self._update_status(one)
             if self.views is not None:
                 self.views.table.follow_window()
         if self.live is not None:
             self.live.update(self.view == LIVE)
 
-    def _taken(self) -> None:
-        words = 'This session is open in another window.'
-        if words not in self.verdict.text:
-            self.verdict.text = f'<h1 id="taken">{words} Reload this page to go on here.</h1>'
-            self.cancel.visible = self.again.visible = False
+    def _show_taken_over(self) -> None:
+        text = 'This session is open in another window.'
+        if text not in self.verdict.text:
+            self.verdict.text = f'<h1 id="taken">{text} Reload this page to continue here.</h1>'
+            self.cancel.visible = self.retry.visible = False
             self.side.children = [self.dark]
             for place in (self.missing, self.history, self.shown):
                 place.children = [widgets.html('')]
@@ -158,8 +158,8 @@ class Page:
     def _learn(self) -> None:
         self._with_choice(lambda one, side: one.learn(side.choice()))
 
-    def _judge(self) -> None:
-        self._with_choice(lambda one, side: one.judge(side.choice()))
+    def _evaluate(self) -> None:
+        self._with_choice(lambda one, side: one.evaluate(side.choice()))
 
     def _with_choice(self, action: page_parts.WithChoice) -> None:
         if self.one is None or self._side is None:
@@ -167,23 +167,23 @@ class Page:
         try:
             action(self.one, self._side)
         except GravityCompError as problem:
-            self._complain(str(problem))
+            self._warn(str(problem))
 
-    def _complain(self, reason: str) -> None:
+    def _warn(self, reason: str) -> None:
         if self.one is not None:
             self.one.warning = reason
-            self._say(self.one)
+            self._update_status(self.one)
 
     def _add(self, targets: tuple[str, ...]) -> None:
         if self.one is not None:
             self._focus = 'head'
             self.one.add(targets)
 
-    def _look(self, number: int) -> None:
+    def _on_tab(self, number: int) -> None:
         self.view = self.names[number]
         self._show_view()
 
-    def _turn_style(self) -> None:
+    def _toggle_style(self) -> None:
         self.style = DARK if self.style is LIGHT else LIGHT
         self.dark.label = 'Light' if self.style is DARK else 'Dark'
         if self.live is not None:
@@ -191,19 +191,19 @@ class Page:
         if self.one is not None:
             self._refresh()
 
-    # What is shown.
+    # Display.
 
     def _refresh(self) -> None:
         one = self.one
         if one is None:
             return
-        self._seen = one.version
+        self._version = one.version
         self._fill_side(one)
         plans = PlanActions(one.plan, self.downloads.give)
         self.missing.children = findings_panel.parts(one, self._add, plans)
         self.history.children = [*self._history.parts(one, self.style),
-                                 *plan_panel.asking(one, plans)]
-        # The numbers of a new model go out first: its views take their time.
+                                 *plan_panel.request_controls(one, plans)]
+        # Send the errors of a new model first, because its views take longer.
         stage = one.session.stage
         self._outdated = self.views is not None and stage is not None \
             and self.views.contents.model is not stage.model
@@ -211,14 +211,14 @@ class Page:
             self._show(one)
 
     def _show(self, one: OpenSession) -> None:
-        """Show the verdict and the view of what is there now."""
+        """Show the verdict and the current view."""
         self._outdated = False
         self._make_views(one)
-        self._say(one)
+        self._update_status(one)
         self._show_verdict(one)
         self._show_view()
         if self._focus and not one.worker.busy:
-            # The button that was pressed is gone; a reader of the screen goes on from the answer.
+            # The pressed button has been removed; move the focus to the result for screen readers.
             self.link.tags = ['focus', self._focus, str(one.version)]
             self._focus = ''
 
@@ -244,7 +244,7 @@ class Page:
         if one.session.read is None:
             return
         actions = Actions(
-            self._learn, self._judge,
+            self._learn, self._evaluate,
             lambda: self._export('arm.json', 'application/json',
                                  lambda session, model: store.model_text(model)),
             lambda: self._export('report.html', 'text/html', self._report),
@@ -254,9 +254,9 @@ class Page:
             self._side = Sidebar(one.session, actions)
             self.side.children = [self.dark, self._side.element, self.earlier]
 
-    def _say(self, one: OpenSession) -> None:
+    def _update_status(self, one: OpenSession) -> None:
         self.cancel.visible = one.worker.busy
-        self.again.visible = bool(one.trouble) and not one.worker.busy \
+        self.retry.visible = bool(one.error) and not one.worker.busy \
             and one.session.next_job() is not None
         text = page_parts.status_html(one)
         if self.status.text != text:
@@ -267,49 +267,49 @@ class Page:
         if self.views is None:
             self.verdict.text = '<h1>gravity_comp workbench</h1>'
         elif stage is None:
-            self.verdict.text = '<h1>Gravity is being learned. So far the views compare with a ' \
-                'constant torque.</h1>' if not one.trouble else \
+            self.verdict.text = '<h1>Gravity is being fitted. The views compare with a ' \
+                'constant torque.</h1>' if not one.error else \
                 '<h1>No model yet. The views compare with a constant torque.</h1>'
         else:
             found = self.views.contents
-            told = headline(found) if found.diagnosis else f'{largest(found)}.'
-            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(told))}</h1>'
+            text = headline(found) if found.diagnosis else f'{largest(found)}.'
+            self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(text))}</h1>'
 
     def _show_view(self) -> None:
         self.shown.children = [self._element()]
-        self._sweeps += 1
-        self.link.tags = ['sweep', str(self._sweeps)]
+        self._collections += 1
+        self.link.tags = ['collect', str(self._collections)]
 
     def _element(self) -> UIElement:
         if self.view == LIVE and self.live is not None:
             return self.live.element
         if self.one is None or self.views is None:
-            words = (self.one.trouble if self.one else '') or 'The views appear as soon as the ' \
-                'recordings are read.'
-            return widgets.html(f'<h2 id="words">{markup.text(words)}</h2>')
+            text = (self.one.error if self.one else '') or \
+                'The views appear when the recordings have been read.'
+            return widgets.html(f'<h2 id="words">{markup.text(text)}</h2>')
         try:
             if self.view == COMPARE:
                 return self.pair.show(self.one, self.style)
             return self.views.show(self.view)
         except Exception as problem:
-            # A fault of one view must not leave the page as it was, without a word.
+            # A failure of one view must be reported on the page.
             _LOG.exception('the view %s failed', self.view)
             return widgets.html(markup.paragraph(
                 f'This view cannot be drawn, please report it: {type(problem).__name__}: '
                 f'{problem}', 'warning'))
 
-    # What goes out.
+    # Downloads.
 
     def _export(self, name: str, kind: str, make: Callable[[Session, GravityModel], str]) -> None:
-        """Hand out a file of what there is of the present model."""
+        """Download a file made from the current model."""
         session = self.one.session if self.one else None
         if session is None or session.stage is None:
-            self._complain('there is no model yet')
+            self._warn('there is no model yet')
             return
         try:
             self.downloads.give(name, kind, make(session, session.stage.model))
         except GravityCompError as problem:
-            self._complain(str(problem))
+            self._warn(str(problem))
 
     def _report(self, session: Session, model: GravityModel) -> str:
         if self._outdated and self.one is not None:

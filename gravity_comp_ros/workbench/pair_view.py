@@ -1,4 +1,4 @@
-"""Two models side by side: the two that were chosen stay, whatever is added meanwhile."""
+"""View of two models; the selected pair is kept when other models are added."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from gravity_comp_ros.workbench.open_session import OpenSession
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.views import element
 
-# Residuals of all samples that are kept.
-_MOST_KEPT = 4
+# Maximum number of cached models; each has the residuals of all samples.
+_MAX_CACHED = 4
 
 
 class PairView:
-    """The view, and which two models it compares."""
+    """The view and its selected pair of models."""
 
     def __init__(self) -> None:
         self._chosen: tuple[str, str] | None = None
@@ -32,7 +32,7 @@ class PairView:
         models = {key: name for key, name, _ in one.session.models()}
         if len(models) < 2:
             return widgets.html(markup.paragraph(
-                'There is no other model yet: add an effect, or name models with --model.'))
+                'There is only one model: add an effect, or name further models with --model.'))
         first, second = self._pair(one, list(models))
         options = list(models.items())
         place = column(sizing_mode='stretch_width')
@@ -68,11 +68,11 @@ class PairView:
     def _seen(self, session: Session, key: str) -> ComparedModel:
         name, model = next((name, model) for k, name, model in session.models() if k == key)
         known = self._known.get(key)
-        # What was computed for the same model and choice is shown again as it is.
+        # Use the cached result for the same model and settings.
         if known is not None and known[0] is session.choice and known[1].model is model:
             return replace(known[1], name=name, facts=session.facts(key))
         seen = ComparedModel(name, model, session.facts(key), session.compared(model),
                     session.residual(model))
         self._known = {**self._known, key: (session.choice, seen)} if len(
-            self._known) < _MOST_KEPT else {key: (session.choice, seen)}
+            self._known) < _MAX_CACHED else {key: (session.choice, seen)}
         return seen

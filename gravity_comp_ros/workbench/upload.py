@@ -1,4 +1,4 @@
-"""Recordings that a browser brings: one file at a time, streamed to disk, its size bounded."""
+"""Upload of recordings by the browser: one file at a time, streamed to disk, of limited size."""
 
 from __future__ import annotations
 
@@ -11,100 +11,100 @@ import urllib.parse
 from gravity_comp_ros.workbench.sessions import Sessions
 from tornado.web import RequestHandler, stream_request_body
 
-MOST_BYTES = 2 * 2 ** 30
-_BEGINNINGS = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\x00'}
-_LONGEST = 60
+MAX_BYTES = 2 * 2 ** 30
+_MAGIC = {'.mcap': b'\x89MCAP0\r\n', '.db3': b'SQLite format 3\x00'}
+_MAX_NAME = 60
 _PARTIAL = '.partial'
-_OTHER = 'the file is no MCAP or rosbag2 recording, whatever its name'
+_OTHER_FORMAT = 'the content is not an MCAP or rosbag2 recording'
 
 
 def safe_name(name: str) -> str | None:
-    """Return a plain file name for what a browser calls a recording; None for another kind."""
-    stem, kind = Path(name.replace('\\', '/')).stem, Path(name).suffix.lower()
-    if kind not in _BEGINNINGS:
+    """Return a safe file name for the browser's name of a recording; None for another suffix."""
+    stem, suffix = Path(name.replace('\\', '/')).stem, Path(name).suffix.lower()
+    if suffix not in _MAGIC:
         return None
-    plain = re.sub(r'[^A-Za-z0-9_-]+', '_', stem).strip('_')[:_LONGEST]
-    return f'{plain or "recording"}{kind}'
+    safe = re.sub(r'[^A-Za-z0-9_-]+', '_', stem).strip('_')[:_MAX_NAME]
+    return f'{safe or "recording"}{suffix}'
 
 
 @stream_request_body
 class UploadHandler(RequestHandler):
     """
-    Takes a file for a session that is open in a page: PUT /bring?session=ID&name=FILE.
+    Receives a file for a session with an open page: PUT /upload?session=ID&name=FILE.
 
-    Only pages of this server may: a browser says in `Origin` whose page asks.
+    Only pages of this server may upload: the browser's `Origin` header must name this server.
     """
 
     def initialize(self, sessions: Sessions) -> None:
-        """Keep the sessions."""
-        self._sessions, self._begun, self._size = sessions, b'', 0
+        """Store the sessions."""
+        self._sessions, self._start = sessions, b''
         self._path: Path | None = None
         self._file: Any = None
 
     def prepare(self) -> None:
-        """Refuse what cannot be taken before any of it is read."""
+        """Refuse invalid uploads before any data is read."""
         origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
         name = safe_name(self.get_query_argument('name', ''))
         one = self._sessions.open.get(self.get_query_argument('session', ''))
         size = self.request.headers.get('Content-Length', '')
         if self.request.method != 'PUT' or origin != self.request.host:
-            self._refuse(403, 'only this page may bring a recording')
+            self._refuse(403, 'only this page may upload a recording')
         elif one is None or one.page is None or one.session.read is None:
-            self._refuse(409, 'wait until the recordings are read')
+            self._refuse(409, 'wait until the recordings have been read')
         elif name is None:
-            self._refuse(415, 'bring one file that ends in .mcap or .db3')
-        elif not size.isdecimal() or int(size) > MOST_BYTES:
-            self._refuse(413, f'the file is larger than {MOST_BYTES >> 30} GiB: name it when the '
-                         f'workbench is started')
+            self._refuse(415, 'upload one file that ends in .mcap or .db3')
+        elif not size.isdecimal() or int(size) > MAX_BYTES:
+            self._refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
+                         f'command line of the workbench')
         else:
             self._one = one
-            # tornado's own limit is smaller.
-            self.request.connection.set_max_body_size(MOST_BYTES)  # type: ignore[union-attr]
-            folder = self._sessions.brought(one.id)
+            # The default limit of tornado is smaller.
+            self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
+            folder = self._sessions.upload_folder(one.id)
             self._path = folder / f'{secrets.token_hex(3)}_{name}'
             try:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
                 self._file = self._path.with_suffix(_PARTIAL).open('xb')
             except OSError as problem:
-                self._refuse(507, f'cannot keep the file: {problem.strerror}')
+                self._refuse(507, f'cannot save the file: {problem.strerror}')
 
     def data_received(self, chunk: bytes) -> None:
-        """Write a part of the file, if it is a recording at all."""
+        """Write a part of the file; refuse a file that does not start like a recording."""
         if self._file is None or self._path is None:
             return
-        wanted = _BEGINNINGS[self._path.suffix]
-        if len(self._begun) < len(wanted):
-            self._begun += chunk[:len(wanted) - len(self._begun)]
-            if not wanted.startswith(self._begun):
-                self._refuse(415, _OTHER)
+        magic = _MAGIC[self._path.suffix]
+        if len(self._start) < len(magic):
+            self._start += chunk[:len(magic) - len(self._start)]
+            if not magic.startswith(self._start):
+                self._refuse(415, _OTHER_FORMAT)
                 return
         try:
             self._file.write(chunk)
         except OSError as problem:
-            self._refuse(507, f'cannot keep the file: {problem.strerror}')
+            self._refuse(507, f'cannot save the file: {problem.strerror}')
 
     def put(self) -> None:
-        """Give the whole file to the session."""
+        """Add the complete file to the session."""
         if self._file is None or self._path is None:
             return
-        if self._begun != _BEGINNINGS[self._path.suffix]:
-            self._refuse(415, _OTHER)  # empty, or hardly begun
+        if self._start != _MAGIC[self._path.suffix]:
+            self._refuse(415, _OTHER_FORMAT)  # empty or too short
             return
         self._file.close()
         self._path.with_suffix(_PARTIAL).rename(self._path)
         self._file = None
-        self._one.bring(self._path)
+        self._one.add_recording(self._path)
         self.set_status(204)
 
     def on_connection_close(self) -> None:
-        """Leave nothing of a file that came in part."""
+        """Delete an incomplete file."""
         self._drop()
 
-    def _refuse(self, status: int, words: str) -> None:
+    def _refuse(self, status: int, reason: str) -> None:
         self._drop()
         self.set_status(status)
         self.set_header('Content-Type', 'text/plain; charset=utf-8')
-        self.finish(words)
+        self.finish(reason)
 
     def _drop(self) -> None:
         if self._file is not None and self._path is not None:
@@ -114,24 +114,24 @@ class UploadHandler(RequestHandler):
 
 
 SCRIPT = """
-const words = document.getElementById('bring-words')
-const bring = async (files) => {
+const status = document.getElementById('upload-status')
+const upload = async (files) => {
   if (files.length != 1) {
-    words.textContent = 'One file at a time.'
+    status.textContent = 'One file at a time.'
     return
   }
   const file = files[0], session = new URL(location.href).searchParams.get('session') || ''
-  words.textContent = `${file.name} is being brought …`
-  const place = `bring?session=${session}&name=${encodeURIComponent(file.name)}`
-  const answer = file.size > MOST ? null :
-    await fetch(place, {method: 'PUT', body: file}).catch(() => null)
-  words.textContent = !answer ? `${file.name} could not be brought: is it a folder, or too large?`
-    : answer.ok ? `${file.name} was brought.` : `${file.name}: ${await answer.text()}`
+  status.textContent = `uploading ${file.name} …`
+  const url = `upload?session=${session}&name=${encodeURIComponent(file.name)}`
+  const answer = file.size > MAX_BYTES ? null :
+    await fetch(url, {method: 'PUT', body: file}).catch(() => null)
+  status.textContent = !answer ? `${file.name} was not uploaded: it is a folder or too large.`
+    : answer.ok ? `${file.name} was uploaded.` : `${file.name}: ${await answer.text()}`
 }
-document.getElementById('bring').addEventListener('change', (event) => bring(event.target.files))
-for (const what of ['dragover', 'drop'])
-  document.addEventListener(what, (event) => {
+document.getElementById('upload').addEventListener('change', (event) => upload(event.target.files))
+for (const type of ['dragover', 'drop'])
+  document.addEventListener(type, (event) => {
     event.preventDefault()
-    if (what == 'drop' && event.dataTransfer.files.length) bring(event.dataTransfer.files)
+    if (type == 'drop' && event.dataTransfer.files.length) upload(event.dataTransfer.files)
   })
-""".replace('MOST', str(MOST_BYTES))
+""".replace('MAX_BYTES', str(MAX_BYTES))
