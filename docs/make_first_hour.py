@@ -40,9 +40,9 @@ HEAD = """\
 
 `python3 docs/make_first_hour.py` writes this page: it runs every command and copies its output,
 including warnings and errors. Long lines are wrapped. `[...]` marks omitted lines: equations,
-effects that are not identifiable, and progress. After the first command of each part, every command
-is a next step printed by the command before it. Parts with real recordings end after a few steps.
-The time in brackets is the duration of the command.
+effects that are not identifiable, and progress. After the first command of each part, every
+command is a next step printed by the command before it. Parts with real recordings end after a few
+steps. The time in brackets is the duration of the command.
 """
 REAL = (
     ('A recording of a real UR10', 'ur10_exciting_trajectory.db3',

@@ -25,8 +25,8 @@ HEAD = """\
 # From a recording to the effect that is missing
 
 `python3 docs/make_walkthrough.py` writes this page: it runs every command and copies its output,
-with long lines wrapped. No robot is required: the arm is simulated with known effects, so that every
-result can be verified.
+with long lines wrapped. No robot is required: the arm is simulated with known effects, so that
+every result can be verified.
 """
 
 # Text of each section, and its commands.
@@ -34,31 +34,32 @@ STEPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("""## An arm with unmodelled friction
 
 A KUKA LBR iiwa 7 moves slowly along two different paths of a minute, and a third time later. Its
-torque sensors have 0.1 N·m of noise, and joint 4 has 0.8 N·m of friction (a LuGre model, integrated
-in fine steps).
+torque sensors have 0.1 N·m of noise, and joint 4 has 0.8 N·m of friction (a LuGre model,
+integrated in fine steps).
 """,
      (f'{_ARM} --seed 1 {_ROUGH} -o run1.mcap',
       f'{_ARM} --seed 2 {_ROUGH} -o run2.mcap',
       f'{_ARM} --seed 1 --start 60 {_ROUGH} -o later.mcap')),
     ("""## Fit gravity and compare
 
-A gravity model cannot represent friction. Friction therefore remains in the residual, and its joint
-has a large error on the third recording, which was not fitted.
+A gravity model cannot represent friction. Friction therefore remains in the residual, and its
+joint has a large error on the third recording, which was not fitted.
 """,
      ('gravity_comp fit run1.mcap run2.mcap -o arm.json --terms 3',
       'gravity_comp compare later.mcap --model arm.json')),
     ("""## Diagnose missing effects
 
-`diagnose` identifies the friction, its joint and its size with a 95 % interval. Errors are held-out
-errors. Other findings are real as well: the links have inertia, so that even slow motion requires
-some acceleration torque. Effects that are not identifiable from the recordings are listed with the
-reason.
+`diagnose` identifies the friction, its joint and its size with a 95 % interval. Errors are
+held-out errors. Other findings are real as well: the links have inertia, so that even slow motion
+requires some acceleration torque. Effects that are not identifiable from the recordings are listed
+with the reason.
 """,
      ('gravity_comp diagnose run1.mcap run2.mcap --model arm.json',)),
     ("""## Add the effect
 
 `add` refits gravity and friction jointly. The held-out error of joint 4 decreases to the sensor
-noise; the errors of other joints decrease if their gravity terms had absorbed part of the friction.
+noise. The errors of other joints decrease if their gravity terms had absorbed part of the
+friction.
 """,
      ('gravity_comp add coulomb_friction:iiwa_joint_4 --model arm.json run1.mcap run2.mcap',
       'gravity_comp compare later.mcap --model arm.json')),

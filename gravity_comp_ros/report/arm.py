@@ -45,8 +45,8 @@ def find_arm(paths: Sequence[Path], joints: Sequence[str], urdf: Path | None = N
     try:
         if urdf is not None:
             return described_arm(read_text(urdf), joints)
-        found = first_description(paths)
-        return None if found is None else described_arm(found.text, joints)
+        description = first_description(paths)
+        return None if description is None else described_arm(description.text, joints)
     except GravityCompError:
         return None
 

@@ -36,8 +36,8 @@ class PairGrid:
 def places(q: FloatArray, edges: FloatArray) -> IntArray:
     """Return the cell index (M, N) of each pose (M, N) along each joint."""
     cells = edges.shape[1] - 1
-    found = [np.searchsorted(edges[n], q[:, n], side='right') - 1 for n in range(q.shape[1])]
-    return np.clip(np.column_stack(found), 0, cells - 1).astype(np.int64)
+    indices = [np.searchsorted(edges[n], q[:, n], side='right') - 1 for n in range(q.shape[1])]
+    return np.clip(np.column_stack(indices), 0, cells - 1).astype(np.int64)
 
 
 def pair_grid(q: FloatArray, residual: FloatArray, cells: int = 12) -> PairGrid:

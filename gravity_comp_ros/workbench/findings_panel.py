@@ -22,46 +22,47 @@ _AT_FIRST, _MAX_COEFFICIENTS = 3, 1
 Add = Callable[[tuple[str, ...]], None]
 
 
-def parts(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
+def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     """Return the panel of a session."""
-    session = one.session
+    session = opened.session
     stage = session.stage
-    shown: list[UIElement] = [widgets.html('<h2>Missing effects</h2>')]
+    elements: list[UIElement] = [widgets.html('<h2>Missing effects</h2>')]
     if stage is None:
-        shown.append(_quiet('No model yet.'))
+        elements.append(_quiet('No model yet.'))
     elif session.diagnosis is None:
-        shown.append(_quiet('No diagnosis yet.' if one.error else
+        elements.append(_quiet('No diagnosis yet.' if opened.error else
                             'The diagnosis is running; the views below are ready.'))
     else:
-        shown += _findings(one, add, plans)
-        shown.append(widgets.html(_structure(one, session.diagnosis)))
-        shown += plan_panel.planned(one, plans)
+        elements += _findings(opened, add, plans)
+        elements.append(widgets.html(_structure(opened, session.diagnosis)))
+        elements += plan_panel.planned(opened, plans)
     if stage is not None and stage.model.applied.effects:
         applied = ', '.join(e.target for e in stage.model.applied.effects)
-        shown.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
+        elements.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
                                   '</p>'))
-    return shown
+    return elements
 
 
-def _findings(one: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
-    found = one.session.findings()
-    if not found and one.session.diagnosis is not None:
-        return [widgets.html(markup.paragraph(wording.verdict(one.session.diagnosis)))]
-    rows = [_row(number, finding, target, add, one.is_adding, plans)
-            for number, (finding, target) in enumerate(found)]
-    shown = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
+def _findings(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
+    findings = opened.session.findings()
+    if not findings and opened.session.diagnosis is not None:
+        return [widgets.html(markup.paragraph(wording.verdict(opened.session.diagnosis)))]
+    rows = [_row(number, finding, target, add, opened.is_adding, plans)
+            for number, (finding, target) in enumerate(findings)]
+    elements = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
                           'range of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
-    accepted = tuple(target for each, target in found if target and each.verdict in wording.FOUND)
+    accepted = tuple(target for finding, target in findings
+                     if target and finding.verdict in wording.FOUND)
     if len(accepted) > 1:
         below.append(widgets.button(f'Add all {len(accepted)} established or likely',
-                                    lambda: add(accepted), 'primary', disabled=one.is_adding,
+                                    lambda: add(accepted), 'primary', disabled=opened.is_adding,
                                     name='add-all'))
     rest = column(*rows[_AT_FIRST:], sizing_mode='stretch_width', visible=False)
     if len(rows) > _AT_FIRST:
         below.append(widgets.button(f'{len(rows) - _AT_FIRST} more …',
                                     lambda: widgets.toggle(rest), name='more'))
-    return [*shown, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else shown
+    return [*elements, row(*below, styles={'flex-wrap': 'wrap'}), rest] if below else elements
 
 
 def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
@@ -74,7 +75,7 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     if finding.effect is not None and finding.verdict in OPEN:
         name = effect_name(finding.effect, finding.joint)
-        entry.append(widgets.button('Plan a motion to resolve it', lambda: plans.plan((name,)),
+        entry.append(widgets.button('Plan for this effect', lambda: plans.plan((name,)),
                                     disabled=adding, name=f'plan-{number}', margin=(2, 5, 2, 5),
                                     styles={'flex': '0 1 auto', 'max-width': '210px'}))
     return row(*entry, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'})
@@ -89,9 +90,9 @@ def _finding_html(number: int, finding: Finding) -> str:
             f'{markup.text(wording.change(finding) + rivals)}</span></p>')
 
 
-def _structure(one: OpenSession, diagnosis: Diagnosis) -> str:
+def _structure(opened: OpenSession, diagnosis: Diagnosis) -> str:
     html = structure(diagnosis)
-    if not html or not one.session.findings():
+    if not html or not opened.session.findings():
         return html
     # Collapsed below findings, so that the first view fits on the same screen.
     return markup.folded('Structure of the torques', html)

@@ -30,38 +30,38 @@ class HistoryPanel:
         self._shown: tuple[str, int, str, str] | None = None
         self._text_fields: UIElement = row()
 
-    def parts(self, one: OpenSession, style: Style) -> list[UIElement]:
+    def parts(self, opened: OpenSession, style: Style) -> list[UIElement]:
         """Return the panel of a session."""
-        session = one.session
+        session = opened.session
         stages, at = session.stages, session.at
         branch = [] if at is None else [stages[k] for k in path_to(stages, at)]
-        shown: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(branch))]
+        elements: list[UIElement] = [widgets.html('<h2>Error history</h2>' + last_change(branch))]
         drawn = chart(branch, style)
         if drawn is not None:
-            shown.append(drawn)
+            elements.append(drawn)
         stage = session.stage
         if stage is None or at is None:
-            return shown
+            return elements
         options = [(str(k), f'{"· " * depth(stages, k)}{k + 1}. {s.name}'
                     + (f' – {s.note}' if s.note else '')) for k, s in enumerate(stages)]
-        shown.append(widgets.select('Stage (select another one to go back or branch)',
-                                    options, str(at), lambda value: one.select_stage(int(value)),
-                                    'stage'))
+        elements.append(widgets.select(
+            'Stage (select another one to go back or branch)', options, str(at),
+            lambda value: opened.select_stage(int(value)), 'stage'))
         if stage.effects or any(step.previous for step in stage.model.history):
-            shown.append(widgets.button('Undo the last addition', one.undo, name='undo'))
-        key = (one.id, at, stage.name, stage.note)
+            elements.append(widgets.button('Undo the last addition', opened.undo, name='undo'))
+        key = (opened.id, at, stage.name, stage.note)
         if self._shown != key:
-            self._shown, self._text_fields = key, self._fields(one, at, stage)
-        return [*shown, self._text_fields]
+            self._shown, self._text_fields = key, self._fields(opened, at, stage)
+        return [*elements, self._text_fields]
 
-    def _fields(self, one: OpenSession, at: int, stage: Stage) -> UIElement:
+    def _fields(self, opened: OpenSession, at: int, stage: Stage) -> UIElement:
         """Return the text fields for the name and the note of a stage."""
         name = widgets.field('Name of this stage', stage.name, 'stage-name')
         note = widgets.field('Note', stage.note, 'stage-note')
 
         def on_change(attribute: str, old: str, new: str) -> None:
-            self._shown = (one.id, at, name.value, note.value)
-            one.describe(name.value, note.value)
+            self._shown = (opened.id, at, name.value, note.value)
+            opened.describe(name.value, note.value)
 
         for entry in (name, note):
             entry.on_change('value', on_change)

@@ -20,7 +20,7 @@ from enum import Enum
 from gravity_comp_ros.workbench.jobs import Answer, Job, Read
 from gravity_comp_ros.worker.messages import Progress
 
-DIED = 'the worker process ended unexpectedly (out of memory?)'
+PROCESS_ENDED = 'the worker process ended unexpectedly (out of memory?)'
 
 
 @dataclass(frozen=True)
@@ -57,14 +57,15 @@ class Jobs:
     """
     State, running job (None unless WORKING), and waiting jobs.
 
-    `recordings` is the last submitted reading; `held` tells whether the process has finished it.
+    `recordings` is the last submitted reading; `recordings_read` is whether the process has
+    finished it.
     """
 
     state: State = State.IDLE
     job: Job | None = None
     waiting: tuple[Job, ...] = ()
     recordings: Read | None = None
-    held: bool = False
+    recordings_read: bool = False
 
     @property
     def current(self) -> Job | None:
@@ -82,7 +83,7 @@ class Transition:
     events: tuple[Event, ...] = ()
 
 
-def asked(jobs: Jobs, job: Job) -> Transition:
+def submitted(jobs: Jobs, job: Job) -> Transition:
     """Submit a job, after the waiting jobs."""
     if jobs.state is State.CLOSED:
         return Transition(jobs, events=(Failed(job, 'the workbench is closed'),))
@@ -93,21 +94,22 @@ def answered(jobs: Jobs, answer: Answer | None, reason: str = '') -> Transition:
     """Process an answer; without an answer (None), the reason of the failure."""
     if jobs.state is State.RESTORING:
         if answer is not None:
-            return _begin(replace(jobs, state=State.IDLE, held=True))
+            return _begin(replace(jobs, state=State.IDLE, recordings_read=True))
         return _drop(jobs, reason, cancelled=False, end=False)
     if jobs.state is not State.WORKING or jobs.job is None:
         return Transition(jobs)
-    job, held = jobs.job, jobs.held or (isinstance(jobs.job, Read) and answer is not None)
+    job = jobs.job
+    recordings_read = jobs.recordings_read or (isinstance(job, Read) and answer is not None)
     event: Event = Finished(job, answer) if answer is not None else Failed(job, reason)
-    move = _begin(replace(jobs, state=State.IDLE, job=None, held=held))
+    move = _begin(replace(jobs, state=State.IDLE, job=None, recordings_read=recordings_read))
     return replace(move, events=(event, *move.events))
 
 
-def died(jobs: Jobs) -> Transition:
+def process_ended(jobs: Jobs) -> Transition:
     """Process the end of the process; the running and all waiting jobs fail."""
     if jobs.state is State.CLOSED:
         return Transition(jobs)
-    return _drop(jobs, DIED, cancelled=False, end=True)
+    return _drop(jobs, PROCESS_ENDED, cancelled=False, end=True)
 
 
 def cancelled(jobs: Jobs) -> Transition:
@@ -129,9 +131,9 @@ def _begin(jobs: Jobs) -> Transition:
     first, rest = jobs.waiting[0], jobs.waiting[1:]
     if isinstance(first, Read):
         working = replace(jobs, state=State.WORKING, job=first, waiting=rest, recordings=first,
-                          held=False)
+                          recordings_read=False)
         return Transition(working, send=first)
-    if jobs.held:
+    if jobs.recordings_read:
         return Transition(replace(jobs, state=State.WORKING, job=first, waiting=rest), send=first)
     if jobs.recordings is not None:
         return Transition(replace(jobs, state=State.RESTORING), send=jobs.recordings)

@@ -123,19 +123,20 @@ class JobRunner:
 
     def _reading(self, job: Read, progress: Progress) -> ReadResult:
         try:
-            found = _read(job, progress)
+            result = _read(job, progress)
         except ModelMismatchError as problem:
             if not job.model:
                 raise
             raise ModelMismatchError(f'the model {job.model} is of another robot: {problem}'
                                      ) from problem
-        self._read = found
-        return found
+        self._read = result
+        return result
 
 
 def _read(job: Read, progress: Progress) -> ReadResult:
-    found = read_each(job.paths, job.options, progress)
-    samples, reports = concatenate(r.samples for r in found), tuple(r.report for r in found)
+    recordings = read_each(job.paths, job.options, progress)
+    samples = concatenate(recording.samples for recording in recordings)
+    reports = tuple(recording.report for recording in recordings)
     if job.options.joints is not None:
         return ReadResult(samples, reports)
     arm = known_arm(Recording(samples, None, reports), LearnOptions(axes=AxesOptions(job.urdf)))
@@ -150,16 +151,16 @@ def _read(job: Read, progress: Progress) -> ReadResult:
 def learned(recording: Recording, job: Learn, progress: Progress) -> Learned:
     """Return the result of `gravity_comp fit --joints`."""
     options = job.choice.learning(job.ordered)
-    found = learn(recording, options, progress=progress)
+    result = learn(recording, options, progress=progress)
     # The page already has the samples.
     none = recording.samples.select(np.zeros(0, dtype=np.int64))
-    found = replace(found, recording=replace(recording, samples=none))
-    if found.arm.axes.geometry is not None:
-        return found
+    result = replace(result, recording=replace(recording, samples=none))
+    if result.arm.axes.geometry is not None:
+        return result
     # The exported command lines list the joints in this order.
-    provenance = {**found.model.provenance, 'joint_order': ASKED}
-    return replace(found, result=replace(
-        found.result, model=replace(found.model, provenance=provenance)))
+    provenance = {**result.model.provenance, 'joint_order': ASKED}
+    return replace(result, result=replace(
+        result.result, model=replace(result.model, provenance=provenance)))
 
 
 def planned(recording: Recording, job: PlanMotion, progress: Progress) -> Plan:

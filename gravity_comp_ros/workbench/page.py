@@ -47,7 +47,7 @@ class Page:
     def __init__(self, document: Document, sessions: Sessions, identity: str, has_bags: bool,
                  follower: Following | None, nonce: str) -> None:
         self.document, self.sessions, self._wanted = document, sessions, identity
-        self.one: OpenSession | None = None
+        self.opened: OpenSession | None = None
         self.style: Style = LIGHT
         self.views: Views | None = None
         self.pair = PairView()
@@ -100,19 +100,19 @@ class Page:
 
     def _on_ready(self) -> None:
         """Attach a session after the browser has drawn the page."""
-        if self.one is not None:
+        if self.opened is not None:
             return
         if not self._has_bags:
             self.verdict.text = ''
             self._show_view()
             return
-        self.one = self.sessions.attach(self._wanted, self)
-        self.link.tags = ['session', self.one.id]
+        self.opened = self.sessions.attach(self._wanted, self)
+        self.link.tags = ['session', self.opened.id]
         self._list_earlier()
         self._refresh()
 
     def _list_earlier(self) -> None:
-        saved = self.sessions.earlier(self.one.id if self.one else '')
+        saved = self.sessions.earlier(self.opened.id if self.opened else '')
         self.earlier.text = page_parts.earlier_html(saved)
 
     def _on_client_message(self, what: str) -> None:
@@ -122,17 +122,17 @@ class Page:
     # Events.
 
     def _tick(self) -> None:
-        one = self.one
-        if one is not None and one.page is not self:
+        opened = self.opened
+        if opened is not None and opened.page is not self:
             self._show_taken_over()
             return
-        if one is not None:
-            if one.version != self._version:
+        if opened is not None:
+            if opened.version != self._version:
                 self._refresh()
             elif self._outdated:
-                self._show(one)
+                self._show(opened)
             else:
-                self._update_status(one)
+                self._update_status(opened)
             if self.views is not None:
                 self.views.table.follow_window()
         if self.live is not None:
@@ -148,36 +148,36 @@ class Page:
                 place.children = [widgets.html('')]
 
     def _cancel(self) -> None:
-        if self.one is not None:
-            self.one.cancel()
+        if self.opened is not None:
+            self.opened.cancel()
 
     def _try_again(self) -> None:
-        if self.one is not None:
-            self.one.try_again()
+        if self.opened is not None:
+            self.opened.try_again()
 
     def _learn(self) -> None:
-        self._with_choice(lambda one, side: one.learn(side.choice()))
+        self._with_choice(lambda opened, side: opened.learn(side.choice()))
 
     def _evaluate(self) -> None:
-        self._with_choice(lambda one, side: one.evaluate(side.choice()))
+        self._with_choice(lambda opened, side: opened.evaluate(side.choice()))
 
     def _with_choice(self, action: page_parts.WithChoice) -> None:
-        if self.one is None or self._side is None:
+        if self.opened is None or self._side is None:
             return
         try:
-            action(self.one, self._side)
+            action(self.opened, self._side)
         except GravityCompError as problem:
             self._warn(str(problem))
 
     def _warn(self, reason: str) -> None:
-        if self.one is not None:
-            self.one.warning = reason
-            self._update_status(self.one)
+        if self.opened is not None:
+            self.opened.warning = reason
+            self._update_status(self.opened)
 
     def _add(self, targets: tuple[str, ...]) -> None:
-        if self.one is not None:
+        if self.opened is not None:
             self._focus = 'head'
-            self.one.add(targets)
+            self.opened.add(targets)
 
     def _on_tab(self, number: int) -> None:
         self.view = self.names[number]
@@ -188,42 +188,42 @@ class Page:
         self.dark.label = 'Light' if self.style is DARK else 'Dark'
         if self.live is not None:
             self.live.dress(self.style)
-        if self.one is not None:
+        if self.opened is not None:
             self._refresh()
 
     # Display.
 
     def _refresh(self) -> None:
-        one = self.one
-        if one is None:
+        opened = self.opened
+        if opened is None:
             return
-        self._version = one.version
-        self._fill_side(one)
-        plans = PlanActions(one.plan, self.downloads.give)
-        self.missing.children = findings_panel.parts(one, self._add, plans)
-        self.history.children = [*self._history.parts(one, self.style),
-                                 *plan_panel.request_controls(one, plans)]
+        self._version = opened.version
+        self._fill_side(opened)
+        plans = PlanActions(opened.plan, self.downloads.give)
+        self.missing.children = findings_panel.parts(opened, self._add, plans)
+        self.history.children = [*self._history.parts(opened, self.style),
+                                 *plan_panel.request_controls(opened, plans)]
         # Send the errors of a new model first, because its views take longer.
-        stage = one.session.stage
+        stage = opened.session.stage
         self._outdated = self.views is not None and stage is not None \
             and self.views.contents.model is not stage.model
         if not self._outdated:
-            self._show(one)
+            self._show(opened)
 
-    def _show(self, one: OpenSession) -> None:
+    def _show(self, opened: OpenSession) -> None:
         """Show the verdict and the current view."""
         self._outdated = False
-        self._make_views(one)
-        self._update_status(one)
-        self._show_verdict(one)
+        self._make_views(opened)
+        self._update_status(opened)
+        self._show_verdict(opened)
         self._show_view()
-        if self._focus and not one.worker.busy:
+        if self._focus and not opened.worker.busy:
             # The pressed button has been removed; move the focus to the result for screen readers.
-            self.link.tags = ['focus', self._focus, str(one.version)]
+            self.link.tags = ['focus', self._focus, str(opened.version)]
             self._focus = ''
 
-    def _make_views(self, one: OpenSession) -> None:
-        session = one.session
+    def _make_views(self, opened: OpenSession) -> None:
+        session = opened.session
         selected = self.views.table.selected if self.views else []
         if session.read is None:
             self.views = None
@@ -231,17 +231,17 @@ class Page:
         try:
             ready = session.stage is not None and session.read_with == \
                 session.choice.reading(session.topic)
-            found = session.contents() if ready else session.preview()
+            contents = session.contents() if ready else session.preview()
         except GravityCompError as problem:
             self.views = None
-            one.warning = str(problem)
+            opened.warning = str(problem)
             return
-        if self.views is None or self.views.contents is not found \
+        if self.views is None or self.views.contents is not contents \
                 or self.views.style is not self.style:
-            self.views = Views(found, self.style, selected)
+            self.views = Views(contents, self.style, selected)
 
-    def _fill_side(self, one: OpenSession) -> None:
-        if one.session.read is None:
+    def _fill_side(self, opened: OpenSession) -> None:
+        if opened.session.read is None:
             return
         actions = Actions(
             self._learn, self._evaluate,
@@ -250,29 +250,29 @@ class Page:
             lambda: self._export('report.html', 'text/html', self._report),
             lambda: self._export('workbench.sh', 'text/x-shellscript', lambda session, model:
                                  '\n'.join(['#!/bin/sh', 'set -e', *session.commands(), ''])))
-        if self._side is None or self._side.shows is not one.session.choice:
-            self._side = Sidebar(one.session, actions)
+        if self._side is None or self._side.shows is not opened.session.choice:
+            self._side = Sidebar(opened.session, actions)
             self.side.children = [self.dark, self._side.element, self.earlier]
 
-    def _update_status(self, one: OpenSession) -> None:
-        self.cancel.visible = one.worker.busy
-        self.retry.visible = bool(one.error) and not one.worker.busy \
-            and one.session.next_job() is not None
-        text = page_parts.status_html(one)
+    def _update_status(self, opened: OpenSession) -> None:
+        self.cancel.visible = opened.worker.busy
+        self.retry.visible = bool(opened.error) and not opened.worker.busy \
+            and opened.session.next_job() is not None
+        text = page_parts.status_html(opened)
         if self.status.text != text:
             self.status.text = text
 
-    def _show_verdict(self, one: OpenSession) -> None:
-        stage = one.session.stage
+    def _show_verdict(self, opened: OpenSession) -> None:
+        stage = opened.session.stage
         if self.views is None:
             self.verdict.text = '<h1>gravity_comp workbench</h1>'
         elif stage is None:
             self.verdict.text = '<h1>Gravity is being fitted. The views compare with a ' \
-                'constant torque.</h1>' if not one.error else \
+                'constant torque.</h1>' if not opened.error else \
                 '<h1>No model yet. The views compare with a constant torque.</h1>'
         else:
-            found = self.views.contents
-            text = headline(found) if found.diagnosis else f'{largest(found)}.'
+            contents = self.views.contents
+            text = headline(contents) if contents.diagnosis else f'{largest(contents)}.'
             self.verdict.text = f'<h1 id="verdict">{markup.text(markup.units(text))}</h1>'
 
     def _show_view(self) -> None:
@@ -283,13 +283,13 @@ class Page:
     def _element(self) -> UIElement:
         if self.view == LIVE and self.live is not None:
             return self.live.element
-        if self.one is None or self.views is None:
-            text = (self.one.error if self.one else '') or \
+        if self.opened is None or self.views is None:
+            text = (self.opened.error if self.opened else '') or \
                 'The views appear when the recordings have been read.'
             return widgets.html(f'<h2 id="words">{markup.text(text)}</h2>')
         try:
             if self.view == COMPARE:
-                return self.pair.show(self.one, self.style)
+                return self.pair.show(self.opened, self.style)
             return self.views.show(self.view)
         except Exception as problem:
             # A failure of one view must be reported on the page.
@@ -302,7 +302,7 @@ class Page:
 
     def _export(self, name: str, kind: str, make: Callable[[Session, GravityModel], str]) -> None:
         """Download a file made from the current model."""
-        session = self.one.session if self.one else None
+        session = self.opened.session if self.opened else None
         if session is None or session.stage is None:
             self._warn('there is no model yet')
             return
@@ -312,8 +312,8 @@ class Page:
             self._warn(str(problem))
 
     def _report(self, session: Session, model: GravityModel) -> str:
-        if self._outdated and self.one is not None:
-            self._show(self.one)
+        if self._outdated and self.opened is not None:
+            self._show(self.opened)
         if self.views is None:
             raise DataError('there is no model yet')
         return report_html(self.views.contents)

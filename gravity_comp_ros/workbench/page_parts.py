@@ -72,21 +72,21 @@ def client_link(on_message: Callable[[str], None]) -> Div:
     return element
 
 
-def status_html(one: OpenSession) -> str:
+def status_html(opened: OpenSession) -> str:
     """Return the running job, the error, or the last result, with warnings."""
-    job, event = one.worker.running, one.progress
-    shown = one.session.stage
+    job, event, session = opened.worker.running, opened.progress, opened.session
     # A fit of all samples and the settings may give the same warning: show it once.
-    warnings = dict.fromkeys(filter(None, (one.save_error, one.warning, one.session.slow_warning(),
-                                           *(shown.warnings if shown else ()))))
+    warnings = dict.fromkeys(filter(None, (
+        opened.save_error, opened.warning, session.slow_warning(),
+        *(session.stage.warnings if session.stage else ()))))
     below = ''.join(f'<p class="warning">{markup.text(text)}</p>' for text in warnings)
     if job is not None:
         stage = f': {event.stage}' if event else ''
         share = f' <progress max="1" value="{event.share:.2f}"></progress>' if event else ''
         return f'<p id="doing">{markup.text(described(job) + stage)} …{share}</p>{below}'
-    if one.error:
-        return f'<p id="trouble" class="warning">{markup.text(one.error)}</p>{below}'
-    return f'<p id="idle" class="quiet">{markup.text(one.done or "Ready")}</p>{below}'
+    if opened.error:
+        return f'<p id="trouble" class="warning">{markup.text(opened.error)}</p>{below}'
+    return f'<p id="idle" class="quiet">{markup.text(opened.done or "Ready")}</p>{below}'
 
 
 def earlier_html(saved: Sequence[SavedSession]) -> str:
@@ -94,8 +94,8 @@ def earlier_html(saved: Sequence[SavedSession]) -> str:
     if not saved:
         return ''
     lines = ''.join(
-        f'<li><a href="?session={markup.text(one.id)}">{markup.text(", ".join(one.recordings))}'
-        f'</a><br><span class="quiet">{markup.text(one.changed[:16].replace("T", " "))}, '
-        f'{markup.text(", ".join(one.stages[-3:]))}</span></li>' for one in saved)
+        f'<li><a href="?session={markup.text(entry.id)}">'
+        f'{markup.text(", ".join(entry.recordings))}</a><br><span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
+        f'{markup.text(", ".join(entry.stages[-3:]))}</span></li>' for entry in saved)
     return f'<details id="earlier"><summary>Earlier sessions ({len(saved)})</summary>' \
            f'<ul>{lines}</ul></details>'

@@ -27,16 +27,16 @@ class PlanActions:
     give: Callable[[str, str, str], None]
 
 
-def request_controls(one: OpenSession, actions: PlanActions) -> list[UIElement]:
+def request_controls(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
     """Return the controls to request a plan; none without a diagnosis."""
-    diagnosis = one.session.diagnosis
-    if diagnosis is None or one.session.stage is None or one.session.stage.model.energy is None:
+    diagnosis, stage = opened.session.diagnosis, opened.session.stage
+    if diagnosis is None or stage is None or stage.model.energy is None:
         return []
     chosen = widgets.select(
         'Next recording resolves', [(_ALL, 'all open findings'), *(
             (name, name) for name in open_effects(diagnosis))], _ALL, name='to-settle')
     ask = widgets.button('Plan a motion', lambda: actions.plan(
-        (str(chosen.value),) if chosen.value else None), name='plan', disabled=one.worker.busy)
+        (str(chosen.value),) if chosen.value else None), name='plan', disabled=opened.worker.busy)
     chosen.styles = {'flex': '1 1 150px', 'width': 'auto'}
     return [row(chosen, ask, sizing_mode='stretch_width',
                 styles={'flex-wrap': 'wrap', 'align-items': 'end'})]
@@ -44,18 +44,18 @@ def request_controls(one: OpenSession, actions: PlanActions) -> list[UIElement]:
 
 def open_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the open and untestable effects, findings first, as `NAME:JOINT`."""
-    found = [target(f.effect, f.joint) for f in diagnosis.findings
+    effects = [target(f.effect, f.joint) for f in diagnosis.findings
              if f.effect is not None and f.verdict in OPEN]
-    found += [target(effect, joint) for joint, report in diagnosis.joints.items()
+    effects += [target(effect, joint) for joint, report in diagnosis.joints.items()
               for effect in report.untestable]
-    return list(dict.fromkeys(found))
+    return list(dict.fromkeys(effects))
 
 
-def planned(one: OpenSession, actions: PlanActions) -> list[UIElement]:
+def planned(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
     """Return the description, the expected results, and the downloads of a planned motion."""
-    if one.session.plan is None:
+    if opened.session.plan is None:
         return []
-    _, raw = one.session.plan
+    _, raw = opened.session.plan
     shown = MotionPlan(raw)
     start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
         raw.trajectory.joints, raw.trajectory.q[0]))

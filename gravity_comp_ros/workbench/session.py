@@ -88,14 +88,14 @@ class Session(SessionState):
         """
         choice = replace(self.choice, joints=model.joints)
         key = CacheKey(choice, self.read, model)
-        found = next((errors for known, errors in self._errors if known == key), None)
-        if found is None:
+        errors = next((errors for known, errors in self._errors if known == key), None)
+        if errors is None:
             same = choice == self.choice
             recording = self.recording if same or self.read is None else choice.recording(
                 self.read.samples, self.read.reports)
-            found = compare_model(model, recording, predicted)
-            self._errors = [(key, found), *self._errors][:_MAX_CACHED]
-        return found
+            errors = compare_model(model, recording, predicted)
+            self._errors = [(key, errors), *self._errors][:_MAX_CACHED]
+        return errors
 
     def arm(self, joints: tuple[str, ...]) -> Arm | None:
         """Return the arm of these joints; None without a description."""

@@ -39,17 +39,17 @@ class Sessions:
 
     def attach(self, identity: str, page: object) -> OpenSession:
         """Return the session with this id for a page, or a new one if there is none."""
-        found = self.open.get(identity) or self._saved(identity) or self._new()
-        found.page = page
+        opened = self.open.get(identity) or self._saved(identity) or self._new()
+        opened.page = page
         self._close_oldest()
-        found.start()
-        return found
+        opened.start()
+        return opened
 
     def detach(self, page: object) -> None:
         """Detach a closed page; its running job continues."""
-        for one in self.open.values():
-            if one.page is page:
-                one.page, one.detached_at = None, time.monotonic()
+        for opened in self.open.values():
+            if opened.page is page:
+                opened.page, opened.detached_at = None, time.monotonic()
 
     def upload_folder(self, identity: str) -> Path:
         """Return the folder of the uploaded recordings of a session."""
@@ -61,11 +61,11 @@ class Sessions:
 
     def poll(self) -> None:
         """Process the events of all workers, and end idle processes without a page."""
-        for one in list(self.open.values()):
-            one.poll()
-            timed_out = one.page is None and time.monotonic() - one.detached_at > _IDLE_TIMEOUT
-            if timed_out and not one.worker.busy:
-                one.worker.rest()
+        for opened in list(self.open.values()):
+            opened.poll()
+            idle = time.monotonic() - opened.detached_at
+            if opened.page is None and idle > _IDLE_TIMEOUT and not opened.worker.busy:
+                opened.worker.rest()
 
     def earlier(self, own: str = '') -> list[store.SavedSession]:
         """Return the saved sessions, the newest first."""
@@ -75,7 +75,7 @@ class Sessions:
 
     def close(self) -> None:
         """Close all workers."""
-        for worker in [*self._spare, *(one.worker for one in self.open.values())]:
+        for worker in [*self._spare, *(opened.worker for opened in self.open.values())]:
             worker.close()
         if self._temporary is not None:
             self._temporary.cleanup()
@@ -89,35 +89,36 @@ class Sessions:
         try:
             session, hashes = store.load(self.place, identity)
         except GravityCompError as problem:
-            found = self._new()
-            found.warning = str(problem)
-            return found
-        found = self._opened(identity, session)
-        found.hashes = hashes
-        return found
+            opened = self._new()
+            opened.warning = str(problem)
+            return opened
+        opened = self._opened(identity, session)
+        opened.hashes = hashes
+        return opened
 
     def _opened(self, identity: str, session: Session) -> OpenSession:
         worker = self._spare.pop() if self._spare else None
-        found = OpenSession(identity, session, self.place, self._may_start, worker)
-        self.open[identity] = found
-        return found
+        opened = OpenSession(identity, session, self.place, self._may_start, worker)
+        self.open[identity] = opened
+        return opened
 
     def _may_start(self, asking: OpenSession) -> bool:
         """Return whether another process may start; idle processes of others are ended for it."""
-        others = [one for one in self.open.values() if one is not asking and one.worker.alive]
-        idle = [one for one in others if not one.worker.busy]
-        for one in sorted(idle, key=lambda one: one.page is not None):
+        others = [opened for opened in self.open.values()
+                  if opened is not asking and opened.worker.alive]
+        idle = [opened for opened in others if not opened.worker.busy]
+        for opened in sorted(idle, key=lambda opened: opened.page is not None):
             if len(others) < self._max_processes:
                 break
-            one.worker.rest()
-            others.remove(one)
+            opened.worker.rest()
+            others.remove(opened)
         return len(others) < self._max_processes
 
     def _close_oldest(self) -> None:
         """Close the oldest sessions without a page; they remain saved on disk."""
-        detached = sorted((one for one in self.open.values()
-                           if one.page is None and not one.worker.busy),
-                          key=lambda one: one.detached_at)
-        for one in detached[:max(len(self.open) - _MAX_OPEN, 0)]:
-            one.close()
-            del self.open[one.id]
+        detached = sorted((opened for opened in self.open.values()
+                           if opened.page is None and not opened.worker.busy),
+                          key=lambda opened: opened.detached_at)
+        for opened in detached[:max(len(self.open) - _MAX_OPEN, 0)]:
+            opened.close()
+            del self.open[opened.id]

@@ -100,9 +100,9 @@ def _files(choice: Choice, bags: tuple[Path, ...]) -> list[str]:
 def warnings_of_fit(answer: Learned) -> tuple[str, ...]:
     """Return the warnings on a fitted model."""
     axes = answer.arm.axes
-    found = [*answer.result.report.warnings]
+    warnings = [*answer.result.report.warnings]
     if axes.problem:
-        found.append(f'{axes.problem}.')
+        warnings.append(f'{axes.problem}.')
     if axes.left_out:
-        found.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
-    return tuple(found)
+        warnings.append(f'Omitted, because not part of the arm: {", ".join(axes.left_out)}.')
+    return tuple(warnings)

@@ -133,16 +133,16 @@ def changed_recordings(session: Session, hashes: Mapping[str, str]) -> list[str]
 
 def listed(place: Path, max_count: int = 10) -> list[SavedSession]:
     """Return the latest sessions, the newest first; unreadable files are omitted."""
-    found = []
+    sessions = []
     for path in _newest_first(place)[:max_count]:
         try:
             document = _read(path)
-            found.append(SavedSession(path.stem, str(document['changed']), tuple(
+            sessions.append(SavedSession(path.stem, str(document['changed']), tuple(
                 Path(entry['path']).name for entry in document['recordings']),
                 tuple(str(stage['name']) for stage in document['stages'])))
         except (GravityCompError, KeyError, TypeError):
             continue
-    return found
+    return sessions
 
 
 def _newest_first(place: Path) -> list[Path]:

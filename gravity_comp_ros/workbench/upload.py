@@ -45,11 +45,11 @@ class UploadHandler(RequestHandler):
         """Refuse invalid uploads before any data is read."""
         origin = urllib.parse.urlsplit(self.request.headers.get('Origin', '')).netloc
         name = safe_name(self.get_query_argument('name', ''))
-        one = self._sessions.open.get(self.get_query_argument('session', ''))
+        opened = self._sessions.open.get(self.get_query_argument('session', ''))
         size = self.request.headers.get('Content-Length', '')
         if self.request.method != 'PUT' or origin != self.request.host:
             self._refuse(403, 'only this page may upload a recording')
-        elif one is None or one.page is None or one.session.read is None:
+        elif opened is None or opened.page is None or opened.session.read is None:
             self._refuse(409, 'wait until the recordings have been read')
         elif name is None:
             self._refuse(415, 'upload one file that ends in .mcap or .db3')
@@ -57,10 +57,10 @@ class UploadHandler(RequestHandler):
             self._refuse(413, f'the file is larger than {MAX_BYTES >> 30} GiB: name it on the '
                          f'command line of the workbench')
         else:
-            self._one = one
+            self._opened = opened
             # The default limit of tornado is smaller.
             self.request.connection.set_max_body_size(MAX_BYTES)  # type: ignore[union-attr]
-            folder = self._sessions.upload_folder(one.id)
+            folder = self._sessions.upload_folder(opened.id)
             self._path = folder / f'{secrets.token_hex(3)}_{name}'
             try:
                 folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ class UploadHandler(RequestHandler):
         self._file.close()
         self._path.with_suffix(_PARTIAL).rename(self._path)
         self._file = None
-        self._one.add_recording(self._path)
+        self._opened.add_recording(self._path)
         self.set_status(204)
 
     def on_connection_close(self) -> None:

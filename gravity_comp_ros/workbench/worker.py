@@ -54,7 +54,7 @@ class Worker:
 
     def ask(self, job: Job) -> None:
         """Submit a job; `poll` returns its events."""
-        self._events += self._do(job_state.asked(self.jobs, job))
+        self._events += self._do(job_state.submitted(self.jobs, job))
 
     def cancel(self) -> list[Event]:
         """Cancel the running and all waiting jobs."""
@@ -64,14 +64,14 @@ class Worker:
         """End the process if no job is running; the next job starts a new one."""
         if self.jobs.state is State.IDLE and self.alive:
             self._process.end()
-            self._do(job_state.died(self.jobs))
+            self._do(job_state.process_ended(self.jobs))
 
     def poll(self) -> list[Event]:
         """Return the events since the last call."""
         events, self._events = self._events, []
         for message in self._process.messages():
             if isinstance(message, Lost):
-                events += self._do(job_state.died(self.jobs))
+                events += self._do(job_state.process_ended(self.jobs))
             elif isinstance(message, Progress):
                 events.append(message)
             elif isinstance(message, Done):
@@ -95,6 +95,6 @@ class Worker:
                 self._process.start()
         except OSError:
             # Not enough memory, or too many processes.
-            return [*move.events, *self._do(job_state.died(self.jobs))]
+            return [*move.events, *self._do(job_state.process_ended(self.jobs))]
         self._process.send(move.send)
         return list(move.events)

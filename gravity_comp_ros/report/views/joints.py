@@ -13,14 +13,14 @@ _MAX_REGIONS = 2
 
 def section(contents: Contents) -> Section:
     """Return the table of errors and the regions of large error."""
-    found = contents.comparison.joints
+    errors = contents.comparison.joints
     columns = ['joint', 'n', 'RMSE N·m', 'nRMSE', 'std N·m', 'largest N·m', 'in training N·m']
     if contents.previous:
         columns.append(f'{contents.previous_name} N·m')
     columns.append('constant torque N·m')
     rows = []
     for name in contents.joints:
-        joint = found[name]
+        joint = errors[name]
         row = [name, joint.n, f'{joint.rmse:.4f}', percent(joint.nrmse), f'{joint.std:.4f}',
                f'{joint.max_abs:.3f}',
                f'{contents.model.noise[contents.model.joints.index(name)]:.4f}']
