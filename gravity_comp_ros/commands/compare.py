@@ -169,8 +169,9 @@ def _band(band: Calibration | None) -> list[str]:
     parts = [f'{100 * share.share:.1f} % {where}'
              for share, where in ((band.trained, 'in the trained range'),
                                   (band.outside, 'outside of it')) if share.share is not None]
-    return [f'"in band", "outside": {" and ".join(parts)} of the residuals lie in the 95 % '
-            f'prediction band; {_interpretation([s.share for s in (band.trained, band.outside)])}']
+    return ['"in band", "outside": residuals inside the 95 % prediction band, '
+            f'{" and ".join(parts)}; '
+            f'{_interpretation([s.share for s in (band.trained, band.outside)])}']
 
 
 def _interpretation(shares: list[float | None]) -> str:

@@ -95,7 +95,8 @@ def earlier_html(saved: Sequence[SavedSession]) -> str:
         return ''
     lines = ''.join(
         f'<li><a href="?session={markup.text(entry.id)}">'
-        f'{markup.text(", ".join(entry.recordings))}</a><br><span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
+        f'{markup.text(", ".join(entry.recordings))}</a><br>'
+        f'<span class="quiet">{markup.text(entry.changed[:16].replace("T", " "))}, '
         f'{markup.text(", ".join(entry.stages[-3:]))}</span></li>' for entry in saved)
     return f'<details id="earlier"><summary>Earlier sessions ({len(saved)})</summary>' \
            f'<ul>{lines}</ul></details>'
