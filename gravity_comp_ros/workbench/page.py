@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import logging
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from gravity_comp_ros.report.sections import SECTIONS
 from gravity_comp_ros.report.style import DARK, LIGHT, Style
 from gravity_comp_ros.workbench import (
     findings_panel, page_parts, page_style, plan_panel, store, widgets)
+from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.history_panel import HistoryPanel
 from gravity_comp_ros.workbench.live_view import LiveView
 from gravity_comp_ros.workbench.open_session import OpenSession
@@ -155,17 +157,11 @@ class Page:
         if self.opened is not None:
             self.opened.try_again()
 
-    def _learn(self) -> None:
-        self._with_choice(lambda opened, side: opened.learn(side.choice()))
-
-    def _evaluate(self) -> None:
-        self._with_choice(lambda opened, side: opened.evaluate(side.choice()))
-
-    def _with_choice(self, action: page_parts.WithChoice) -> None:
+    def _with_choice(self, action: Callable[[OpenSession, Choice], None]) -> None:
         if self.opened is None or self._side is None:
             return
         try:
-            action(self.opened, self._side)
+            action(self.opened, self._side.choice())
         except GravityCompError as problem:
             self._warn(str(problem))
 
@@ -244,7 +240,8 @@ class Page:
         if opened.session.read is None:
             return
         actions = Actions(
-            self._learn, self._evaluate,
+            partial(self._with_choice, OpenSession.learn),
+            partial(self._with_choice, OpenSession.evaluate),
             lambda: self._export('arm.json', 'application/json',
                                  lambda session, model: store.model_text(model)),
             lambda: self._export('report.html', 'text/html', self._report),

@@ -8,10 +8,8 @@ from bokeh.models import CustomJS, Div
 from gravity_comp_ros.report import markup
 from gravity_comp_ros.workbench.jobs import described
 from gravity_comp_ros.workbench.open_session import OpenSession
-from gravity_comp_ros.workbench.sidebar import Sidebar
 from gravity_comp_ros.workbench.store import SavedSession
 
-WithChoice = Callable[[OpenSession, Sidebar], None]
 
 _SAVE = """
 if (cb_obj.tags.length < 3) return

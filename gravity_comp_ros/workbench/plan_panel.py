@@ -56,12 +56,12 @@ def planned(opened: OpenSession, actions: PlanActions) -> list[UIElement]:
     if opened.session.plan is None:
         return []
     _, raw = opened.session.plan
-    shown = MotionPlan(raw)
+    plan = MotionPlan(raw)
     start = ', '.join(f'{name} {value:.3f}' for name, value in zip(
         raw.trajectory.joints, raw.trajectory.q[0]))
     sentences = [part.sentence for part in raw.parts]
     text = (
-        f'<h3 id="planned">Planned: {markup.text(shown.summary())}</h3>{markup.bullets(sentences)}'
+        f'<h3 id="planned">Planned: {markup.text(plan.summary())}</h3>{markup.bullets(sentences)}'
         + markup.table(EXPECTED, map(expected_row, raw.expectations), EXPECTED[3:])
         + markup.paragraph(f'Move the arm to {start} rad first. Obstacles, people and '
                            f'self-collisions are not checked: keep the space around the arm '

@@ -23,9 +23,8 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
-from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.session_state import GivenModel, CacheKey, SessionState
+from gravity_comp_ros.workbench.session_state import CacheKey, SessionState
 import numpy as np
 
 # Verdicts with an Add button.
@@ -39,11 +38,7 @@ _MAX_CACHED = 4
 class Session(SessionState):
     """State of one user's work, with its derived results."""
 
-    def __init__(self, paths: tuple[Path, ...], choice: Choice = Choice(),
-                 given: tuple[GivenModel, ...] = (), topic: str | None = None,
-                 urdf: Path | None = None) -> None:
-        super().__init__(paths, choice, given, topic, urdf)
-        self._errors: list[tuple[CacheKey, Comparison]] = []
+    _errors: tuple[tuple[CacheKey, Comparison], ...] = ()
 
 
     def contents(self) -> Contents:
@@ -94,7 +89,7 @@ class Session(SessionState):
             recording = self.recording if same or self.read is None else choice.recording(
                 self.read.samples, self.read.reports)
             errors = compare_model(model, recording, predicted)
-            self._errors = [(key, errors), *self._errors][:_MAX_CACHED]
+            self._errors = ((key, errors), *self._errors)[:_MAX_CACHED]
         return errors
 
     def arm(self, joints: tuple[str, ...]) -> Arm | None:

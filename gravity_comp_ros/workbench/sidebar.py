@@ -89,12 +89,12 @@ class Sidebar:
                        *self.scales.values(), self.speeds, sizing_mode='stretch_width',
                        name='units', visible=any(f.value != '1' for f in self.scales.values())
                        or bool(self.speeds.active))
-        shown = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
+        show_units = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
                                name='show-units')
         return [
             widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
-            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, shown, units,
-            self.formulation, self.axes,
+            self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,
+            units, self.formulation, self.axes,
             widgets.button('Fit with these settings', actions.learn, 'primary', name='learn'),
             widgets.button('Evaluate the current model on these', actions.evaluate,
                            name='evaluate'),

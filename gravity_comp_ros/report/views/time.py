@@ -150,8 +150,8 @@ def _runs(fig: figure, table: Table, style: Style, labelled: bool) -> None:
                                  line_dash='dotted'))
         if labelled and 1 < len(table.starts) <= _MAX_LABELS:
             room = 110 // len(table.starts)
-            shown = name if len(name) <= room else f'{name[:max(room - 1, 3)]}…'
+            label = name if len(name) <= room else f'{name[:max(room - 1, 3)]}…'
             fig.add_layout(Label(
-                x=start, y=_TALL - 42, y_units='screen', text=canvas_text(printable(shown)),
+                x=start, y=_TALL - 42, y_units='screen', text=canvas_text(printable(label)),
                 text_font_size='11px', text_color=style.faint, x_offset=3,
                 background_fill_color=style.background, background_fill_alpha=0.75))
