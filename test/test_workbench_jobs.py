@@ -5,7 +5,7 @@ from pathlib import Path
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import job_state
 from gravity_comp_ros.workbench.choice import Choice
-from gravity_comp_ros.workbench.job_state import PROCESS_ENDED, Failed, Finished, Jobs, State
+from gravity_comp_ros.workbench.job_state import Failed, Finished, Jobs, PROCESS_ENDED, State
 from gravity_comp_ros.workbench.jobs import Learn, Read
 from hypothesis import given, settings, strategies as st
 import pytest

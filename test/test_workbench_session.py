@@ -38,9 +38,9 @@ from gravity_comp_ros.workbench.jobs import Add, Diagnose, JobRunner, Learn, Rea
 from gravity_comp_ros.workbench.page_parts import status_html
 from gravity_comp_ros.workbench.serve import is_of_an_open_page
 from gravity_comp_ros.workbench.session import Session
+from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.stages import Stage
-from gravity_comp_ros.workbench.session_state import GivenModel
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress
 from living import lives

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
         args.parser.error('--previous requires --html')
     model = load_model(args.model)
     shown = named_joints('--joints: the model', model.joints, args.joints or model.joints,
-                          'shown')
+                         'shown')
     # The model requires all of its joints; --joints only selects those to show.
     args.joints = model.joints
     with terminal.progress() as report:

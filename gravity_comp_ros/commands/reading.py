@@ -63,7 +63,7 @@ def bag_lines(reports: Sequence[ReadReport]) -> list[str]:
             f'{report.rate_hz:.3g} Hz over {report.duration_s:.1f} s, '
             f'velocity {report.velocity}')
         result += [f'  dropped {count} of {counted(report.n_messages, "message")}: {reason}'
-                  for reason, count in report.dropped.items() if count]
+                   for reason, count in report.dropped.items() if count]
         result += [f'  {note}' for note in report.notes]
     return result
 

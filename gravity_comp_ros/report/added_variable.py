@@ -82,7 +82,7 @@ def added_variable(motion: Motion, model: GravityModel, finding: Finding,
 
 
 def _project(motion: Motion, model: GravityModel, joint: int, others: list[Finding],
-          rows: IntArray) -> tuple[FloatArray, FloatArray]:
+             rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """Return an orthonormal basis (R, K) of Z, and the residual torque (R,) in N·m."""
     samples = motion.samples
     features = model.torques[joint].indices

@@ -49,7 +49,7 @@ def bar_plot(style: Style, title: str, unit: str, height: int, groups: Sequence[
     fig.ygrid.visible = False
     fig.x_range.start = 0.0
     fig.hover.tooltips = [('', '@name'), ('', '@what'),
-                           (unit.split(',')[0], f'@right{{{digits}}}')]
+                          (unit.split(',')[0], f'@right{{{digits}}}')]
     fig.toolbar_location = None
     return fig
 

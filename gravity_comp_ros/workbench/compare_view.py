@@ -53,7 +53,7 @@ def section(a: ComparedModel, b: ComparedModel, plots: UIElement | None, style: 
     # A separate grid, because Bokeh lays out a plot next to a grid incorrectly.
     bars = _bars(joints, a, b, style)
     fig = bar_plot(style, 'RMSE of both models', 'RMSE, N·m', 90 + 34 * len(joints), joints, bars,
-                    '0.0000')
+                   '0.0000')
     parts: list[UIElement] = [gridplot([[fig]], sizing_mode='stretch_width',
                                        toolbar_location=None)]
     if plots is not None:
@@ -124,7 +124,7 @@ def residuals(a: ComparedModel, b: ComparedModel, samples: JointSamples, style: 
 def _plot(source: ColumnDataSource, style: Style, title: str, column: str, span: object,
           scale: object, last: bool) -> figure:
     fig = plot(style, title, 'time in s' if last else '', 'N·m', _HEIGHT + _AXIS * last, _TOOLS,
-                x_range=span, y_range=scale)
+               x_range=span, y_range=scale)
     colour = style.before if column[0] == 'a' else style.after
     line = fig.line('t', column, source=source, color=colour, line_width=1.0)
     fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))

@@ -31,7 +31,7 @@ def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
         elements.append(_quiet('No model yet.'))
     elif session.diagnosis is None:
         elements.append(_quiet('No diagnosis yet.' if opened.error else
-                            'The diagnosis is running; the views below are ready.'))
+                               'The diagnosis is running; the views below are ready.'))
     else:
         elements += _findings(opened, add, plans)
         elements.append(widgets.html(_structure(opened, session.diagnosis)))
@@ -39,7 +39,7 @@ def parts(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIElement]:
     if stage is not None and stage.model.applied.effects:
         applied = ', '.join(e.target for e in stage.model.applied.effects)
         elements.append(widgets.html(f'<p id="applied">The model includes {markup.text(applied)}.'
-                                  '</p>'))
+                                     '</p>'))
     return elements
 
 
@@ -50,7 +50,7 @@ def _findings(opened: OpenSession, add: Add, plans: PlanActions) -> list[UIEleme
     rows = [_row(number, finding, target, add, opened.is_adding, plans)
             for number, (finding, target) in enumerate(findings)]
     elements = [widgets.html('<p class="finding quiet">Errors are held-out errors relative to the '
-                          'range of the torque.</p>'), *rows[:_AT_FIRST]]
+                             'range of the torque.</p>'), *rows[:_AT_FIRST]]
     below: list[UIElement] = []
     accepted = tuple(target for finding, target in findings
                      if target and finding.verdict in wording.FOUND)

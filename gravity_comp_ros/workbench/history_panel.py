@@ -76,8 +76,8 @@ def chart(stages: Sequence[Stage], style: Style) -> UIElement | None:
         return None
     joints = stages[-1].model.joints
     fig = plot(style, 'held-out error by stage', '', 'RMSE, N·m',
-                max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
-                x_range=(-0.3, max(len(stages) - 0.7, 0.7)))
+               max(_HEIGHT, 50 + _LEGEND_ROW * len(joints)), 'hover',
+               x_range=(-0.3, max(len(stages) - 0.7, 0.7)))
     entries = []
     for n, joint in enumerate(joints):
         colour = _COLOURS[n % len(_COLOURS)]
@@ -88,12 +88,12 @@ def chart(stages: Sequence[Stage], style: Style) -> UIElement | None:
             'joint': [canvas_text(printable(joint))] * len(known)})
         line = fig.line('x', 'y', source=source, color=colour, line_width=2, line_dash=dash)
         dot = fig.scatter('x', 'y', source=source, color=colour, size=8,
-                           marker=_MARKERS[n % len(_MARKERS)])
+                          marker=_MARKERS[n % len(_MARKERS)])
         entries.append((canvas_text(short(printable(joint), 15)), [line, dot]))
     fig.y_range.start = 0.0
     fig.xaxis.ticker = FixedTicker(ticks=list(range(len(stages))))
     fig.xaxis.major_label_overrides = {k: canvas_text(_short(s.name))
-                                        for k, s in enumerate(stages)}
+                                       for k, s in enumerate(stages)}
     fig.xaxis.major_label_orientation = 0.5 if len(stages) > 2 else 'horizontal'
     fig.hover.tooltips = [('joint', '@joint'), ('held-out RMSE', '@y{0.0000} N·m')]
     fig.add_layout(Legend(items=entries), 'right')

@@ -147,7 +147,7 @@ def _torque(name: str, k: int, source: ColumnDataSource, time: DataRange1d,
 
 def _residual(k: int, source: ColumnDataSource, time: DataRange1d, style: Style) -> figure:
     fig = plot(style, '', 'time, s', 'residual, N·m', 170, 'xpan,xwheel_zoom,reset,save',
-                x_range=time)
+               x_range=time)
     fig.line('t', f'r{k}', source=source, color=style.residual)
     fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint))
     return fig

@@ -15,7 +15,7 @@ from gravity_comp_ros.workbench import store
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.job_state import Event, Failed, Finished
 from gravity_comp_ros.workbench.jobs import (
-    Add, Diagnose, described, Job, Learn, PlanMotion, Read, ReadResult)
+    Add, described, Diagnose, Job, Learn, PlanMotion, Read, ReadResult)
 from gravity_comp_ros.workbench.session import Session
 from gravity_comp_ros.workbench.worker import Worker
 from gravity_comp_ros.worker.messages import Progress

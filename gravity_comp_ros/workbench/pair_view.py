@@ -72,7 +72,7 @@ class PairView:
         if known is not None and known[0] is session.choice and known[1].model is model:
             return replace(known[1], name=name, facts=session.facts(key))
         seen = ComparedModel(name, model, session.facts(key), session.compared(model),
-                    session.residual(model))
+                             session.residual(model))
         self._known = {**self._known, key: (session.choice, seen)} if len(
             self._known) < _MAX_CACHED else {key: (session.choice, seen)}
         return seen

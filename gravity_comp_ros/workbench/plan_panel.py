@@ -45,9 +45,9 @@ def request_controls(opened: OpenSession, actions: PlanActions) -> list[UIElemen
 def open_effects(diagnosis: Diagnosis) -> list[str]:
     """Return the open and untestable effects, findings first, as `NAME:JOINT`."""
     effects = [target(f.effect, f.joint) for f in diagnosis.findings
-             if f.effect is not None and f.verdict in OPEN]
+               if f.effect is not None and f.verdict in OPEN]
     effects += [target(effect, joint) for joint, report in diagnosis.joints.items()
-              for effect in report.untestable]
+                for effect in report.untestable]
     return list(dict.fromkeys(effects))
 
 

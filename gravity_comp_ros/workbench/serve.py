@@ -26,13 +26,13 @@ from gravity_comp_ros.estimation.fit import FitOptions
 from gravity_comp_ros.models.model_file import load_model
 from gravity_comp_ros.recordings.bag import ReadOptions
 from gravity_comp_ros.workbench import store
-from gravity_comp_ros.workbench.upload import UploadHandler
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.guard import allowed_hosts, GuardedApplication
 from gravity_comp_ros.workbench.page import Page
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.sessions import Sessions
 from gravity_comp_ros.workbench.session_state import GivenModel
+from gravity_comp_ros.workbench.sessions import Sessions
+from gravity_comp_ros.workbench.upload import UploadHandler
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 

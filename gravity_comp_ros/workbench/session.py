@@ -23,8 +23,8 @@ from gravity_comp_ros.models.sparse.expansion import Expansion
 from gravity_comp_ros.report.arm import Arm, find_arm
 from gravity_comp_ros.report.contents import Contents, Origin
 from gravity_comp_ros.workbench import stages as tree
-from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.session_state import CacheKey, SessionState
+from gravity_comp_ros.workbench.stages import Stage
 import numpy as np
 
 # Verdicts with an Add button.
@@ -39,7 +39,6 @@ class Session(SessionState):
     """State of one user's work, with its derived results."""
 
     _errors: tuple[tuple[CacheKey, Comparison], ...] = ()
-
 
     def contents(self) -> Contents:
         """
@@ -95,7 +94,7 @@ class Session(SessionState):
     def arm(self, joints: tuple[str, ...]) -> Arm | None:
         """Return the arm of these joints; None without a description."""
         return self.cached('arm', (self.paths, joints),
-                         lambda: find_arm(self.paths, joints, self.urdf))
+                           lambda: find_arm(self.paths, joints, self.urdf))
 
     def preview(self) -> Contents:
         """

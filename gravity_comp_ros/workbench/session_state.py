@@ -99,7 +99,7 @@ class SessionState:
             raise DataError('no recording has been read')
         samples, reports = self.read.samples, self.read.reports
         return self.cached('recording', CacheKey(self.choice, self.read),
-                         lambda: self.choice.recording(samples, reports))
+                           lambda: self.choice.recording(samples, reports))
 
     def cached(self, name: str, key: object, make: Callable[[], Value]) -> Value:
         """Return the cached value of this name and key, computed if there is none."""
@@ -212,8 +212,8 @@ class SessionState:
             self._use_all_samples_if_few_are_slow()
         if self.given and first:
             self._append(Stage(self.given[0].name, self.given[0].model, self.choice,
-                              given=self.given[0].path,
-                              warnings=report_of(self.given[0].model).warnings))
+                               given=self.given[0].path,
+                               warnings=report_of(self.given[0].model).warnings))
 
     def _use_all_samples_if_few_are_slow(self) -> None:
         """Select all samples of a fast recording, as `fit` does."""
@@ -247,7 +247,7 @@ class SessionState:
             # Both errors are on the same samples.
             self.stages[parent] = replace(self.stages[parent], held_out=before)
         self._append(Stage(_added_name(answer.added), answer.model, job.choice, parent,
-                          answer.added, held_out=after, warnings=tuple(answer.warnings())))
+                           answer.added, held_out=after, warnings=tuple(answer.warnings())))
 
     def planned(self, answer: Plan, job: PlanMotion) -> None:
         """Store a planned motion."""

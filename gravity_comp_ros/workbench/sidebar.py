@@ -90,7 +90,7 @@ class Sidebar:
                        name='units', visible=any(f.value != '1' for f in self.scales.values())
                        or bool(self.speeds.active))
         show_units = widgets.button('Units and velocities …', lambda: widgets.toggle(units),
-                               name='show-units')
+                                    name='show-units')
         return [
             widgets.html('<h3>Runs</h3>'), self.runs, widgets.html('<h3>Joints</h3>'),
             self.joints, widgets.html('<h3>Samples</h3>'), self.samples, self.limit, show_units,

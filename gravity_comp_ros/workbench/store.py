@@ -25,8 +25,8 @@ from gravity_comp_ros.models.gravity_model import GravityModel
 from gravity_comp_ros.models.model_file import load_model, save_model
 from gravity_comp_ros.workbench.choice import Choice
 from gravity_comp_ros.workbench.session import Session
-from gravity_comp_ros.workbench.stages import Stage
 from gravity_comp_ros.workbench.session_state import GivenModel
+from gravity_comp_ros.workbench.stages import Stage
 
 _VERSION = 1
 _ID = re.compile(r'[0-9a-f]{16}')

@@ -29,7 +29,7 @@ def select(title: str, options: Sequence[tuple[str, str]], value: str,
            action: Callable[[str], None] | None = None, name: str = '') -> Select:
     """Return a drop-down list of (value, text) options."""
     widget = Select(title=title, value=value, stylesheets=[INSIDE], sizing_mode='stretch_width',
-                  options=[(key, printable(text)) for key, text in options], name=name or None)
+                    options=[(key, printable(text)) for key, text in options], name=name or None)
     if action is not None:
         widget.on_change('value', lambda attribute, old, new: action(new))
     return widget

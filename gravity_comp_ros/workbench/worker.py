@@ -8,8 +8,8 @@ job starts a new process, which reads the recordings again. `job_state` is its s
 from __future__ import annotations
 
 from gravity_comp_ros.workbench import job_state
-from gravity_comp_ros.workbench.job_state import Event, Jobs, Transition, State
-from gravity_comp_ros.workbench.jobs import JobRunner, Job
+from gravity_comp_ros.workbench.job_state import Event, Jobs, State, Transition
+from gravity_comp_ros.workbench.jobs import Job, JobRunner
 from gravity_comp_ros.worker.messages import Done, Failed, Lost, Progress
 from gravity_comp_ros.worker.serve import Work
 from gravity_comp_ros.worker.worker_process import command, WorkerProcess

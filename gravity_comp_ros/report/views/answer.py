@@ -68,7 +68,7 @@ def error_bars(contents: Contents, style: Style) -> list[Bars]:
 
 def _error_plot(contents: Contents, bars: list[Bars], style: Style) -> figure:
     fig = bar_plot(style, '', 'RMSE, N·m', _height(len(contents.joints)), contents.joints, bars,
-                    '0.0000')
+                   '0.0000')
     fig.styles = {'flex': '1 1 300px', 'width': 'auto'}
     return fig
 

@@ -55,15 +55,15 @@ def _view(contents: Contents, arm: Arm, table: Table, style: Style) -> UIElement
         'x0', 'y0', 'x1', 'y1', 'colour', 'alpha', 'width')})
     fig = plot(style, '', '', '', 420, '', x_range=Range1d(-1, 1), y_range=Range1d(-1, 1))
     fig.segment('x0', 'y0', 'x1', 'y1', source=drawn, line_color='colour', line_alpha='alpha',
-                 line_width='width', line_cap='round')
+                line_width='width', line_cap='round')
     fig.axis.visible = fig.grid.visible = False
     fig.toolbar_location = None
     numbers = [contents.model.joints.index(name) for name in arm.geometry.joints]
     rmse = np.sqrt((contents.residual[:, numbers] ** 2).mean(axis=0))
     colours = LinearColorMapper(palette=style.heat, low=0.0, high=max(2.0 * rmse.max(), 1e-9))
     fig.add_layout(ColorBar(color_mapper=colours, width=12, title='|residual|, N·m',
-                             title_text_color=style.text, major_label_text_color=style.text,
-                             background_fill_color=style.background), 'right')
+                            title_text_color=style.text, major_label_text_color=style.text,
+                            background_fill_color=style.background), 'right')
     pose_text = Div(disable_math=True, sizing_mode='stretch_width', stylesheets=[css.CONTENT],
                     styles={'color': 'var(--text)'})
     slider = _slider('time, s', 0.0, float(table.time.max()), 0.0, 0.01)

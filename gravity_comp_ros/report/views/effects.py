@@ -161,22 +161,22 @@ def _plot(variable: AddedVariable, table: Table, style: Style, k: int,
     name = column_name or str(k)
     x = 'angle, rad' if variable.is_angle else 'explained by the effect, N·m'
     fig = plot(style, printable(f'{k + 1}  {label(variable.finding)} · {variable.joint}'), x,
-                'measured, N·m', 250,
-                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
+               'measured, N·m', 250,
+               tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,hover,reset,save')
     fig.scatter(f'ax{name}', f'ay{name}', source=table.source, size=3, line_color=None,
-                 fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
-                 selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
-                 nonselection_line_color=None, selection_line_color=None)
+                fill_color=style.residual, fill_alpha=0.4, selection_fill_color=style.marked,
+                selection_fill_alpha=0.95, nonselection_fill_alpha=0.12,
+                nonselection_line_color=None, selection_line_color=None)
     fig.xaxis.ticker.desired_num_ticks = 4
     fig.hover.tooltips = [(x.split(',')[0], f'@ax{name}{{0.000}}'),
-                           ('measured', f'@ay{name}{{0.000}}'),
-                           ('time', '@t{0.00} s')]
+                          ('measured', f'@ay{name}{{0.000}}'),
+                          ('time', '@t{0.00} s')]
     if not variable.is_angle:
         fig.add_layout(Slope(gradient=1.0, y_intercept=0.0, line_color=style.predicted,
-                              line_width=2))
+                             line_width=2))
         fig.add_layout(Label(x=6, y=4, x_units='screen', y_units='screen',
-                              text=f'explains {100 * max(variable.share, 0.0):.0f} %',
-                              text_color=style.text, text_font_size='12px',
-                              background_fill_color=style.background,
-                              background_fill_alpha=0.8))
+                             text=f'explains {100 * max(variable.share, 0.0):.0f} %',
+                             text_color=style.text, text_font_size='12px',
+                             background_fill_color=style.background,
+                             background_fill_alpha=0.8))
     return fig

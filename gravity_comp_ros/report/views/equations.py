@@ -93,8 +93,8 @@ def _stems(contents: Contents, n: int, style: Style) -> figure:
         'x': indices.astype(np.float64), 'y': weights, 'zero': np.zeros(len(weights)),
         'name': [dictionary.feature_name(int(k), count) for k in indices]})
     fig = plot(style, f'{contents.model.joints[n]}: {len(torque.weights)} of {3 ** count}',
-                'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
-                x_range=padded(0.0, 3.0 ** count, 0.03))
+               'feature index', 'weight, N·m', 200, 'xbox_zoom,hover,reset,save',
+               x_range=padded(0.0, 3.0 ** count, 0.03))
     fig.segment('x', 'zero', 'x', 'y', source=source, color=style.residual, line_width=1.5)
     dots = fig.scatter('x', 'y', source=source, size=5, color=style.residual)
     fig.hover.renderers = [dots]

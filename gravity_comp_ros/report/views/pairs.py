@@ -120,18 +120,18 @@ def _matrix(style: Style, title: str, names: tuple[str, ...], cells: ColumnDataS
     n = len(names)
     height = int(min(560, max(240, 150 + 62 * n)))
     fig = plot(style, title, '', '', height, _TOOLS, x_range=Range1d(0, n),
-                y_range=Range1d(0, n))
+               y_range=Range1d(0, n))
     fig.grid.visible = False
     fig.axis.major_tick_line_color = None
     blocks = [(i, n - 1 - j) for i in range(n) for j in range(i, n)]
     half = _GAP / 2
     fig.quad(left=[x + half for x, _ in blocks], right=[x + 1 - half for x, _ in blocks],
-              bottom=[y + half for _, y in blocks], top=[y + 1 - half for _, y in blocks],
-              fill_color=style.never, line_color=style.grid, hatch_pattern='/',
-              hatch_color=style.grid, hatch_scale=7, level='underlay')
+             bottom=[y + half for _, y in blocks], top=[y + 1 - half for _, y in blocks],
+             fill_color=style.never, line_color=style.grid, hatch_pattern='/',
+             hatch_color=style.grid, hatch_scale=7, level='underlay')
     drawn = fig.quad('left', 'right', 'top', 'bottom', source=cells, line_color=None,
-                      fill_color={'field': field, 'transform': colours},
-                      nonselection_fill_alpha=0.35, selection_line_color=style.marked)
+                     fill_color={'field': field, 'transform': colours},
+                     nonselection_fill_alpha=0.35, selection_line_color=style.marked)
     fig.add_tools(HoverTool(renderers=[drawn], tooltips=[
         ('joint at the bottom', '@x{0.00} rad'), ('joint at the left', '@y{0.00} rad'),
         ('RMS', '@shown{0.000} N·m'), ('samples', '@count')]))

@@ -11,9 +11,9 @@ def section(contents: Contents) -> Section:
     """Return tables of the recordings and of the motion of each joint."""
     facts = contents.facts
     recordings = [[r.path.name, r.topic, r.n_messages, r.n_samples, f'{r.rate_hz:.4g}',
-             f'{r.duration_s:.1f}', r.velocity,
-             '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
-             or 'none'] for r in contents.reports]
+                   f'{r.duration_s:.1f}', r.velocity,
+                   '; '.join(f'{count} {reason}' for reason, count in r.dropped.items() if count)
+                   or 'none'] for r in contents.reports]
     html = markup.table(['recording', 'topic', 'messages', 'samples', 'rate Hz', 'length s',
                          'velocity', 'dropped'], recordings, left=('topic', 'velocity', 'dropped'))
     html += markup.bullets(f'{r.path.name}: {note}' for r in contents.reports for note in r.notes)

@@ -39,7 +39,7 @@ def one(contents: Contents, table: Table, style: Style, joint: str, letter: str,
     """Return one of these plots for a joint, against the column of a letter."""
     place = next(k for k, (name, _, _) in enumerate(_AGAINST) if name == letter)
     fig = _scatter(table, style, contents.model.joints.index(joint), place, directions(style),
-                    own_range(), f'residual of {short(printable(joint), 24)}')
+                   own_range(), f'residual of {short(printable(joint), 24)}')
     fig.height = height
     fig.yaxis.axis_label = 'residual, N·m'
     return fig
@@ -61,16 +61,16 @@ def _scatter(table: Table, style: Style, n: int, k: int, colours: LinearColorMap
     letter, title, unit = _AGAINST[k]
     x = 't' if letter == 't' else f'{letter}{n}'
     fig = plot(style, name, f'{title}, {unit}', '' if k else 'residual, N·m', _HEIGHT + _AXIS,
-                y_range=share,
-                tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,hover,reset,save')
+               y_range=share,
+               tools='pan,box_zoom,wheel_zoom,box_select,lasso_select,tap,hover,reset,save')
     fig.scatter(x, f'r{n}', source=table.source, size=3, marker='square', line_color=None,
-                 fill_color={'field': f'd{n}', 'transform': colours}, fill_alpha=0.55,
-                 selection_fill_color=style.marked, selection_fill_alpha=0.95,
-                 nonselection_fill_alpha=0.12, nonselection_line_color=None,
-                 selection_line_color=None)
+                fill_color={'field': f'd{n}', 'transform': colours}, fill_alpha=0.55,
+                selection_fill_color=style.marked, selection_fill_alpha=0.95,
+                nonselection_fill_alpha=0.12, nonselection_line_color=None,
+                selection_line_color=None)
     fig.add_layout(Span(location=0.0, dimension='width', line_color=style.faint, line_width=1))
     fig.hover.tooltips = [(title, f'@{x}{{0.0000}} {unit}'), ('residual', f'@r{n}{{0.000}} N·m'),
-                           ('time', '@t{0.00} s')]
+                          ('time', '@t{0.00} s')]
     fig.xaxis.ticker.desired_num_ticks = 4
     fig.yaxis.ticker.desired_num_ticks = 4
     return fig

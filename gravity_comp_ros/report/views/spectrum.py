@@ -40,10 +40,10 @@ def _plot(style: Style, title: str, x_label: str, y_label: str, x: FloatArray, y
           logarithmic: bool, empty: str) -> figure:
     kind = 'log' if logarithmic and len(x) else 'linear'
     fig = plot(style, title, x_label, y_label, _HEIGHT, _TOOLS, x_axis_type=kind,
-                y_axis_type=kind)
+               y_axis_type=kind)
     if not len(x):
         fig.text([0.0], [0.0], [empty], text_color=style.faint, text_align='center',
-                  text_baseline='middle', text_font_size='13px')
+                 text_baseline='middle', text_font_size='13px')
         fig.axis.visible = False
         fig.grid.visible = False
         return fig

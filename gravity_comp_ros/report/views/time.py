@@ -98,8 +98,8 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
     _line(fig, table, f'p{n}', color=style.predicted, line_width=1.4, line_dash=[6, 3])
     _marks(fig, table, style, f'm{n}')
     fig.add_tools(_cursor(fig, [('measured', f'@m{n}{{0.000}} N·m'),
-                                  ('predicted', f'@p{n}{{0.000}} N·m'),
-                                  ('residual', f'@r{n}{{0.000}} N·m')]))
+                                ('predicted', f'@p{n}{{0.000}} N·m'),
+                                ('residual', f'@r{n}{{0.000}} N·m')]))
     fig.xaxis.visible = False
     fig.add_layout(table.cursor)
     _runs(fig, table, style, labelled=first)
@@ -108,7 +108,7 @@ def _torque(contents: Contents, table: Table, style: Style, n: int, time: Range1
 
 def _residual(table: Table, style: Style, n: int, time: Range1d, last: bool) -> figure:
     fig = plot(style, '', 'time in s' if last else '', 'residual, N·m', _LOW + _AXIS * last,
-                x_range=time, min_border_left=_LEFT)
+               x_range=time, min_border_left=_LEFT)
     _line(fig, table, f'r{n}', color=style.residual, line_width=1.0)
     _marks(fig, table, style, f'r{n}')
     fig.add_tools(_cursor(fig, [('residual', f'@r{n}{{0.000}} N·m')]))
@@ -136,9 +136,9 @@ def _line(fig: figure, table: Table, column: str, **looks: Any) -> None:
 def _marks(fig: figure, table: Table, style: Style, column: str) -> None:
     """Draw points that are visible only if selected, because a box selects no lines."""
     marks = fig.scatter('t', column, source=table.lines, size=5, line_color=None,
-                         fill_color=style.marked, fill_alpha=0.0, selection_fill_alpha=0.9,
-                         nonselection_fill_alpha=0.0, selection_line_color=None,
-                         nonselection_line_color=None)
+                        fill_color=style.marked, fill_alpha=0.0, selection_fill_alpha=0.9,
+                        nonselection_fill_alpha=0.0, selection_line_color=None,
+                        nonselection_line_color=None)
     for tool in fig.select({'type': SelectTool}):
         tool.renderers = [marks]
 
@@ -147,7 +147,7 @@ def _runs(fig: figure, table: Table, style: Style, labelled: bool) -> None:
     for number, (start, name) in enumerate(table.starts):
         if number:
             fig.add_layout(Span(location=start, dimension='height', line_color=style.faint,
-                                 line_dash='dotted'))
+                                line_dash='dotted'))
         if labelled and 1 < len(table.starts) <= _MAX_LABELS:
             room = 110 // len(table.starts)
             label = name if len(name) <= room else f'{name[:max(room - 1, 3)]}…'
