@@ -32,7 +32,7 @@ _HOUR = ['--motion', 'multisine', '--max-speed', '0.12', '--rate', '100', '--dur
 _PAINT = "performance.getEntriesByType('paint')[0].startTime / 1000"
 _VIEWS = {'Errors': 'Errors by joint', 'Over time': 'Over time',
           'Residual': 'Residual against speed, position, load and time',
-          'Data': 'Quality of the data', 'Answer': 'Error of each joint'}
+          'Data': 'Quality of the data', 'Summary': 'Error of each joint'}
 _TICKS = os.sysconf('SC_CLK_TCK')
 _WAIT = 300_000
 # What a browser that has just been started does for itself, in ms.

@@ -35,7 +35,7 @@ LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
         rf'</script><script>alert(2)</script> \[{LINK}\] \({LINK}\)')
 EVIL_BAG = f'<b onclick=alert(4)> $${LINK}$$.mcap'
-ORDER = ['answer', 'joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
+ORDER = ['summary', 'joints', 'time', 'residuals', 'pairs', 'spectrum', 'effects', 'model',
          'quality', 'provenance']
 
 

@@ -30,7 +30,7 @@ VIEWS = {'Over time': ('Over time', 4),
          'Residual': ('Residual against speed, position, load and time', 8),
          'Pairs': ('Pairs of joints', 2), 'Spectrum': ('Spectrum of the residual', 4),
          'Effects': ('Missing effects', 1), 'Model': ('The model', 2),
-         'Data': ('Quality of the data', 0), 'Origin': ('Provenance', 0),
+         'Data': ('Quality of the data', 0), 'Provenance': ('Provenance', 0),
          'Two models': ('2. + coulomb_friction:shoulder against 1. gravity', 5)}
 LINK = r'\href{javascript:alert(3)}{\text{x}}'
 EVIL = (f'<img src=x onerror=alert(1)> $${LINK}$$ $$${LINK}$$$',
@@ -121,7 +121,7 @@ def test_the_loop_in_a_browser(server, watched, tmp_path):
         page.wait_for_function("document.activeElement.id == 'head'")
         _look_at_all_views(tab)
         # Removed views do not stay in memory.
-        _look(page, 'Answer')
+        _look(page, 'Summary')
         before = heap(page)
         for number in range(100):
             _look(page, _HEADINGS[number % len(_HEADINGS)])
@@ -221,7 +221,7 @@ def test_names_are_escaped_in_every_view(folder, watched):
         page.get_by_label('Name of this stage').fill(EVIL[0])
         page.get_by_label('Name of this stage').press('Enter')
         page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.wait_for()
-        for name in ['Answer', *VIEWS]:
+        for name in ['Summary', *VIEWS]:
             page.get_by_role('button', name=name, exact=True).click()
             page.locator('#views h2, #views p').first.wait_for()
             page.wait_for_timeout(150)
@@ -251,12 +251,12 @@ def _rmse(page, joint):
     return float(row.locator(RMSE).inner_text())
 
 
-_HEADINGS = ('Errors', 'Over time', 'Data', 'Residual', 'Answer')
+_HEADINGS = ('Errors', 'Over time', 'Data', 'Residual', 'Summary')
 
 
 def _look(page, name):
     """Open a view and wait for its heading."""
-    title = {'Errors': 'Errors by joint', 'Answer': 'Error of each joint'}
+    title = {'Errors': 'Errors by joint', 'Summary': 'Error of each joint'}
     page.get_by_role('button', name=name, exact=True).click()
     page.locator('#views').get_by_role('heading', name=title.get(name) or VIEWS[name][0],
                                        exact=True).wait_for()
@@ -354,7 +354,7 @@ def test_a_narrow_dark_page_fits_long_names(folder, watched):
         page.get_by_role('button', name=re.compile('^Add coulomb_friction')).first.click()
         page.locator('.fall').wait_for()
         page.locator('#idle').wait_for()
-        for name in ('Answer', *VIEWS):
+        for name in ('Summary', *VIEWS):
             page.get_by_role('button', name=name, exact=True).click()
             page.wait_for_timeout(300)
             width, out = page.evaluate(WIDE)

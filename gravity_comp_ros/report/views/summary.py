@@ -36,7 +36,7 @@ def section(contents: Contents, table: Table, style: Style) -> Section:
         after += markup.paragraph(f'Next: {finding.next_step}', 'quiet')
     if contents.next_command:
         after += '<h3>Next step</h3>' + markup.command(contents.next_command)
-    return Section('answer', 'Error of each joint', bar_key(bars),
+    return Section('summary', 'Error of each joint', bar_key(bars),
                    row(*plots, sizing_mode='stretch_width', styles={'flex-wrap': 'wrap'}), after)
 
 
