@@ -82,12 +82,12 @@ def _row(number: int, finding: Finding, target: str, add: Add, adding: bool,
 
 
 def _finding_html(number: int, finding: Finding) -> str:
-    rivals = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
+    alternatives = f'; alternative: {", ".join(finding.rivals)}' if finding.rivals else ''
     values = coefficients(finding, _MAX_COEFFICIENTS)
     return (f'<p class="finding"><b>{number + 1}. {markup.text(label(finding))}</b> on '
             f'{markup.text(finding.joint or "whole arm")}, {markup.text(finding.verdict)}<br>'
             f'<span class="quiet">{markup.text(values)}; error '
-            f'{markup.text(wording.change(finding) + rivals)}</span></p>')
+            f'{markup.text(wording.change(finding) + alternatives)}</span></p>')
 
 
 def _structure(opened: OpenSession, diagnosis: Diagnosis) -> str:
